@@ -1,0 +1,1 @@
+"""The `servolink` command: one file per group of commands."""

@@ -1,0 +1,94 @@
+"""The `servolink` command: its options, its commands, its exit codes."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+from servolink.errors import ServolinkError, TransportError
+from servolink.printable import printable
+
+OK, FAILED, USAGE, NO_BOARD, INTERRUPTED = 0, 1, 2, 3, 130
+
+COMMANDS = {
+    "demo": ("servolink.cli.demo", "show all of it on a virtual board, in about 10 seconds"),
+    "info": ("servolink.cli.settings", "project id, memory, battery and what is stored on the board"),
+    "servos": ("servolink.cli.servos", "angle, current and temperature of each servo"),
+    "move": ("servolink.cli.servos", "move servos to angles"),
+    "stop": ("servolink.cli.servos", "stop all servos and keep holding them"),
+    "release": ("servolink.cli.servos", "let servos go limp"),
+    "run": ("servolink.cli.stored", "run an action or a macro stored on the board"),
+    "actions": ("servolink.cli.stored", "list the actions stored on the board, or show one"),
+    "macros": ("servolink.cli.stored", "list the macros stored on the board, or show one"),
+    "tables": ("servolink.cli.stored", "list the joystick tables stored on the board, or show one"),
+    "events": ("servolink.cli.events", "show button events as they come"),
+    "decode": ("servolink.cli.packets", "turn frames into readable packets"),
+    "encode": ("servolink.cli.packets", "turn packets into frames"),
+    "virtual": ("servolink.cli.virtual", "serve a virtual board over a pseudo-terminal or TCP"),
+    "bench": ("servolink.cli.bench", "measure round trips to the board"),
+}
+"""Command name to the module that has it, and its help.
+
+Each module has `configure(command, parser)`, which adds the options, and `run(args)`, which returns the exit code.
+"""
+
+EXIT_CODES = "exit codes: 0 ok, 1 failed, 2 wrong usage, 3 no board, 130 interrupted"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (sys.argv without it) and return the exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    args = _parser(arguments).parse_args(arguments)
+    try:
+        return int(importlib.import_module(COMMANDS[args.command][0]).run(args))
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has gone, as in `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except TransportError as error:
+        return _fail(error, NO_BOARD)
+    except (ServolinkError, OSError) as error:
+        return _fail(error, FAILED)
+
+
+def _fail(error: Exception, code: int) -> int:
+    print(f"servolink: {printable(str(error))}", file=sys.stderr)
+    return code
+
+
+def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    """Build the parser; only the module of the command that was given is imported."""
+    parser = argparse.ArgumentParser(
+        prog="servolink", description="Drive a servo control board.", epilog=EXIT_CODES, parents=[_common(given=False)]
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    chosen = next((argument for argument in arguments if argument in COMMANDS), None)
+    for name, (module, text) in COMMANDS.items():
+        command = commands.add_parser(
+            name, help=text, description=text[:1].upper() + text[1:] + ".", epilog=EXIT_CODES, parents=[_common(given=True)]
+        )
+        if name == chosen:
+            importlib.import_module(module).configure(name, command)
+    return parser
+
+
+def _common(*, given: bool) -> argparse.ArgumentParser:
+    """Options that may stand before the command, and (`given`) after it without undoing those before."""
+    parser = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
+
+    def default(value: object) -> object:
+        return argparse.SUPPRESS if given else value
+
+    parser.add_argument("--url", default=default(os.environ.get("SERVOLINK_URL")), help="the board (or SERVOLINK_URL)")
+    parser.add_argument("--json", action="store_true", default=default(False), help="print JSON for programs")
+    parser.add_argument(
+        "--byte-order", choices=("little", "big"), default=default("little"), help="of numbers in packets (little)"
+    )
+    parser.add_argument(
+        "--caption-encoding", default=default("utf-8"), metavar="NAME", help="of captions, such as big5 (utf-8)"
+    )
+    return parser

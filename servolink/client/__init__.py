@@ -1,0 +1,1 @@
+"""The conversation with a board: link, lanes, events, and the board as a person sees it."""

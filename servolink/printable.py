@@ -1,0 +1,26 @@
+"""Make text from a board, a file or the operating system safe to show."""
+
+from __future__ import annotations
+
+import unicodedata
+
+# Controls, format characters (bidi overrides), lone surrogates, private use, unassigned, and the two separators
+# that end a line: none of them may reach a terminal or a log as itself.
+_HIDDEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
+_JOINERS = "\u200c\u200d"  # needed inside emoji and several scripts; they only join what stands beside them
+
+
+def printable(text: str) -> str:
+    """Return `text` with every control, bidi and undecodable character written as an escape."""
+    if text.isprintable() and text.isascii():
+        return text
+    return "".join(_shown(character) for character in text)
+
+
+def _shown(character: str) -> str:
+    if character in _JOINERS or unicodedata.category(character) not in _HIDDEN:
+        return character
+    code = ord(character)
+    if 0xDC00 <= code <= 0xDCFF:  # a byte that was no text (see protocol/caption.py)
+        return f"\\x{code - 0xDC00:02x}"
+    return f"\\x{code:02x}" if code <= 0xFF else f"\\u{code:04x}" if code <= 0xFFFF else f"\\U{code:08x}"

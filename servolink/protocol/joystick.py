@@ -1,0 +1,163 @@
+"""Remote control (document, 3.4): joystick tables, button events."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+from msgspec import Meta, Struct
+
+from servolink.protocol.fields import I32, U8, U16_COUNT, U32, Caption, Flag
+from servolink.protocol.packet import Query, Request, Response, Result
+
+_NO_MACRO = Meta(description="macro id; 0 for none")
+
+
+class JoystickTableEntry(Struct, frozen=True, gc=False):
+    """A table in the list of joystick tables."""
+
+    table_id: I32
+    table_caption: Caption
+
+
+class Button(Struct, frozen=True, gc=False):
+    """What one button starts."""
+
+    button_id: U32
+    button_caption: Caption = ""
+    button_press_macro: Annotated[I32, _NO_MACRO] = 0
+    button_long_press_macro: Annotated[I32, _NO_MACRO] = 0
+    button_up_macro: Annotated[I32, _NO_MACRO] = 0
+    uninterruptible: Annotated[
+        Flag, Meta(description="1: the long-press macro runs to its end before the button-up macro")
+    ] = 0
+
+
+class JoystickTable(Struct, frozen=True, gc=False):
+    """A stored assignment of macros to buttons."""
+
+    table_id: Annotated[I32, Meta(description="0 in an answer: no such table")]
+    table_caption: Caption = ""
+    buttons: Annotated[tuple[Button, ...], U16_COUNT] = ()
+
+
+class QueryJoystickTableListResponse(Response, frozen=True, gc=False):
+    """All joystick tables stored on the board."""
+
+    packet_id: ClassVar[int] = 40011
+    section: ClassVar[str] = "3.4.1.2"
+    tables: Annotated[tuple[JoystickTableEntry, ...], U16_COUNT] = ()
+
+
+class QueryJoystickTableListRequest(Query[QueryJoystickTableListResponse], frozen=True, gc=False):
+    """Ask for the list of joystick tables."""
+
+    packet_id: ClassVar[int] = 40010
+    section: ClassVar[str] = "3.4.1.1"
+
+
+class QueryJoystickTableResponse(JoystickTable, Response, frozen=True, gc=False):
+    """One joystick table; id 0 if there is none, the caption then means nothing."""
+
+    packet_id: ClassVar[int] = 40021
+    section: ClassVar[str] = "3.4.2.2"
+
+
+class QueryJoystickTableRequest(Query[QueryJoystickTableResponse], frozen=True, gc=False):
+    """Ask for one joystick table."""
+
+    packet_id: ClassVar[int] = 40020
+    section: ClassVar[str] = "3.4.2.1"
+    echoed: ClassVar[str] = "table_id"
+    table_id: I32
+
+
+class AddJoystickTableResponse(Result, frozen=True, gc=False):
+    """Whether the table was added."""
+
+    packet_id: ClassVar[int] = 40031
+    section: ClassVar[str] = "3.4.3.2"
+
+
+class AddJoystickTableRequest(JoystickTable, Request[AddJoystickTableResponse], frozen=True, gc=False):
+    """Add a joystick table."""
+
+    packet_id: ClassVar[int] = 40030
+    section: ClassVar[str] = "3.4.3.1"
+
+
+class DeleteJoystickTableResponse(Result, frozen=True, gc=False):
+    """Whether the table was deleted."""
+
+    packet_id: ClassVar[int] = 40041
+    section: ClassVar[str] = "3.4.4.2"
+
+
+class DeleteJoystickTableRequest(Request[DeleteJoystickTableResponse], frozen=True, gc=False):
+    """Delete one joystick table."""
+
+    packet_id: ClassVar[int] = 40040
+    section: ClassVar[str] = "3.4.4.1"
+    table_id: I32
+
+
+class SetActiveJoystickTableResponse(Result, frozen=True, gc=False):
+    """Whether the table is now the active one."""
+
+    packet_id: ClassVar[int] = 40051
+    section: ClassVar[str] = "3.4.5.2"
+
+
+class SetActiveJoystickTableRequest(Request[SetActiveJoystickTableResponse], frozen=True, gc=False):
+    """Make one joystick table the active one."""
+
+    packet_id: ClassVar[int] = 40050
+    section: ClassVar[str] = "3.4.5.1"
+    table_id: I32
+
+
+class QueryActiveJoystickTableResponse(Response, frozen=True, gc=False):
+    """The active joystick table; 0 if the board has no table."""
+
+    packet_id: ClassVar[int] = 40061
+    section: ClassVar[str] = "3.4.6.2"
+    table_id: I32
+
+
+class QueryActiveJoystickTableRequest(Query[QueryActiveJoystickTableResponse], frozen=True, gc=False):
+    """Ask which joystick table is active."""
+
+    packet_id: ClassVar[int] = 40060
+    section: ClassVar[str] = "3.4.6.1"
+
+
+class SubscribeButtonEventResponse(Result, frozen=True, gc=False):
+    """Whether the subscription was changed."""
+
+    packet_id: ClassVar[int] = 40071
+    section: ClassVar[str] = "3.4.7.2"
+
+
+class SubscribeButtonEventRequest(Request[SubscribeButtonEventResponse], frozen=True, gc=False):
+    """Start or end the pushes of button events."""
+
+    packet_id: ClassVar[int] = 40070
+    section: ClassVar[str] = "3.4.7.1"
+    subscribe: Annotated[Flag, Meta(description="0 end, 1 start")]
+
+
+PRESS, LONG_PRESS, UP = 1, 2, 4
+"""Values of `ButtonEventResponse.event`."""
+
+
+class ButtonEventResponse(Response, frozen=True, gc=False):
+    """A button event, pushed by the board after a subscription."""
+
+    packet_id: ClassVar[int] = 40081
+    section: ClassVar[str] = "3.4.8.2"
+    button_id: U32
+    event: Annotated[U8, Meta(description="1 press, 2 long press, 4 up")]
+
+    @property
+    def kind(self) -> str:
+        """The event in words: `press`, `long_press`, `up`, or `event N` for a number the document does not name."""
+        return {PRESS: "press", LONG_PRESS: "long_press", UP: "up"}.get(self.event, f"event {self.event}")

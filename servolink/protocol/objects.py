@@ -1,0 +1,87 @@
+"""Packets as plain objects, the form that JSON, the shell and other programs see.
+
+`{"packet": "QueryActionResponse", "id": 30021, "fields": {...}}`: names of the document in snake_case, raw
+wire values, counts left out, `data` in hex.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from servolink.errors import EncodeError
+from servolink.printable import printable
+from servolink.protocol.packet import Packet
+from servolink.protocol.registry import PACKETS, PACKETS_BY_NAME
+
+
+def to_object(packet: Packet) -> dict[str, Any]:
+    """Return the object of `packet`, ready for `json.dumps`."""
+    fields = msgspec.to_builtins(packet, builtin_types=[bytes])
+    if "data" in fields:
+        fields["data"] = bytes(fields["data"]).hex()
+    return {"packet": type(packet).__name__, "id": packet.packet_id, "fields": fields}
+
+
+def from_object(described: Any) -> Packet:
+    """Return the packet of such an object; EncodeError names packet, field, value and range.
+
+    `packet` or `id` may be left out, `fields` of a packet without fields too.
+    """
+    declared = _declared(described)
+    fields = described.get("fields", {})
+    if not isinstance(fields, dict):
+        raise EncodeError(f"{declared.__name__}.fields: {_shown(fields)} is no object")
+    if unknown := sorted(str(name) for name in fields if name not in declared.__struct_fields__):
+        known = ", ".join(declared.__struct_fields__) or "none"
+        raise EncodeError(f"{declared.__name__}.{printable(unknown[0])}: no such field; it has {known}")
+    if declared.__struct_fields__ == ("data",) and "data" in fields:
+        fields = {"data": _from_hex(fields["data"], f"{declared.__name__}.data")}
+    try:
+        return msgspec.convert(fields, declared, builtin_types=[bytes])
+    except msgspec.ValidationError as error:
+        raise EncodeError(_explain(declared.__name__, fields, str(error))) from None
+
+
+def _declared(described: Any) -> type[Packet]:
+    if not isinstance(described, dict):
+        raise EncodeError(f"{_shown(described)} is no object with packet and fields")
+    name, packet_id = described.get("packet"), described.get("id")
+    if name is None and packet_id is None:
+        raise EncodeError("the object names neither packet nor id")
+    by_name = PACKETS_BY_NAME.get(name) if isinstance(name, str) else None
+    by_id = PACKETS.get(packet_id) if isinstance(packet_id, int) else None
+    if name is not None and by_name is None:
+        raise EncodeError(f"packet: there is no {_shown(name)}")
+    if packet_id is not None and by_id is None:
+        raise EncodeError(f"id: no packet has the id {_shown(packet_id)}")
+    if by_name and by_id and by_name is not by_id:
+        raise EncodeError(f"id: {by_name.__name__} has the id {by_name.packet_id}, not {packet_id}")
+    declared = by_name or by_id
+    assert declared is not None  # noqa: S101 - one of both was given and found
+    return declared
+
+
+def _from_hex(text: Any, where: str) -> bytes:
+    try:
+        return bytes.fromhex(text)
+    except (TypeError, ValueError):
+        raise EncodeError(f"{where}: {_shown(text)} is no text of hex digits") from None
+
+
+def _explain(name: str, fields: Any, message: str) -> str:
+    """Turn "Expected `int` <= 255 - at `$.steps[1].servo_id`" into our form, with the value that was given."""
+    problem, _, path = message.partition(" - at `$")
+    path = path.rstrip("`")
+    if not path:
+        return f"{name}: {problem}"
+    value = fields
+    for part in path.replace("[", ".").replace("]", "").strip(".").split("."):
+        value = value[int(part)] if isinstance(value, (list, tuple)) else value.get(part)
+    return f"{name}{path}: {_shown(value)}: {problem[:1].lower()}{problem[1:]}"
+
+
+def _shown(value: Any) -> str:
+    text = printable(repr(value))
+    return text if len(text) <= 80 else text[:77] + "..."

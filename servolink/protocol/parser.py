@@ -1,0 +1,267 @@
+"""FrameParser: a byte stream, cut and damaged anyhow, to the intact frames in it.
+
+The parser is total: any bytes are taken, none raises, and the same stream gives the same frames however it is
+cut. A frame is believed when its id is known, its length obeys that id's rule and its sum is right. Otherwise
+the search goes on inside it, so that no intact frame within a damaged one is lost.
+
+Sync lost right after a believed frame (bytes that are neither padding nor a magic) means that the frame may
+have been a damaged one whose 8-bit sum was right by chance, and that it swallowed the start of a good one: the
+parser then looks back once, into that frame.
+"""
+
+from __future__ import annotations
+
+import re
+from struct import Struct
+from zlib import adler32
+
+from servolink.protocol.frame import (
+    HEADER,
+    HEADER_SIZE,
+    MAGIC,
+    MAX_CONTENT,
+    OVERHEAD,
+    ByteOrder,
+    Frame,
+    content_sum,
+    encode_frame,
+    piecewise,
+)
+from servolink.protocol.layout import layout
+from servolink.protocol.registry import PACKETS
+
+PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE = (
+    "padding",
+    "noise",
+    "unknown id",
+    "length",
+    "checksum",
+    "incomplete",
+)
+"""Why bytes were skipped: zeros after a frame; no frame start; a frame start whose id, length or sum is wrong;
+a frame that never ended."""
+
+_ZEROS = re.compile(rb"\0*")
+_MAX_KNOWN_HEADERS = 4096  # more would be a stream made to fill memory
+_LONG = 4096  # contents above are summed in blocks that are remembered, so that overlapping claims stay cheap
+
+_Entry = tuple[int, int, int, Struct | None]
+"""What a header implies: frame size, packet id, the header's share of the sum, how to cut the content."""
+
+
+class FrameParser:
+    """Incremental parser for frames of every packet, requests and responses."""
+
+    def __init__(self, byte_order: ByteOrder = "little", *, keep_skipped: bool = False) -> None:
+        """With `keep_skipped` the skipped bytes themselves can be had from `take_skipped`."""
+        self.byte_order = byte_order
+        self.frames = 0
+        """Frames believed so far."""
+        self.skipped = dict.fromkeys((PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE), 0)
+        """Bytes skipped so far, by reason."""
+        self._entries: dict[bytes, _Entry] = {}
+        self._held = bytearray()  # the incomplete rest
+        self._needed = 0  # how long it must get before another look is worth it
+        self._reason = PADDING
+        self._last: Frame | None = None  # the frame that ended here, but for `_zeros` zero bytes
+        self._zeros = 0
+        self._replay = 0  # so many bytes at the front of the buffer belong to a frame that was believed already
+        self._blocks = _BlockSums()
+        self._kept: list[tuple[int, bytes, str]] | None = [] if keep_skipped else None
+
+    def feed(self, chunk: bytes | bytearray | memoryview) -> list[Frame]:
+        """Take the next bytes of the stream and return the frames that are now complete."""
+        if not self._held:
+            return self._scan(bytes(chunk), 0)
+        self._held += chunk
+        if len(self._held) < self._needed:
+            return []
+        return self._scan(bytes(self._held), 0)
+
+    def give_up(self) -> list[Frame]:
+        """Stop waiting for the rest of a begun frame and return the frames found inside it."""
+        if len(self._held) < HEADER_SIZE:
+            return []  # it has claimed no length yet, so it holds nothing back
+        data = bytes(self._held)
+        self._reason, self._last = INCOMPLETE, None
+        self._skip(data, 0, len(MAGIC), [])
+        return self._scan(data, len(MAGIC))
+
+    def finish(self) -> list[Frame]:
+        """End the stream: return the last frames and skip what never became one."""
+        frames: list[Frame] = []
+        while len(self._held) >= HEADER_SIZE:
+            frames += self.give_up()
+        if self._held:
+            self._reason = INCOMPLETE
+            self._skip(bytes(self._held), 0, len(self._held), frames)
+        self._held.clear()
+        return frames
+
+    @property
+    def begun(self) -> tuple[int, int, int] | None:
+        """Packet id, bytes here and bytes wanted of the frame that is being received; None between frames."""
+        entry = self._entries.get(bytes(self._held[:HEADER_SIZE]))
+        return (entry[1], len(self._held), entry[0]) if entry else None
+
+    def take_skipped(self) -> list[tuple[int, bytes, str]]:
+        """Return (frames of the last call before it, bytes, reason) of each span skipped since the last call."""
+        taken, self._kept = self._kept or [], []
+        return taken
+
+    def _scan(self, data: bytes, at: int) -> list[Frame]:
+        """Collect the frames of `data` from `at` on and hold the incomplete rest."""
+        frames: list[Frame] = []
+        known = self._entries.get
+        settled = 0  # frames before the last loss of sync
+        while True:
+            entry = known(data[at : at + HEADER_SIZE])
+            if entry is not None:
+                size, packet_id, total, pieces = entry
+                end = at + size
+                if end > len(data):
+                    needed = size
+                    break
+                content = data[at + HEADER_SIZE : end - 1]
+                if size <= _SMALL:
+                    total += adler32(content)
+                elif size <= _LONG:
+                    total += content_sum(content, pieces)
+                else:
+                    total += self._blocks.sum(data, at + HEADER_SIZE, end - 1)
+                if total & 0xFF == data[end - 1]:
+                    frames.append((packet_id, content))
+                    at = end
+                    continue
+            if len(frames) > settled:
+                settled = len(frames)
+                self._believed(frames[-1], at)
+            data, at, needed = self._recover(data, at, frames, damaged=entry is not None)
+            if needed:
+                break
+        if len(frames) > settled:
+            self._believed(frames[-1], at)
+        self.frames += len(frames)
+        self._hold(data, at, needed)
+        return frames
+
+    def _believed(self, frame: Frame, end: int) -> None:
+        """Note that `frame` ends at `end`, in sync."""
+        looked_back = end - OVERHEAD - len(frame[1]) < self._replay
+        self._last = None if looked_back else frame  # once is enough
+        self._zeros = 0
+        self._reason = PADDING
+
+    def _hold(self, data: bytes, at: int, needed: int) -> None:
+        self._held = bytearray(data[at:])
+        self._needed = needed
+        self._replay = max(0, self._replay - at)
+        self._blocks.move(at)
+
+    def _recover(self, data: bytes, at: int, frames: list[Frame], *, damaged: bool) -> tuple[bytes, int, int]:
+        """Go on where no frame is: return buffer, position, and how many bytes are needed there (0: scan on)."""
+        head = data[at : at + HEADER_SIZE]
+        if MAGIC.startswith(head[: len(MAGIC)]) and len(head) < HEADER_SIZE:
+            return data, at, HEADER_SIZE
+        if head.startswith(MAGIC):
+            reason = CHECKSUM if damaged else self._admit(head)
+            if not reason:
+                return data, at, 0
+            self._reason, self._last = reason, None
+            self._skip(data, at, at + len(MAGIC), frames)
+            return data, at + len(MAGIC), 0  # one byte further would do: the magic cannot overlap itself
+        if self._reason == PADDING:
+            if not data[at]:
+                return data, self._skip_zeros(data, at, frames), 0
+            self._reason = NOISE
+            if (last := self._last) is not None:
+                self._last = None
+                return *self._look_back(last, data, at), 0
+        end = _next_magic(data, at + 1)
+        self._skip(data, at, end, frames)
+        return data, end, 0
+
+    def _skip_zeros(self, data: bytes, at: int, frames: list[Frame]) -> int:
+        match = _ZEROS.match(data, at)
+        end = match.end() if match else at
+        self._zeros += end - at
+        if self._zeros > MAX_CONTENT:
+            self._last = None  # no frame reaches across so many
+        self._skip(data, at, end, frames)
+        return end
+
+    def _look_back(self, last: Frame, data: bytes, at: int) -> tuple[bytes, int]:
+        """Return a buffer that begins inside `last` again, if a frame may begin there."""
+        again = encode_frame(*last, self.byte_order)[1:] + bytes(self._zeros)
+        start = _next_magic(again + data[at : at + len(MAGIC) - 1], 0)
+        if start >= len(again):
+            return data, at
+        self._replay = len(again)
+        self._blocks.move(at - len(again))
+        return again + data[at:], start
+
+    def _admit(self, header: bytes) -> str:
+        """Learn what `header` implies; return why it cannot be one, empty if it can."""
+        _, packet_id, length = HEADER[self.byte_order].unpack(header)
+        declared = PACKETS.get(packet_id)
+        if declared is None:
+            return UNKNOWN_ID
+        if not layout(declared, self.byte_order).rule.admits(length):
+            return LENGTH
+        if len(self._entries) >= _MAX_KNOWN_HEADERS:
+            self._entries.clear()
+        size, total = length + OVERHEAD, sum(header)
+        if size <= _SMALL:
+            total -= 1  # adler32 begins at one
+        self._entries[header] = size, packet_id, total, piecewise(length) if size <= _LONG else None
+        return ""
+
+    def _skip(self, data: bytes, start: int, end: int, frames: list[Frame]) -> None:
+        start = max(start, self._replay)
+        if start >= end:
+            return
+        self.skipped[self._reason] += end - start
+        if self._kept is not None:
+            self._kept.append((len(frames), data[start:end], self._reason))
+
+
+_SMALL = 256 + OVERHEAD  # frames whose content one adler32 sums
+
+
+def _next_magic(data: bytes, start: int) -> int:
+    """Return where the magic, or at the end of `data` the beginning of one, stands next; its length if nowhere."""
+    found = data.find(MAGIC, start)
+    if found >= 0:
+        return found
+    for size in (3, 2, 1):
+        if data.endswith(MAGIC[:size], start):
+            return len(data) - size
+    return len(data)
+
+
+class _BlockSums:
+    """Sums of long spans of a moving buffer, from sums of 256-byte blocks that are computed once."""
+
+    def __init__(self) -> None:
+        self._origin = 0  # stream offset of the buffer's first byte
+        self._sums: dict[int, int] = {}
+
+    def move(self, by: int) -> None:
+        """Note that the buffer now begins `by` bytes further on in the stream."""
+        self._origin += by
+        if len(self._sums) > 1024:
+            self._sums.clear()
+
+    def sum(self, data: bytes, start: int, end: int) -> int:
+        """Return the sum of `data[start:end]`, right in its low 8 bits."""
+        first = -(-(self._origin + start) // 256)
+        last = (self._origin + end) // 256
+        total = 0
+        sums = self._sums
+        for block in range(first, last):
+            if (known := sums.get(block)) is None:
+                offset = block * 256 - self._origin
+                known = sums[block] = adler32(data[offset : offset + 256]) - 1
+            total += known
+        total += adler32(data[start : first * 256 - self._origin]) - 1
+        return total + adler32(data[last * 256 - self._origin : end]) - 1

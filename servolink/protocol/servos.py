@@ -1,0 +1,126 @@
+"""Driving servos (document, 3.2): list, state, start and hold, angle unit, movement."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+from msgspec import Meta, Struct
+
+from servolink.protocol.fields import I16, I32, U8, U8_COUNT, Flag, Natural16
+from servolink.protocol.packet import Command, Query, Request, Response
+
+ALL_SERVOS = 0xFF
+"""The servo id that means every servo, in requests that allow it."""
+
+
+class ServoState(Struct, frozen=True, gc=False):
+    """What the board reports of one servo."""
+
+    servo_id: U8
+    angle: Annotated[I16, Meta(description="degrees or raw ADC, as set for this servo")]
+    current: Annotated[I16, Meta(description="raw ADC")]
+    temperature: Annotated[I16, Meta(description="raw ADC")]
+    servo_type: Annotated[I16, Meta(description="kind of servo, numbered by the board")]
+    is_start: Annotated[U8, Meta(description="0 stopped, 1 may move")]
+    is_hold: Annotated[U8, Meta(description="0 released, 1 held")]
+
+
+class Step(Struct, frozen=True, gc=False):
+    """One servo's part of a movement: where it goes and how long it takes."""
+
+    servo_id: U8
+    degree: Annotated[I16, Meta(description="target, degrees or raw ADC, as set for this servo")]
+    interval: Annotated[Natural16, Meta(description="time, in units of 10 ms")]
+
+
+class QueryServoListResponse(Response, frozen=True, gc=False):
+    """The ids of all servos."""
+
+    packet_id: ClassVar[int] = 20011
+    section: ClassVar[str] = "3.2.1.2"
+    servo_id_list: Annotated[tuple[U8, ...], U8_COUNT] = ()
+
+
+class QueryServoListRequest(Query[QueryServoListResponse], frozen=True, gc=False):
+    """Ask for the ids of all servos."""
+
+    packet_id: ClassVar[int] = 20010
+    section: ClassVar[str] = "3.2.1.1"
+
+
+class QueryServoResponse(Response, frozen=True, gc=False):
+    """State of the servos asked for; none if there is no such servo."""
+
+    packet_id: ClassVar[int] = 20021
+    section: ClassVar[str] = "3.2.2.2"
+    servos: Annotated[tuple[ServoState, ...], U8_COUNT] = ()
+
+
+class QueryServoRequest(Query[QueryServoResponse], frozen=True, gc=False):
+    """Ask for the state of one servo or of all."""
+
+    packet_id: ClassVar[int] = 20020
+    section: ClassVar[str] = "3.2.2.1"
+    servo_id: Annotated[U8, Meta(description="255 for all")]
+
+    def accepts(self, response: Response) -> bool:
+        """A list of everything answers "all"; one servo is answered by itself or by an empty list."""
+        if self.servo_id == ALL_SERVOS or not isinstance(response, QueryServoResponse):
+            return True
+        return [servo.servo_id for servo in response.servos] in ([], [self.servo_id])
+
+
+class SetServoParameterResponse(Response, frozen=True, gc=False):
+    """The start and hold flags now in force (an echo, not a success)."""
+
+    packet_id: ClassVar[int] = 20031
+    section: ClassVar[str] = "3.2.3.2"
+    servo_id: Annotated[U8, Meta(description="255 for all")]
+    is_start: Annotated[U8, Meta(description="0 stopped, 1 may move")]
+    is_hold: Annotated[U8, Meta(description="0 released, 1 held")]
+
+
+class SetServoParameterRequest(Request[SetServoParameterResponse], frozen=True, gc=False):
+    """Stop or start, hold or release one servo or all."""
+
+    packet_id: ClassVar[int] = 20030
+    section: ClassVar[str] = "3.2.3.1"
+    echoed: ClassVar[str] = "servo_id"
+    servo_id: Annotated[U8, Meta(description="255 for all")]
+    is_start: Annotated[Flag, Meta(description="0 stop, 1 may move")]
+    is_hold: Annotated[Flag, Meta(description="0 release, 1 hold")]
+
+
+class SetAngleUnitResponse(Response, frozen=True, gc=False):
+    """The angle unit now in force (an echo, not a success)."""
+
+    packet_id: ClassVar[int] = 20041
+    section: ClassVar[str] = "3.2.4.2"
+    servo_id: Annotated[U8, Meta(description="255 for all")]
+    unit_type: Annotated[U8, Meta(description="0 degrees, 1 raw ADC")]
+
+
+class SetAngleUnitRequest(Request[SetAngleUnitResponse], frozen=True, gc=False):
+    """Set the unit in which angles of one servo or of all are given and reported."""
+
+    packet_id: ClassVar[int] = 20040
+    section: ClassVar[str] = "3.2.4.1"
+    echoed: ClassVar[str] = "servo_id"
+    servo_id: Annotated[U8, Meta(description="255 for all")]
+    unit_type: Annotated[Flag, Meta(description="0 degrees, 1 raw ADC")]
+
+
+class ExecuteActionRequest(Command, frozen=True, gc=False):
+    """Move servos, all at once; not answered."""
+
+    packet_id: ClassVar[int] = 20050
+    section: ClassVar[str] = "3.2.5.1"
+    steps: Annotated[tuple[Step, ...], U8_COUNT] = ()
+
+
+class ExecuteActionExRequest(Command, frozen=True, gc=False):
+    """Run an action stored on the board; not answered."""
+
+    packet_id: ClassVar[int] = 20060
+    section: ClassVar[str] = "3.2.6.1"
+    action_id: I32

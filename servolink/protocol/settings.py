@@ -1,0 +1,81 @@
+"""Settings (document, 3.1): transmission mode, stored data, memory, battery, test data."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+from msgspec import Meta
+
+from servolink.protocol.fields import U8, Data, Flag, Natural16, Natural32
+from servolink.protocol.packet import Command, Query, Request, Response, Result
+
+
+class TransmissionModeSettingResponse(Response, frozen=True, gc=False):
+    """The mode now in force."""
+
+    packet_id: ClassVar[int] = 10011
+    section: ClassVar[str] = "3.1.1.2"
+    result: Annotated[U8, Meta(description="0 old protocol, 1 new protocol (an echo, not a success)")]
+
+
+class TransmissionModeSettingRequest(Request[TransmissionModeSettingResponse], frozen=True, gc=False):
+    """Set the transmission mode; mode 0, the old protocol, leaves this protocol."""
+
+    packet_id: ClassVar[int] = 10010
+    section: ClassVar[str] = "3.1.1.1"
+    mode: Annotated[Flag, Meta(description="0 old protocol, 1 new protocol")]
+
+
+class ClearAllDataResponse(Result, frozen=True, gc=False):
+    """Whether the board's data was deleted."""
+
+    packet_id: ClassVar[int] = 10021
+    section: ClassVar[str] = "3.1.2.2"
+
+
+class ClearAllDataRequest(Request[ClearAllDataResponse], frozen=True, gc=False):
+    """Delete all data stored on the board."""
+
+    packet_id: ClassVar[int] = 10020
+    section: ClassVar[str] = "3.1.2.1"
+
+
+class QueryMemorySizeResponse(Response, frozen=True, gc=False):
+    """Free and total memory of the board."""
+
+    packet_id: ClassVar[int] = 10031
+    section: ClassVar[str] = "3.1.3.2"
+    size: Annotated[Natural32, Meta(description="free memory, bytes")]
+    total_size: Annotated[Natural32 | None, Meta(description="total memory, bytes; none on boards that send 4 bytes")] = (
+        None
+    )
+
+
+class QueryMemorySizeRequest(Query[QueryMemorySizeResponse], frozen=True, gc=False):
+    """Ask for free and total memory."""
+
+    packet_id: ClassVar[int] = 10030
+    section: ClassVar[str] = "3.1.3.1"
+
+
+class QueryRemainPowerResponse(Response, frozen=True, gc=False):
+    """Remaining charge of the battery."""
+
+    packet_id: ClassVar[int] = 10041
+    section: ClassVar[str] = "3.1.4.2"
+    permil: Annotated[Natural16, Meta(description="remaining charge, per mille")]
+
+
+class QueryRemainPowerRequest(Query[QueryRemainPowerResponse], frozen=True, gc=False):
+    """Ask for the remaining charge of the battery."""
+
+    packet_id: ClassVar[int] = 10040
+    section: ClassVar[str] = "3.1.4.1"
+
+
+class SendDummyDataRequest(Command, frozen=True, gc=False):
+    """Test data, which the board throws away."""
+
+    packet_id: ClassVar[int] = 10050
+    section: ClassVar[str] = "3.1.5.1"
+    data: Annotated[Data, Meta(description="any bytes")] = b""

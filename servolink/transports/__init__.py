@@ -1,0 +1,1 @@
+"""Byte pipes to a board: one interface, one file per kind."""

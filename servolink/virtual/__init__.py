@@ -1,0 +1,1 @@
+"""The virtual board: a servo control board without the hardware."""
