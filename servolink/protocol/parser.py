@@ -161,8 +161,8 @@ class FrameParser:
     def _recover(self, data: bytes, at: int, frames: list[Frame], *, damaged: bool) -> tuple[bytes, int, int]:
         """Go on where no frame is: return buffer, position, and how many bytes are needed there (0: scan on)."""
         head = data[at : at + HEADER_SIZE]
-        if MAGIC.startswith(head[: len(MAGIC)]) and len(head) < HEADER_SIZE:
-            return data, at, HEADER_SIZE
+        if len(head) < HEADER_SIZE and MAGIC.startswith(head[: len(MAGIC)]):
+            return data, at, HEADER_SIZE if len(head) >= len(MAGIC) else len(head) + 1
         if head.startswith(MAGIC):
             reason = CHECKSUM if damaged else self._admit(head)
             if not reason:
