@@ -4,9 +4,9 @@ The parser is total: any bytes are taken, none raises, and the same stream gives
 cut. A frame is believed when its id is known, its length obeys that id's rule and its sum is right. Otherwise
 the search goes on inside it, so that no intact frame within a damaged one is lost.
 
-Sync lost right after a believed frame (bytes that are neither padding nor a magic) means that the frame may
-have been a damaged one whose 8-bit sum was right by chance, and that it swallowed the start of a good one: the
-parser then looks back once, into that frame.
+One damaged frame in 256 has the right sum by chance and may have swallowed good ones. Three signs betray it,
+and the parser then looks back, once, for the frames inside: sync is lost right after it; a frame inside reaches
+into the padding after it; or, on a line that was damaged lately, a frame inside ends just where it ends.
 """
 
 from __future__ import annotations
@@ -65,6 +65,10 @@ class FrameParser:
         self._reason = PADDING
         self._last: Frame | None = None  # the frame that ended here, but for `_zeros` zero bytes
         self._zeros = 0
+        self._shadow: FrameParser | None = None  # looks for a frame that reaches from `_last` into the padding
+        self._shadowed: list[Frame] = []
+        self._wary = 0  # so many more frames are searched for a frame that ends where they end
+        self._looks_back = True
         self._replay = 0  # so many bytes at the front of the buffer belong to a frame that was believed already
         self._blocks = _BlockSums()
         self._kept: list[tuple[int, bytes, str]] | None = [] if keep_skipped else None
@@ -114,6 +118,7 @@ class FrameParser:
         frames: list[Frame] = []
         known = self._entries.get
         settled = 0  # frames before the last loss of sync
+        wary = self._wary
         while True:
             entry = known(data[at : at + HEADER_SIZE])
             if entry is not None:
@@ -132,15 +137,24 @@ class FrameParser:
                 if total & 0xFF == data[end - 1]:
                     frames.append((packet_id, content))
                     at = end
+                    if wary:
+                        wary -= 1
+                        if size >= _ROOMY and MAGIC in content:
+                            self._believed(frames[-1], at)
+                            frames += self._swallowed()
+                            settled = len(frames)
                     continue
             if len(frames) > settled:
                 settled = len(frames)
                 self._believed(frames[-1], at)
+            self._wary = wary
             data, at, needed = self._recover(data, at, frames, damaged=entry is not None)
+            wary = self._wary
             if needed:
                 break
         if len(frames) > settled:
             self._believed(frames[-1], at)
+        self._wary = wary
         self.frames += len(frames)
         self._hold(data, at, needed)
         return frames
@@ -148,7 +162,8 @@ class FrameParser:
     def _believed(self, frame: Frame, end: int) -> None:
         """Note that `frame` ends at `end`, in sync."""
         looked_back = end - OVERHEAD - len(frame[1]) < self._replay
-        self._last = None if looked_back else frame  # once is enough
+        self._last = frame if self._looks_back and not looked_back else None  # once is enough
+        self._shadow = None
         self._zeros = 0
         self._reason = PADDING
 
@@ -184,11 +199,44 @@ class FrameParser:
     def _skip_zeros(self, data: bytes, at: int, frames: list[Frame]) -> int:
         match = _ZEROS.match(data, at)
         end = match.end() if match else at
+        if self._last is not None and self._shadow is None:
+            self._shadow_last(self._last)
+        if self._last is None or self._shadow is None:
+            self._skip(data, at, end, frames)
+            return end
+        if self._shadow._held:
+            end = min(end, at + self._shadow._needed - len(self._shadow._held))
         self._zeros += end - at
-        if self._zeros > MAX_CONTENT:
-            self._last = None  # no frame reaches across so many
         self._skip(data, at, end, frames)
+        if reaching := self._shadow.feed(data[at:end]):
+            frames += self._shadowed + reaching
+            self._last = None
+        elif not self._shadow._held and not self._shadowed or self._zeros > MAX_CONTENT:
+            self._last = None  # nothing begins in it, or nothing reaches that far
         return end
+
+    def _swallowed(self) -> list[Frame]:
+        """Return the frames inside the last one if the last of them ends exactly where it ends."""
+        if self._last is None:
+            return []
+        shadow, found = self._look_inside(self._last)
+        if not found or shadow._held or shadow._reason != PADDING or shadow._zeros:
+            return []
+        self._last = None
+        return found
+
+    def _shadow_last(self, last: Frame) -> None:
+        inside = encode_frame(*last, self.byte_order)[1:]
+        if _next_magic(inside, 0) < len(inside):
+            self._shadow, self._shadowed = self._look_inside(last)
+        else:
+            self._last = None
+
+    def _look_inside(self, frame: Frame) -> tuple[FrameParser, list[Frame]]:
+        """Return a parser that has read all but the first byte of `frame`, and the frames it found."""
+        shadow = FrameParser(self.byte_order)
+        shadow._looks_back = False
+        return shadow, shadow.feed(encode_frame(*frame, self.byte_order)[1:])
 
     def _look_back(self, last: Frame, data: bytes, at: int) -> tuple[bytes, int]:
         """Return a buffer that begins inside `last` again, if a frame may begin there."""
@@ -221,11 +269,15 @@ class FrameParser:
         if start >= end:
             return
         self.skipped[self._reason] += end - start
+        if self._reason != PADDING:
+            self._wary = _WARY
         if self._kept is not None:
             self._kept.append((len(frames), data[start:end], self._reason))
 
 
 _SMALL = 256 + OVERHEAD  # frames whose content one adler32 sums
+_ROOMY = HEADER_SIZE + OVERHEAD  # frames that have room for another that ends where they end
+_WARY = 256
 
 
 def _next_magic(data: bytes, start: int) -> int:
