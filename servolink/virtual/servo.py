@@ -1,0 +1,120 @@
+"""One servo: where it is, what it draws, how warm it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp
+
+from servolink.protocol.servos import ServoState
+
+DEGREES, ADC = 0, 1
+"""Values of `Servo.unit`."""
+LOWEST, HIGHEST = -180.0, 180.0
+"""Where the servo's stops are, degrees; it goes no further."""
+
+_ADC_CENTRE, _ADC_PER_DEGREE, _ADC_HIGHEST = 2048, 4096 / 360, 4095
+_LIMP, _HOLDING, _MOVING, _PER_SPEED, _MOST = 3.0, 40.0, 120.0, 0.8, 900.0  # current, raw ADC; speed in degrees/s
+_AMBIENT, _WARMTH, _WARMING = 250.0, 0.4, 60.0  # raw ADC (10 a degree Celsius); per current; time constant in seconds
+
+
+def to_degrees(adc: int) -> float:
+    """Return the angle at which the position sensor reads `adc`."""
+    return (adc - _ADC_CENTRE) / _ADC_PER_DEGREE
+
+
+def to_adc(degrees: float) -> int:
+    """Return what the position sensor reads at `degrees`."""
+    return max(0, min(_ADC_HIGHEST, round(_ADC_CENTRE + degrees * _ADC_PER_DEGREE)))
+
+
+@dataclass(slots=True)
+class _Motion:
+    target: float
+    speed: float
+    end: float
+
+
+class Servo:
+    """A servo that goes to an angle in a straight line over a time."""
+
+    def __init__(self, servo_id: int, angle: float, friction: float) -> None:
+        """Stand still at `angle` (degrees); `friction` (about 1) makes servos differ in what they draw."""
+        self.servo_id = servo_id
+        self.angle = angle
+        self.unit = DEGREES
+        self.is_start = 1
+        self.is_hold = 1
+        self._charge = 0.0
+        self._friction = friction
+        self._temperature = _AMBIENT
+        self._motion: _Motion | None = None
+        self._now: float | None = None
+
+    @property
+    def moving(self) -> bool:
+        """Whether it is on its way."""
+        return self._motion is not None
+
+    @property
+    def current(self) -> float:
+        """What it draws now, raw ADC."""
+        if self._motion is not None:
+            return min(_MOST, (_MOVING + _PER_SPEED * abs(self._motion.speed)) * self._friction)
+        return _HOLDING * self._friction if self.is_hold else _LIMP
+
+    def state(self) -> ServoState:
+        """Return what the board reports of it, the angle in its unit."""
+        angle = round(self.angle) if self.unit == DEGREES else to_adc(self.angle)
+        return ServoState(
+            servo_id=self.servo_id,
+            angle=angle,
+            current=round(self.current),
+            temperature=round(self._temperature),
+            servo_type=1,
+            is_start=self.is_start,
+            is_hold=self.is_hold,
+        )
+
+    def advance(self, now: float) -> None:
+        """Let it move, draw and warm up until `now`; the result does not depend on how often this is called."""
+        if self._motion is not None and self._motion.end <= now:
+            arrived = self._motion
+            self._pass(arrived.end)
+            self.angle, self._motion = arrived.target, None
+        self._pass(now)
+
+    def take_charge(self) -> float:
+        """Return the charge drawn since the last call, current (raw ADC) times seconds."""
+        charge, self._charge = self._charge, 0.0
+        return charge
+
+    def move(self, target: int, duration: float, now: float) -> None:
+        """Begin to go to `target` (in its unit) in `duration` seconds, unless it is stopped or released."""
+        if not (self.is_start and self.is_hold):
+            return
+        self.advance(now)
+        angle = float(target) if self.unit == DEGREES else to_degrees(target)
+        angle = max(LOWEST, min(HIGHEST, angle))
+        if duration > 0:
+            self._motion = _Motion(angle, (angle - self.angle) / duration, now + duration)
+        else:
+            self.angle, self._motion = angle, None
+
+    def set_flags(self, is_start: int, is_hold: int, now: float) -> None:
+        """Start or stop, hold or release; a servo that is stopped or released ends its motion where it is."""
+        self.advance(now)
+        self.is_start, self.is_hold = is_start, is_hold
+        if not (is_start and is_hold):
+            self._motion = None
+
+    def _pass(self, until: float) -> None:
+        elapsed = 0.0 if self._now is None else until - self._now
+        if elapsed < 0:
+            return
+        load = self.current
+        self._charge += load * elapsed
+        settled = _AMBIENT + _WARMTH * load
+        self._temperature = settled + (self._temperature - settled) * exp(-elapsed / _WARMING)
+        if self._motion is not None:
+            self.angle = max(LOWEST, min(HIGHEST, self.angle + self._motion.speed * elapsed))
+        self._now = until
