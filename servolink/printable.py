@@ -17,6 +17,15 @@ def printable(text: str) -> str:
     return "".join(_shown(character) for character in text)
 
 
+def shown(value: object) -> str:
+    """Return `value` as Python writes it, safe to show and at most 80 characters long."""
+    try:
+        text = printable(repr(value))
+    except (ValueError, RecursionError):  # an integer of thousands of digits, lists nested as deep
+        return f"this {type(value).__name__}"
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
 def _shown(character: str) -> str:
     if character in _JOINERS or unicodedata.category(character) not in _HIDDEN:
         return character

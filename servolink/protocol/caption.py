@@ -7,13 +7,11 @@ import re
 import unicodedata
 
 from servolink.errors import EncodeError
-from servolink.printable import printable
+from servolink.printable import printable, shown
 from servolink.protocol.frame import MAGIC
 
 CAPTION_SIZE = 32
 _BYTES_AS_CODE_POINTS = "servolink.bytes"
-
-
 _KEPT_BYTES = re.compile("([\udc00-\udcff]+)")
 
 
@@ -36,13 +34,16 @@ def _encode_kept(text: str, encoding: str) -> bytes:
 
 
 def check_encoding(encoding: str) -> str:
-    """Return `encoding` if Python knows it as a text encoding; ValueError otherwise."""
+    """Return `encoding` if captions can be written in it: Python's, without a byte order mark, NUL as zeros."""
     try:
-        "\0".encode(encoding)
-    except (LookupError, UnicodeError) as error:
+        usable = not "".encode(encoding) and not any("\0".encode(encoding))
+        b"\xff".decode(encoding, _BYTES_AS_CODE_POINTS)
+    except (LookupError, UnicodeError):
+        usable = False
+    if not usable:
         raise ValueError(
-            f"caption encoding {printable(encoding)!r} is unknown; use one such as utf-8, big5 or utf-16-le"
-        ) from error
+            f"caption encoding {printable(encoding)!r} cannot be used; take one such as utf-8, big5 or utf-16-le"
+        )
     return encoding
 
 
@@ -64,20 +65,20 @@ def encode_caption(text: object, encoding: str, where: str, *, from_us: bool) ->
     this library can be taken for a frame. A board may hold what it likes.
     """
     if not isinstance(text, str):
-        raise EncodeError(f"{where}: {text!r} is no text")
-    shown = f"{where}: '{printable(text)}'"
+        raise EncodeError(f"{where}: {shown(text)} is no text")
+    given = f"{where}: '{printable(text)}'"
     if from_us and any(_is_control(character) for character in text):
-        raise EncodeError(f"{shown} holds control characters; captions are plain text")
+        raise EncodeError(f"{given} holds control characters; captions are plain text")
     try:
         raw = _encode_kept(text, encoding)
     except UnicodeError as error:
-        raise EncodeError(f"{shown} cannot be written in {encoding}") from error
+        raise EncodeError(f"{given} cannot be written in {encoding}") from error
     if len(raw) > CAPTION_SIZE:
-        raise EncodeError(f"{shown} takes {len(raw)} bytes in {encoding}; a caption has 0..{CAPTION_SIZE} bytes")
+        raise EncodeError(f"{given} takes {len(raw)} bytes in {encoding}; a caption has 0..{CAPTION_SIZE} bytes")
     if from_us and MAGIC in raw:
-        raise EncodeError(f"{shown} contains the bytes that start a frame in {encoding}")
+        raise EncodeError(f"{given} contains the bytes that start a frame in {encoding}")
     if decode_caption(raw, encoding) != text:
-        raise EncodeError(f"{shown} would not be read back as it was written in {encoding}")
+        raise EncodeError(f"{given} would not be read back as it was written in {encoding}")
     return raw.ljust(CAPTION_SIZE, b"\0")
 
 

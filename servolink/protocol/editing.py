@@ -11,14 +11,14 @@ from servolink.protocol.packet import Query, Request, Response, Result
 from servolink.protocol.servos import Step
 
 
-class ActionEntry(Struct, frozen=True, gc=False):
+class ActionEntry(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """An action in the list of actions."""
 
     action_id: I32
     action_caption: Caption
 
 
-class Action(Struct, frozen=True, gc=False):
+class Action(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """A stored pose: all steps start together, the action lasts as long as its longest step."""
 
     action_id: Annotated[I32, Meta(description="0 in an answer: no such action")]
@@ -26,14 +26,14 @@ class Action(Struct, frozen=True, gc=False):
     steps: Annotated[tuple[Step, ...], U16_COUNT] = ()
 
 
-class MacroEntry(Struct, frozen=True, gc=False):
+class MacroEntry(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """A macro in the list of macros."""
 
     macro_id: I32
     macro_caption: Caption
 
 
-class MacroCommand(Struct, frozen=True, gc=False):
+class MacroCommand(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """One command of a macro: run an action, wait, or run another macro."""
 
     command_id: Annotated[I32, Meta(description="action id, delay in ms, or macro id, as `type` says")]
@@ -43,7 +43,7 @@ class MacroCommand(Struct, frozen=True, gc=False):
     total_interval: Annotated[Natural32, Meta(description="time of the whole command with its loops, ms")] = 0
 
 
-class Macro(Struct, frozen=True, gc=False):
+class Macro(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """A stored sequence of commands, run one after the other."""
 
     macro_id: Annotated[I32, Meta(description="0 in an answer: no such macro")]
@@ -51,7 +51,7 @@ class Macro(Struct, frozen=True, gc=False):
     commands: Annotated[tuple[MacroCommand, ...], U16_COUNT] = ()
 
 
-class ServoParameter(Struct, frozen=True, gc=False):
+class ServoParameter(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """The name and the angle correction stored for one servo."""
 
     servo_id: U8

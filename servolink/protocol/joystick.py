@@ -12,14 +12,14 @@ from servolink.protocol.packet import Query, Request, Response, Result
 _NO_MACRO = Meta(description="macro id; 0 for none")
 
 
-class JoystickTableEntry(Struct, frozen=True, gc=False):
+class JoystickTableEntry(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """A table in the list of joystick tables."""
 
     table_id: I32
     table_caption: Caption
 
 
-class Button(Struct, frozen=True, gc=False):
+class Button(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """What one button starts."""
 
     button_id: U32
@@ -32,7 +32,7 @@ class Button(Struct, frozen=True, gc=False):
     ] = 0
 
 
-class JoystickTable(Struct, frozen=True, gc=False):
+class JoystickTable(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """A stored assignment of macros to buttons."""
 
     table_id: Annotated[I32, Meta(description="0 in an answer: no such table")]

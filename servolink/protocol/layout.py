@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from itertools import starmap
+from operator import index
 from struct import Struct as Format
 from struct import error as FormatError
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
@@ -19,6 +20,7 @@ from msgspec import Meta
 from msgspec import Struct as Record
 
 from servolink.errors import DecodeError, EncodeError
+from servolink.printable import shown
 from servolink.protocol.caption import decode_caption, encode_caption
 from servolink.protocol.fields import Counted, Wire
 from servolink.protocol.frame import MAX_CONTENT, ByteOrder
@@ -53,9 +55,11 @@ class _Value:
 
     def fault(self, value: object) -> str:
         """Say what is wrong with `value`, in words that follow the field's name; empty if nothing is."""
-        if not isinstance(value, int):
-            return f"{value!r} is no integer"
-        return "" if self.low <= value <= self.high else f"{value} is outside {self.low}..{self.high}"
+        try:
+            fits = self.low <= index(value) <= self.high  # type: ignore[arg-type]
+        except TypeError:
+            return f"{shown(value)} is no integer"
+        return "" if fits else f"{shown(value)} is outside {self.low}..{self.high}"
 
 
 class _Row:
@@ -71,7 +75,9 @@ class _Row:
             (at, v.low, v.high) for at, v in enumerate(values) if v.code in wire and (v.low, v.high) != wire[v.code]
         )
 
-    def pack(self, values: Iterable[Any], encoding: str, where: str, *, from_us: bool, count: tuple[int, ...] = ()) -> bytes:
+    def pack(
+        self, values: Iterable[Any], encoding: str, where: str, *, from_us: bool, count: tuple[int, ...] = ()
+    ) -> bytes:
         row = list(values)
         for at in self.captions:
             row[at] = encode_caption(row[at], encoding, f"{where}.{self.values[at].name}", from_us=from_us)
@@ -79,11 +85,13 @@ class _Row:
             if all(low <= row[at] <= high for at, low, high in self._narrow):
                 return self.format.pack(*row, *count)
         except (FormatError, TypeError):
-            pass  # the loop below finds the culprit
-        for declared, value in zip(self.values, row, strict=True):
-            if declared.code != "32s" and (fault := declared.fault(value)):
-                raise EncodeError(f"{where}.{declared.name}: {fault}")
-        raise EncodeError(f"{where}: {row!r} cannot be packed")
+            pass
+        faults = (
+            f"{where}.{declared.name}".rstrip(".") + f": {fault}"
+            for declared, value in zip(self.values, row, strict=True)
+            if declared.code != "32s" and (fault := declared.fault(value))
+        )
+        raise EncodeError("; ".join(faults))
 
     def text(self, row: tuple[Any, ...], encoding: str) -> list[Any]:
         """Return `row` with its captions decoded."""
@@ -197,7 +205,9 @@ class Layout:
         if len(content) == size:
             return self.packet(*self._head.format.unpack(content))
         if len(content) == size + self._optional.format.size:
-            return self.packet(*self._head.format.unpack_from(content), *self._optional.format.unpack_from(content, size))
+            return self.packet(
+                *self._head.format.unpack_from(content), *self._optional.format.unpack_from(content, size)
+            )
         raise self.wrong_length(content)
 
     def _decode_group(self, content: bytes, encoding: str) -> Packet:
@@ -221,6 +231,12 @@ class Layout:
         if self._record is None:
             return self.packet(*values, tuple(value for (value,) in rows))
         return self.packet(*values, tuple(starmap(self._record, rows)))
+
+    def fault(self, name: str, value: object) -> str:
+        """Say what is wrong with `value` as the number `name`, of the packet or its records; empty if nothing is."""
+        rows = [row for row in (self._head, self._item, self._optional) if row is not None]
+        numbers = {number.name or self._tail: number for row in rows for number in row.values if number.code != "32s"}
+        return numbers[name].fault(value) if name in numbers else ""
 
     def wrong_length(self, content: bytes) -> DecodeError:
         """Return the error for a content whose length breaks the rule."""

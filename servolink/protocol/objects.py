@@ -11,7 +11,8 @@ from typing import Any
 import msgspec
 
 from servolink.errors import EncodeError
-from servolink.printable import printable
+from servolink.printable import printable, shown
+from servolink.protocol.layout import layout
 from servolink.protocol.packet import Packet
 from servolink.protocol.registry import PACKETS, PACKETS_BY_NAME
 
@@ -32,7 +33,7 @@ def from_object(described: Any) -> Packet:
     declared = _declared(described)
     fields = described.get("fields", {})
     if not isinstance(fields, dict):
-        raise EncodeError(f"{declared.__name__}.fields: {_shown(fields)} is no object")
+        raise EncodeError(f"{declared.__name__}.fields: {shown(fields)} is no object")
     if unknown := sorted(str(name) for name in fields if name not in declared.__struct_fields__):
         known = ", ".join(declared.__struct_fields__) or "none"
         raise EncodeError(f"{declared.__name__}.{printable(unknown[0])}: no such field; it has {known}")
@@ -41,21 +42,21 @@ def from_object(described: Any) -> Packet:
     try:
         return msgspec.convert(fields, declared, builtin_types=[bytes])
     except msgspec.ValidationError as error:
-        raise EncodeError(_explain(declared.__name__, fields, str(error))) from None
+        raise EncodeError(_explain(declared, fields, str(error))) from None
 
 
 def _declared(described: Any) -> type[Packet]:
     if not isinstance(described, dict):
-        raise EncodeError(f"{_shown(described)} is no object with packet and fields")
+        raise EncodeError(f"{shown(described)} is no object with packet and fields")
     name, packet_id = described.get("packet"), described.get("id")
     if name is None and packet_id is None:
         raise EncodeError("the object names neither packet nor id")
     by_name = PACKETS_BY_NAME.get(name) if isinstance(name, str) else None
     by_id = PACKETS.get(packet_id) if isinstance(packet_id, int) else None
     if name is not None and by_name is None:
-        raise EncodeError(f"packet: there is no {_shown(name)}")
+        raise EncodeError(f"packet: there is no {shown(name)}")
     if packet_id is not None and by_id is None:
-        raise EncodeError(f"id: no packet has the id {_shown(packet_id)}")
+        raise EncodeError(f"id: no packet has the id {shown(packet_id)}")
     if by_name and by_id and by_name is not by_id:
         raise EncodeError(f"id: {by_name.__name__} has the id {by_name.packet_id}, not {packet_id}")
     declared = by_name or by_id
@@ -67,21 +68,21 @@ def _from_hex(text: Any, where: str) -> bytes:
     try:
         return bytes.fromhex(text)
     except (TypeError, ValueError):
-        raise EncodeError(f"{where}: {_shown(text)} is no text of hex digits") from None
+        raise EncodeError(f"{where}: {shown(text)} is no text of hex digits") from None
 
 
-def _explain(name: str, fields: Any, message: str) -> str:
+def _explain(declared: type[Packet], fields: Any, message: str) -> str:
     """Turn "Expected `int` <= 255 - at `$.steps[1].servo_id`" into our form, with the value that was given."""
     problem, _, path = message.partition(" - at `$")
     path = path.rstrip("`")
     if not path:
-        return f"{name}: {problem}"
-    value = fields
+        return f"{declared.__name__}: {problem}"
+    value, name = fields, ""
     for part in path.replace("[", ".").replace("]", "").strip(".").split("."):
-        value = value[int(part)] if isinstance(value, (list, tuple)) else value.get(part)
-    return f"{name}{path}: {_shown(value)}: {problem[:1].lower()}{problem[1:]}"
-
-
-def _shown(value: Any) -> str:
-    text = printable(repr(value))
-    return text if len(text) <= 80 else text[:77] + "..."
+        if isinstance(value, (list, tuple)):
+            value = value[int(part)]
+        else:
+            value, name = value[part], part
+    if isinstance(value, int) and (fault := layout(declared, "little").fault(name, value)):
+        return f"{declared.__name__}{path}: {fault}"
+    return f"{declared.__name__}{path}: {shown(value)}: {problem[:1].lower()}{problem[1:]}"

@@ -13,7 +13,7 @@ ALL_SERVOS = 0xFF
 """The servo id that means every servo, in requests that allow it."""
 
 
-class ServoState(Struct, frozen=True, gc=False):
+class ServoState(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """What the board reports of one servo."""
 
     servo_id: U8
@@ -25,7 +25,7 @@ class ServoState(Struct, frozen=True, gc=False):
     is_hold: Annotated[U8, Meta(description="0 released, 1 held")]
 
 
-class Step(Struct, frozen=True, gc=False):
+class Step(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """One servo's part of a movement: where it goes and how long it takes."""
 
     servo_id: U8

@@ -46,9 +46,9 @@ class QueryMemorySizeResponse(Response, frozen=True, gc=False):
     packet_id: ClassVar[int] = 10031
     section: ClassVar[str] = "3.1.3.2"
     size: Annotated[Natural32, Meta(description="free memory, bytes")]
-    total_size: Annotated[Natural32 | None, Meta(description="total memory, bytes; none on boards that send 4 bytes")] = (
-        None
-    )
+    total_size: Annotated[
+        Natural32 | None, Meta(description="total memory, bytes; none on boards that send 4 bytes")
+    ] = None
 
 
 class QueryMemorySizeRequest(Query[QueryMemorySizeResponse], frozen=True, gc=False):
