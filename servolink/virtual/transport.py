@@ -1,0 +1,98 @@
+"""`virtual://`: a virtual board inside the program, on the same event loop."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+from servolink.errors import ConnectionLost, OpenError
+from servolink.printable import printable
+from servolink.protocol.codec import Codec
+from servolink.transports.address import Address
+from servolink.transports.base import Receiver, Transport
+from servolink.virtual.board import MEMORY, MOST_SERVOS, Session, VirtualBoard
+from servolink.virtual.pacemaker import Pacemaker
+
+
+def from_address(address: Address) -> Transport:
+    """Make a board of its own for `virtual://?servos=16&seed=1&...`."""
+    transport = VirtualTransport(
+        VirtualBoard(
+            servos=address.integer("servos", 16, 0, MOST_SERVOS),
+            seed=address.integer("seed", 0, 0, 2**63 - 1),
+            codec=Codec("big" if address.choice("byte_order", "little", ("little", "big")) == "big" else "little"),
+            memory=address.integer("memory", MEMORY, 0, 2**31 - 1),
+        ),
+        address.url,
+    )
+    address.refuse_unknown()
+    return transport
+
+
+class VirtualTransport:
+    """A connection to a board in this program; any number of them may lead to one board."""
+
+    def __init__(self, board: VirtualBoard, url: str = "virtual://") -> None:
+        """Lead to `board`; `url` is what errors call it."""
+        self.board = board
+        self._url = url
+        self._receiver: Receiver | None = None
+        self._session: Session | None = None
+        self._pacemaker: Pacemaker | None = None
+        self._spent = False
+        self._said: list[bytes] = []
+
+    @property
+    def url(self) -> str:
+        """The address it leads to."""
+        return self._url
+
+    async def open(self, receiver: Receiver) -> None:
+        """Attach to the board; OpenError if this transport was opened before."""
+        if self._spent:
+            raise OpenError(f"{printable(self.url)}: a transport is opened once; make another")
+        self._spent = True
+        self._receiver = receiver
+        self._session = self.board.attach(self._hear)
+        self._pacemaker = Pacemaker(self.board)
+
+    async def send(self, data: bytes) -> None:
+        """Give `data` to the board, which answers in a later turn of the loop."""
+        if self._session is None:
+            raise ConnectionLost(f"{printable(self.url)}: {'closed' if self._spent else 'open it before sending'}")
+        self._session.receive(data, asyncio.get_running_loop().time())
+
+    async def close(self) -> None:
+        """Detach from the board."""
+        self._end(None)
+        self._spent = True
+
+    def _hear(self, data: bytes) -> None:
+        # Never from within send(): a real board cannot answer before its caller has finished writing.
+        if not self._said:
+            asyncio.get_running_loop().call_soon(self._deliver)
+        self._said.append(data)
+
+    def _deliver(self) -> None:
+        chunk = b"".join(self._said)
+        self._said.clear()
+        if self._receiver is None or not chunk:
+            return
+        try:
+            self._receiver.data(chunk)
+        except Exception as error:
+            self._end(error)
+
+    def _end(self, cause: Exception | None) -> None:
+        if self._session is None or self._pacemaker is None or self._receiver is None:
+            return
+        self._pacemaker.stop()
+        self._session.detach()
+        receiver, self._receiver, self._session, self._pacemaker = self._receiver, None, None, None
+        self._said.clear()
+        if cause is None:
+            receiver.lost(None)
+        else:
+            error = ConnectionLost(f"{printable(self.url)}: the receiver failed: {printable(str(cause))}")
+            error.__cause__ = cause
+            receiver.lost(error)
