@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from io import BufferedReader
-from typing import Any
+from typing import Any, NoReturn
 
 from servolink.cli.main import FAILED, OK
 from servolink.errors import DecodeError, EncodeError
@@ -44,7 +44,8 @@ def run(args: argparse.Namespace) -> int:
     try:
         codec = Codec(args.byte_order, args.caption_encoding)
     except ValueError as error:
-        args.refuse(str(error))
+        refuse: Callable[[str], NoReturn] = args.refuse
+        refuse(str(error))
     if args.command == "encode":
         return _encode(args, codec)
     results = _stream(args.file, codec) if args.file else _frames(args, codec)

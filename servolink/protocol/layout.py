@@ -106,7 +106,7 @@ class Layout:
 
     def __init__(self, declared: type[Packet], byte_order: ByteOrder) -> None:
         """Compile the declaration of `declared`."""
-        self.packet = declared
+        self._packet: Callable[..., Packet] = declared
         self._name = declared.__name__
         self._from_us = not issubclass(declared, Response)
         prefix = "<" if byte_order == "little" else ">"
@@ -192,20 +192,20 @@ class Layout:
 
     def _decode_fixed(self, content: bytes, encoding: str) -> Packet:
         try:
-            return self.packet(*self._head.format.unpack(content))
+            return self._packet(*self._head.format.unpack(content))
         except FormatError:
             raise self.wrong_length(content) from None
 
     def _decode_rest(self, content: bytes, encoding: str) -> Packet:
-        return self.packet(bytes(content))
+        return self._packet(bytes(content))
 
     def _decode_optional(self, content: bytes, encoding: str) -> Packet:
         assert self._optional is not None  # noqa: S101 - narrows the type; _decoder has asked
         size = self._head.format.size
         if len(content) == size:
-            return self.packet(*self._head.format.unpack(content))
+            return self._packet(*self._head.format.unpack(content))
         if len(content) == size + self._optional.format.size:
-            return self.packet(
+            return self._packet(
                 *self._head.format.unpack_from(content), *self._optional.format.unpack_from(content, size)
             )
         raise self.wrong_length(content)
@@ -229,8 +229,8 @@ class Layout:
         if item.captions:
             rows = (item.text(row, encoding) for row in rows)
         if self._record is None:
-            return self.packet(*values, tuple(value for (value,) in rows))
-        return self.packet(*values, tuple(starmap(self._record, rows)))
+            return self._packet(*values, tuple(value for (value,) in rows))
+        return self._packet(*values, tuple(starmap(self._record, rows)))
 
     def fault(self, name: str, value: object) -> str:
         """Say what is wrong with `value` as the number `name`, of the packet or its records; empty if nothing is."""
