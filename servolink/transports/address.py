@@ -1,0 +1,159 @@
+"""What a board's address says: `scheme://host:port/path?option=value`, or a bare device path."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from urllib.parse import unquote
+
+from servolink.errors import TransportUnavailable
+from servolink.printable import printable
+
+_BARE_DEVICE = re.compile(r"/|\\\\\.\\|com\d+(\?|$)", re.IGNORECASE | re.ASCII)
+_SCHEME = re.compile(r"[a-z][a-z0-9+.-]*", re.ASCII)
+_AUTHORITY = re.compile(r"(?:\[(?P<v6>[^\[\]]*)\]|(?P<host>[^\[\]]*?))(?::(?P<port>[^:\[\]]*))?")
+_BAD_ESCAPE = re.compile(r"%(?![0-9a-f]{2})", re.IGNORECASE)
+_CONTROL = re.compile(r"[\x00-\x1f\x7f]")
+_INTEGER = re.compile(r"[+-]?[0-9]{1,18}", re.ASCII)
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?", re.ASCII | re.IGNORECASE)
+_FORMS = "write it as serial:///dev/ttyACM0, serial://COM3, tcp://host:port or virtual://"
+_SHOWN = 200  # characters of an address in an error text
+
+
+class Address:
+    """A parsed address; its options are read by name and kind, and `refuse_unknown` refuses the others."""
+
+    def __init__(
+        self,
+        url: str,
+        scheme: str,
+        host: str = "",
+        port: str = "",
+        path: str = "",
+        options: Mapping[str, str] | None = None,
+    ) -> None:
+        """Keep the parts as text; `port` is what follows the host's colon, for some schemes no number."""
+        self.url = url
+        self.scheme = scheme
+        self.host = host
+        self.port = port
+        self.path = path
+        self.options = dict(options or {})
+        self._known: list[str] = []
+
+    @classmethod
+    def parse(cls, url: str) -> Address:
+        """Parse any text; TransportUnavailable says what to write instead of what is no address."""
+        if _CONTROL.search(url):
+            raise refusal(url, f"holds a control character; {_FORMS}")
+        if _BARE_DEVICE.match(url):  # taken literally, so that no file name needs escapes
+            path, _, query = url.partition("?")
+            return cls(url, "serial", path=path, options=_options(url, query))
+        scheme, separator, rest = url.partition("://")
+        if not separator or not _SCHEME.fullmatch(scheme.lower()):
+            raise refusal(url, f"is no address; {_FORMS}")
+        place, _, query = rest.partition("?")
+        authority, slash, path = place.partition("/")
+        parts = _AUTHORITY.fullmatch(authority)
+        if parts is None:
+            raise refusal(url, "is no address: an IPv6 host stands in brackets, as in tcp://[::1]:9000")
+        host, port = parts["v6"] or parts["host"] or "", parts["port"] or ""
+        return cls(
+            url,
+            scheme.lower(),
+            _unescaped(url, host),
+            _unescaped(url, port),
+            _unescaped(url, slash + path),
+            _options(url, query),
+        )
+
+    def port_number(self) -> int:
+        """Return the port, 1 to 65535."""
+        if not _INTEGER.fullmatch(self.port) or not 1 <= int(self.port) <= 65535:
+            raise self.refusal(f"needs a port from 1 to 65535: {self.scheme}://host:port")
+        return int(self.port)
+
+    def integer(self, name: str, default: int, low: int, high: int) -> int:
+        """Read a whole number from `low` to `high`."""
+        text = self._option(name)
+        if text is None:
+            return default
+        if not _INTEGER.fullmatch(text) or not low <= int(text) <= high:
+            raise self._bad(name, text, f"a whole number from {low} to {high}")
+        return int(text)
+
+    def number(self, name: str, default: float, low: float, high: float) -> float:
+        """Read a number from `low` to `high`."""
+        text = self._option(name)
+        if text is None:
+            return default
+        value = float(text) if _NUMBER.fullmatch(text) else math.nan
+        if not low <= value <= high:
+            raise self._bad(name, text, f"a number from {low:g} to {high:g}")
+        return value
+
+    def choice(self, name: str, default: str, choices: Sequence[str]) -> str:
+        """Read one of `choices`."""
+        text = self._option(name)
+        if text is not None and text not in choices:
+            raise self._bad(name, text, "one of " + ", ".join(choices))
+        return default if text is None else text
+
+    def flag(self, name: str, *, default: bool) -> bool:
+        """Read 0 or 1."""
+        return self.choice(name, "1" if default else "0", ("0", "1")) == "1"
+
+    def text(self, name: str, default: str) -> str:
+        """Read any text."""
+        text = self._option(name)
+        return default if text is None else text
+
+    def refuse_unknown(self) -> None:
+        """Refuse the options that nobody has read; call it after reading them all."""
+        unknown = [name for name in self.options if name not in self._known]
+        if unknown:
+            known = ", ".join(self._known) or "none"
+            raise self.refusal(f"unknown option {_shown(unknown[0])}; {self.scheme}:// knows: {known}")
+
+    def refusal(self, reason: str) -> TransportUnavailable:
+        """Make the error that names this address and `reason`."""
+        return refusal(self.url, reason)
+
+    def _option(self, name: str) -> str | None:
+        self._known.append(name)
+        return self.options.get(name)
+
+    def _bad(self, name: str, text: str, wanted: str) -> TransportUnavailable:
+        return self.refusal(f"option {name} is {_shown(text)!r}, but must be {wanted}")
+
+
+def refusal(url: str, reason: str) -> TransportUnavailable:
+    """Make the error that names the address `url` and why it cannot be used."""
+    return TransportUnavailable(f"{_shown(url) or 'an empty text'}: {reason}")
+
+
+def _options(url: str, query: str) -> dict[str, str]:
+    options: dict[str, str] = {}
+    for item in filter(None, query.split("&")):
+        name, separator, value = item.partition("=")
+        name = _unescaped(url, name)
+        if not separator or not name:
+            raise refusal(url, f"option {_shown(item)!r} must be written name=value")
+        if name in options:
+            raise refusal(url, f"option {_shown(name)} is given twice; keep one")
+        options[name] = _unescaped(url, value)
+    return options
+
+
+def _unescaped(url: str, text: str) -> str:
+    if bad := _BAD_ESCAPE.search(text):
+        raise refusal(url, f"bad escape {_shown(text[bad.start() :][:3])!r}; write a percent sign as %25")
+    plain = unquote(text, errors="surrogateescape")
+    if _CONTROL.search(plain):
+        raise refusal(url, f"holds a control character; {_FORMS}")
+    return plain
+
+
+def _shown(text: str) -> str:
+    return printable(text if len(text) <= _SHOWN else text[:_SHOWN] + "...")

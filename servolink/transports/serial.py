@@ -1,0 +1,139 @@
+"""A board on a serial port, through pyserial-asyncio."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+from collections.abc import Callable
+from typing import Any
+
+import serial  # type: ignore[import-untyped]
+import serial_asyncio  # type: ignore[import-untyped]
+from serial.tools import list_ports  # type: ignore[import-untyped]
+
+from servolink.errors import OpenError
+from servolink.printable import printable
+from servolink.transports.address import Address
+from servolink.transports.stream import StreamTransport
+
+_ABSENT = {errno.ENOENT, errno.ENODEV, errno.ENXIO}
+_BUSY = {errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK}
+_FORBIDDEN = {errno.EACCES, errno.EPERM}
+
+
+class _Port(serial.Serial):  # type: ignore[misc]
+    """A port that reports a failure once to `failed`, where pyserial-asyncio would log it or close twice."""
+
+    failed: Callable[[Exception], None]
+
+    def read(self, size: int = 1) -> bytes:
+        try:
+            return bytes(super().read(size))
+        except serial.SerialException as error:
+            self.failed(error)
+            return b""
+
+    def write(self, b: Any, /) -> int | None:
+        try:
+            return super().write(b)  # type: ignore[no-any-return]
+        except serial.SerialException as error:
+            self.failed(error)
+            raise BlockingIOError from error  # the bytes were not taken
+
+    @property
+    def in_waiting(self) -> int:
+        try:
+            return int(super().in_waiting)
+        except OSError as error:
+            self.failed(error)
+            return 0
+
+    def flush(self) -> None:
+        """Drop what the device does not take: waiting for it, as pyserial does, can last for ever."""
+        try:
+            if self.out_waiting:  # never otherwise: a pseudo-terminal would drop what its reader has yet to read
+                self.reset_output_buffer()
+        except OSError:
+            pass  # unplugged: nothing is left to drop
+
+
+class SerialTransport(StreamTransport):
+    """A serial port, opened for us alone, with 8 data bits, no parity and 1 stop bit."""
+
+    def __init__(self, url: str, device: str, *, baudrate: int = 115200, dtr: bool = False, rts: bool = False) -> None:
+        """Lead to `device`; `dtr` and `rts` are the levels of the two control lines, which reset some boards."""
+        super().__init__(url)
+        self._device = device
+        self._port = _Port(baudrate=baudrate, exclusive=True)
+        self._port.dtr = dtr
+        self._port.rts = rts
+        self._port.failed = self._unplugged
+
+    async def _connect(self) -> asyncio.Transport:
+        loop = asyncio.get_running_loop()
+        opening = loop.run_in_executor(None, self._open_port)
+        try:
+            await asyncio.shield(opening)
+        except asyncio.CancelledError:
+            opening.add_done_callback(self._close_late)
+            raise
+        pipe, _ = await serial_asyncio.connection_for_serial(loop, lambda: self, self._port)
+        return pipe  # type: ignore[no-any-return]
+
+    def _open_port(self) -> None:
+        """Open the port, which may block; pyserial drops stale input."""
+        try:
+            self._port.port = self._device
+            self._port.open()
+        except Exception as error:  # OSError, ValueError for baud rate or name, termios.error, which is neither
+            raise OpenError(f"{printable(self.url)}: {_reason(self._device, error)}") from error
+
+    def _close_late(self, opening: asyncio.Future[None]) -> None:
+        if not opening.cancelled() and opening.exception() is None:
+            self._port.close()
+
+    def _unplugged(self, error: Exception) -> None:
+        gone = ConnectionResetError("the device is gone; is it unplugged or switched off?")
+        gone.__cause__ = error
+        self._end(gone)
+
+    def _unsent(self) -> int:
+        try:
+            return super()._unsent() + int(self._port.out_waiting)
+        except OSError:
+            return 0  # unplugged: nothing will leave any more
+
+
+def _reason(device: str, error: Exception) -> str:
+    code = getattr(error, "errno", None)
+    text = str(error)  # on Windows, pyserial has only the text
+    shown = printable(device)
+    if code in _ABSENT or "FileNotFoundError" in text:
+        return f"there is no {shown}; plug the board in and switch it on; {_present()}"
+    if code in _BUSY or "PermissionError" in text:
+        return f"{shown} is in use; close the other program that has it (another servolink, a serial monitor, ModemManager)"
+    if code in _FORBIDDEN:
+        return (
+            f"no permission for {shown}; on Linux join its group, `sudo usermod -aG dialout $USER` "
+            f"(uucp on Arch), then log out and in"
+        )
+    if code in {errno.EISDIR, errno.ENOTTY} or "Could not configure port" in text:
+        return f"{shown} is no serial port; {_present()}"
+    return f"cannot open {shown}: {printable(text)}"
+
+
+def _present() -> str:
+    ports = ", ".join(sorted(printable(port.device) for port in list_ports.comports()))
+    return f"ports that are there: {ports}" if ports else "no serial port is there"
+
+
+def from_address(address: Address) -> SerialTransport:
+    """Make the transport for `serial:///dev/ttyACM0?baudrate=115200&dtr=0&rts=0` or `serial://COM3`."""
+    device = address.host + address.path
+    if not device or address.port:
+        raise address.refusal("must name a device: serial:///dev/ttyACM0 or serial://COM3")
+    baudrate = address.integer("baudrate", 115200, 50, 12_000_000)
+    dtr = address.flag("dtr", default=False)
+    rts = address.flag("rts", default=False)
+    address.refuse_unknown()
+    return SerialTransport(address.url, device, baudrate=baudrate, dtr=dtr, rts=rts)
