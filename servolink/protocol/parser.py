@@ -57,7 +57,7 @@ class FrameParser:
         self.byte_order = byte_order
         self.frames = 0
         """Frames believed so far."""
-        self.skipped = dict.fromkeys((PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE), 0)
+        self.skipped: dict[str, int] = dict.fromkeys((PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE), 0)
         """Bytes skipped so far, by reason."""
         self._entries: dict[bytes, _Entry] = {}
         self._held = bytearray()  # the incomplete rest

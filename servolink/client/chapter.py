@@ -1,0 +1,43 @@
+"""What the commands of each chapter share."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from servolink.client.explain import described
+from servolink.client.link import Link
+from servolink.errors import EncodeError, Rejected
+from servolink.printable import printable
+from servolink.protocol.packet import Command, Request, Response, Result
+from servolink.protocol.servos import ExecuteActionRequest
+
+R = TypeVar("R", bound=Response)
+
+
+class Chapter:
+    """Commands to one board."""
+
+    def __init__(self, link: Link) -> None:
+        """Speak through `link`."""
+        self._link = link
+
+    async def request(self, packet: Request[R], *, timeout: float | None = None, retries: int | None = None) -> R:
+        """Send any packet that is answered and return its answer, whatever that says.
+
+        Raises EncodeError before anything is sent; RequestTimeout after the retries of a query; OutcomeUnknown
+        when a command that changes something was sent and not answered; ConnectionLost.
+        """
+        return await self._link.request(packet, timeout=timeout, retries=retries)
+
+    async def send(self, packet: Command) -> None:
+        """Send any packet that is never answered; EncodeError also for the same servo twice in one movement."""
+        if isinstance(packet, ExecuteActionRequest):
+            servo_ids = [step.servo_id for step in packet.steps]
+            if twice := {servo_id for servo_id in servo_ids if servo_ids.count(servo_id) > 1}:
+                raise EncodeError(f"ExecuteActionRequest.steps: servo {min(twice)} is in it twice")
+        await self._link.send(packet)
+
+    async def _do(self, packet: Request[Result], reasons: str) -> None:
+        """Send a command and raise Rejected, with the likely `reasons`, if the board says it failed."""
+        if not (await self._link.request(packet)).result:
+            raise Rejected(f"{printable(self._link.transport.url)} refused {described(packet)}: {reasons}", packet)

@@ -1,0 +1,172 @@
+"""Button events: one subscription on the board, any number of readers here."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from types import TracebackType
+from typing import Self
+
+from servolink.client.explain import same
+from servolink.client.link import Link
+from servolink.errors import ConnectionLost, Rejected, ServolinkError
+from servolink.protocol.joystick import ButtonEventResponse, SubscribeButtonEventRequest
+
+ButtonEvent = ButtonEventResponse
+"""A button event: `button_id`, `event` (1 press, 2 long press, 4 up) and `kind`, the event in words."""
+
+
+class _Queue:
+    """The events that one reader has not read yet."""
+
+    def __init__(self, limit: int) -> None:
+        self.events: deque[ButtonEvent] = deque(maxlen=limit)
+        self.news = asyncio.Event()
+        self.dropped = 0
+        self.ended = False
+        self.error: ConnectionLost | None = None
+
+
+class Subscription:
+    """The board pushes events while at least one reader is there."""
+
+    def __init__(self, link: Link) -> None:
+        """Take the events of `link`."""
+        self._link = link
+        self._loop = asyncio.get_running_loop()
+        self._queues: set[_Queue] = set()
+        self._subscribed = False
+        self._changing = asyncio.Lock()
+        self._leaving: set[asyncio.Task[None]] = set()
+        link.on_event = self._deliver
+        link.on_lost = self._end
+
+    async def join(self, queue: _Queue) -> None:
+        """Deliver to `queue` from now on; Rejected or ConnectionLost if the board does not."""
+        if self._link.ended is not None:
+            raise same(self._link.ended)
+        self._queues.add(queue)
+        try:
+            await self._settle()
+        except BaseException:
+            self.leave_soon(queue)
+            raise
+
+    async def leave(self, queue: _Queue) -> None:
+        """Deliver no more to `queue`; the last reader ends the subscription."""
+        self._queues.discard(queue)
+        queue.ended = True
+        queue.news.set()
+        await self._settle()
+
+    def leave_soon(self, queue: _Queue) -> None:
+        """Do the same from where nothing can be awaited."""
+        if queue in self._queues and not self._loop.is_closed():
+            task = self._loop.create_task(self._leave_quietly(queue))
+            self._leaving.add(task)
+            task.add_done_callback(self._leaving.discard)
+
+    async def close(self) -> None:
+        """End the subscription and every reader, as far as the link still allows."""
+        for queue in list(self._queues):
+            self.leave_soon(queue)
+        while self._leaving:
+            await asyncio.wait(self._leaving)
+
+    async def _leave_quietly(self, queue: _Queue) -> None:
+        try:
+            await self.leave(queue)
+        except ServolinkError:
+            pass  # the reader has gone; pushes that still come are counted and dropped
+
+    async def _settle(self) -> None:
+        async with self._changing:
+            wanted = bool(self._queues)
+            if wanted == self._subscribed or self._link.ended is not None:
+                return
+            self._subscribed = False  # until proven: after an unanswered request the next reader asks again
+            request = SubscribeButtonEventRequest(subscribe=int(wanted))
+            response = await self._link.request(request)
+            if not response.result:
+                raise Rejected(f"the board refused to {'start' if wanted else 'end'} button events", request)
+            self._subscribed = wanted
+
+    def _deliver(self, event: ButtonEvent) -> None:
+        for queue in self._queues:
+            if len(queue.events) == queue.events.maxlen:
+                queue.dropped += 1
+                self._link.stats.events_dropped += 1
+            queue.events.append(event)
+            queue.news.set()
+
+    def _end(self, error: ConnectionLost | None) -> None:
+        for queue in self._queues:
+            queue.error = error
+            queue.ended = True
+            queue.news.set()
+        self._queues.clear()
+
+
+class ButtonEvents:
+    """Button events as an async iterator; `async with`, or simply `async for`, subscribes and unsubscribes.
+
+    Ends when the board is closed, raises ConnectionLost when the connection is lost. A reader that is too slow
+    loses its oldest events, counted in `dropped`.
+    """
+
+    def __init__(self, subscription: Subscription, limit: int) -> None:
+        """Keep at most `limit` events that have not been read."""
+        if limit < 1:
+            raise ValueError(f"limit: {limit} is outside 1..")
+        self._subscription = subscription
+        self._queue = _Queue(limit)
+        self._joined = False
+
+    @property
+    def dropped(self) -> int:
+        """How many events this reader has lost by being too slow."""
+        return self._queue.dropped
+
+    def __aiter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    async def __anext__(self) -> ButtonEvent:
+        """Wait for the next event."""
+        await self._join()
+        queue = self._queue
+        while not queue.events:
+            if queue.ended:
+                if queue.error is not None and queue.error.__cause__ is not None:
+                    raise same(queue.error)
+                raise StopAsyncIteration
+            queue.news.clear()
+            await queue.news.wait()
+        return queue.events.popleft()
+
+    async def __aenter__(self) -> Self:
+        """Subscribe."""
+        await self._join()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Unsubscribe."""
+        await self.aclose()
+
+    async def aclose(self) -> None:
+        """Unsubscribe; the iterator ends."""
+        if self._joined and not self._queue.ended:
+            await self._subscription.leave(self._queue)
+        self._queue.ended = True
+
+    def __del__(self) -> None:
+        """Unsubscribe when `async for` was left by `break`."""
+        if self._joined:
+            self._subscription.leave_soon(self._queue)
+
+    async def _join(self) -> None:
+        if not self._joined and not self._queue.ended:
+            self._joined = True
+            await self._subscription.join(self._queue)

@@ -1,0 +1,83 @@
+"""Find out, by reading back, whether a command whose answer was lost took effect."""
+
+from __future__ import annotations
+
+from servolink.client.editing import Editing
+from servolink.client.joystick import Joystick
+from servolink.errors import NotFound
+from servolink.protocol.editing import (
+    Action,
+    AddActionRequest,
+    AddMacroRequest,
+    AddServoParameterRequest,
+    DeleteActionRequest,
+    DeleteMacroRequest,
+    Macro,
+    WriteProjectIDRequest,
+)
+from servolink.protocol.joystick import (
+    AddJoystickTableRequest,
+    DeleteJoystickTableRequest,
+    JoystickTable,
+    SetActiveJoystickTableRequest,
+)
+from servolink.protocol.packet import Packet
+from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest, SetServoParameterRequest
+from servolink.protocol.settings import ClearAllDataRequest
+
+
+class ReadBack(Editing, Joystick):
+    """Answers the question that OutcomeUnknown leaves open."""
+
+    async def took_effect(self, request: Packet) -> bool | None:
+        """Tell whether the board is now as `request` would have made it; None where nothing on the board shows it.
+
+        Motion, the angle unit, the transmission mode and the event subscription leave no trace that can be read.
+        """
+        match request:
+            case AddActionRequest() | AddMacroRequest() | AddJoystickTableRequest():
+                return await self._stored(request) == _described(request)
+            case DeleteActionRequest() | DeleteMacroRequest() | DeleteJoystickTableRequest():
+                return await self._stored(request) is None
+            case AddServoParameterRequest():
+                return set(request.servos) <= set(await self.servo_parameters())
+            case WriteProjectIDRequest():
+                return await self.project_id() == request.project_id
+            case SetActiveJoystickTableRequest():
+                return await self.active_joystick_table() == request.table_id
+            case SetServoParameterRequest():
+                return await self._is_set(request)
+            case ClearAllDataRequest():
+                return not (await self.actions() or await self.macros() or await self.joystick_tables())
+            case _:
+                return None
+
+    async def _stored(self, request: Packet) -> Action | Macro | JoystickTable | None:
+        try:
+            match request:
+                case AddActionRequest() | DeleteActionRequest():
+                    return await self.action(request.action_id)
+                case AddMacroRequest() | DeleteMacroRequest():
+                    return await self.macro(request.macro_id)
+                case AddJoystickTableRequest() | DeleteJoystickTableRequest():
+                    return await self.joystick_table(request.table_id)
+        except NotFound:
+            pass
+        return None
+
+    async def _is_set(self, request: SetServoParameterRequest) -> bool:
+        states = (await self.request(QueryServoRequest(request.servo_id))).servos
+        wanted = (request.is_start, request.is_hold)
+        there = bool(states) or request.servo_id == ALL_SERVOS
+        return there and all((state.is_start, state.is_hold) == wanted for state in states)
+
+
+def _described(request: Packet) -> Action | Macro | JoystickTable | None:
+    match request:
+        case AddActionRequest():
+            return Action(request.action_id, request.action_caption, request.steps)
+        case AddMacroRequest():
+            return Macro(request.macro_id, request.macro_caption, request.commands)
+        case AddJoystickTableRequest():
+            return JoystickTable(request.table_id, request.table_caption, request.buttons)
+    return None

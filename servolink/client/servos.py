@@ -1,0 +1,215 @@
+"""Commands of chapter 3.2: reading and moving servos, stop and release."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+
+from msgspec import Struct
+
+from servolink.client.angles import AngleUnit, in_unit
+from servolink.client.chapter import Chapter
+from servolink.client.link import Link
+from servolink.client.motion import MotionLimits, check_limits, intervals_for, wire_angles
+from servolink.errors import DecodeError, EncodeError, NotFound, OutcomeUnknown, Rejected, RequestTimeout
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    QueryServoListRequest,
+    QueryServoRequest,
+    ServoState,
+    SetAngleUnitRequest,
+    SetServoParameterRequest,
+    Step,
+)
+
+_ARRIVED = 2  # within so many degrees (or ADC steps) of the target
+_GRACE = 1.0  # seconds that a movement may take longer than asked
+_STOP_TRIES = 3
+
+
+class Servo(Struct, frozen=True):
+    """One servo as the board reports it."""
+
+    servo_id: int
+    angle: int
+    """`Degrees` or `Adc`; a plain number where the unit was left alone."""
+    current: int
+    """Raw ADC."""
+    temperature: int
+    """Raw ADC."""
+    servo_type: int
+    is_start: bool
+    """May move; a stopped servo ignores movements."""
+    is_hold: bool
+    """Holds its angle; a released servo is limp."""
+
+
+class Servos(Chapter):
+    """The servos of a board."""
+
+    def __init__(self, link: Link, angle_unit: AngleUnit | None, limits: MotionLimits) -> None:
+        """Set all servos to `angle_unit` before the first command with an angle; None leaves them as they are."""
+        super().__init__(link)
+        self._unit: AngleUnit | None = angle_unit
+        self._units: dict[int, AngleUnit] = {}
+        self._unit_is_set = angle_unit is None
+        self._setting_unit = asyncio.Lock()
+        self._limits = limits
+
+    async def servo_ids(self) -> tuple[int, ...]:
+        """Return the ids of all servos (3.2.1)."""
+        return (await self.request(QueryServoListRequest())).servo_id_list
+
+    async def servos(self) -> tuple[Servo, ...]:
+        """Return the state of all servos (3.2.2)."""
+        await self._ensure_unit()
+        return tuple(self._servo(state) for state in (await self.request(QueryServoRequest(ALL_SERVOS))).servos)
+
+    async def servo(self, servo_id: int) -> Servo:
+        """Return the state of one servo (3.2.2); NotFound if there is none."""
+        await self._ensure_unit()
+        request = QueryServoRequest(servo_id)
+        for state in (await self.request(request)).servos:
+            return self._servo(state)
+        raise NotFound(f"the board has no servo {servo_id}", request)
+
+    async def set_servo(self, servo_id: int, *, start: bool, hold: bool) -> None:
+        """Let a servo (255: all) move or stop it, hold or release it (3.2.3); Rejected if the board does not."""
+        request = SetServoParameterRequest(servo_id, int(start), int(hold))
+        answer = await self.request(request)
+        if (answer.servo_id, answer.is_start, answer.is_hold) != (servo_id, int(start), int(hold)):
+            raise Rejected(
+                f"servo {servo_id} was asked for start {int(start)}, hold {int(hold)}; the board answered "
+                f"servo {answer.servo_id}, start {answer.is_start}, hold {answer.is_hold}",
+                request,
+            )
+
+    async def set_angle_unit(self, unit: AngleUnit, servo_id: int = ALL_SERVOS) -> None:
+        """Give and report angles of a servo (255: all) in degrees or raw ADC (3.2.4); Rejected if the board does not."""
+        if unit not in ("degree", "adc"):
+            raise EncodeError(f"unit: {unit!r} is neither 'degree' nor 'adc'")
+        if servo_id != ALL_SERVOS:
+            await self._ensure_unit()
+        request = SetAngleUnitRequest(servo_id, int(unit == "adc"))
+        answer = await self.request(request)
+        if (answer.servo_id, answer.unit_type) != (servo_id, request.unit_type):
+            raise Rejected(
+                f"servo {servo_id} was asked for angle unit {request.unit_type}; the board answered "
+                f"servo {answer.servo_id}, unit {answer.unit_type}",
+                request,
+            )
+        if servo_id == ALL_SERVOS:
+            self._units.clear()
+            self._unit, self._unit_is_set = unit, True
+        else:
+            self._units[servo_id] = unit
+
+    async def move(
+        self,
+        targets: Mapping[int, float],
+        *,
+        duration: float | None = None,
+        speed: float | None = None,
+        wait: bool = False,
+    ) -> float:
+        """Move servos, all at once, to angles in degrees (or `Adc`) and return how long it takes, in seconds (3.2.5).
+
+        Give either `duration`, 0.01..327.67 s, or `speed` in degrees per second; the angles are then read first,
+        and each servo turns at that speed. EncodeError, before anything moves, for a target outside the limits
+        or a speed above the cap. Returns when it is sent, or with `wait` when all have arrived; RequestTimeout
+        names a servo that has not arrived a second after it should have.
+        """
+        stops = self._link.stops
+        if (duration is None) == (speed is None):
+            raise EncodeError("move: give either duration or speed")
+        await self._ensure_unit()
+        angles = wire_angles(targets, self.unit_of)
+        check_limits(angles, self.unit_of, self._limits)
+        here: dict[int, int] = {}
+        if speed is not None or self._limits.speed_cap is not None:
+            here = await self._angles_now(angles)
+        intervals = intervals_for(angles, here, self._limits, duration=duration, speed=speed)
+        steps = tuple(Step(servo_id, angle, intervals[servo_id]) for servo_id, angle in angles.items())
+        await self._link.send(ExecuteActionRequest(steps), unless_stopped_since=stops)
+        longest = max(intervals.values(), default=0) / 100
+        if wait:
+            await self._arrival(angles, longest)
+        return longest
+
+    async def run_action(self, action_id: int) -> None:
+        """Run a stored action (3.2.6); returns when it is sent, the board does not answer."""
+        await self.send(ExecuteActionExRequest(action_id))
+
+    async def stop(self) -> None:
+        """Stop all servos where they are and keep them held, before everything else that waits to be sent.
+
+        Confirmed by reading the servos back; OutcomeUnknown if that does not show all of them stopped and held.
+        A stopped servo ignores movements until `set_servo(..., start=True, hold=True)`.
+        """
+        request = SetServoParameterRequest(ALL_SERVOS, 0, 1)
+        doubt = ""
+        for _ in range(_STOP_TRIES):
+            await self._link.send_stop(request)
+            try:
+                states = await self._link.request(QueryServoRequest(ALL_SERVOS), first=True, retries=0)
+            except (RequestTimeout, DecodeError) as error:
+                doubt = str(error)
+                continue
+            going = [state.servo_id for state in states.servos if state.is_start or not state.is_hold]
+            if not going:
+                return
+            doubt = f"servos {going} report that they may still move or are not held"
+        raise OutcomeUnknown(f"a stop was sent {_STOP_TRIES} times and could not be confirmed: {doubt}", request)
+
+    async def release(self, servo_id: int = ALL_SERVOS) -> None:
+        """Let a servo (255: all) go limp; a raised limb falls."""
+        await self.set_servo(servo_id, start=False, hold=False)
+
+    def unit_of(self, servo_id: int) -> AngleUnit | None:
+        """Return the unit in which a servo's angle is given and reported; None if it is not known."""
+        return self._units.get(servo_id, self._unit)
+
+    def _servo(self, state: ServoState) -> Servo:
+        return Servo(
+            state.servo_id,
+            in_unit(state.angle, self.unit_of(state.servo_id)),
+            state.current,
+            state.temperature,
+            state.servo_type,
+            bool(state.is_start),
+            bool(state.is_hold),
+        )
+
+    async def _ensure_unit(self) -> None:
+        if not self._unit_is_set:
+            async with self._setting_unit:
+                if not self._unit_is_set and self._unit is not None:
+                    await self.set_angle_unit(self._unit)
+
+    async def _angles_now(self, targets: Mapping[int, int]) -> dict[int, int]:
+        request = QueryServoRequest(ALL_SERVOS)
+        here = {state.servo_id: state.angle for state in (await self.request(request)).servos}
+        if missing := [servo_id for servo_id in targets if servo_id not in here]:
+            raise NotFound(f"the board has no servo {missing[0]}", request)
+        return here
+
+    async def _arrival(self, targets: Mapping[int, int], seconds: float) -> None:
+        await asyncio.sleep(seconds)
+        loop = asyncio.get_running_loop()
+        late = loop.time() + _GRACE
+        while True:
+            here = await self._angles_now(targets)
+            away = {servo_id: here[servo_id] for servo_id, angle in targets.items() if abs(here[servo_id] - angle) > _ARRIVED}
+            if not away:
+                return
+            if loop.time() >= late:
+                servo_id, angle = next(iter(away.items()))
+                raise RequestTimeout(
+                    f"servo {servo_id} is at {angle}, not at {targets[servo_id]}, {_GRACE:.0f} s after it should have "
+                    "arrived: it may be stopped or released (then start it with set_servo), blocked or overloaded"
+                )
+            await asyncio.sleep(0.05)
+
+
