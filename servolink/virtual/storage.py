@@ -27,7 +27,8 @@ class Storage:
         self.memory = memory
         self.used = 0
         self.project_id = 0
-        self._chosen_table = 0
+        self.chosen_table = 0
+        """The table that was made active, 0 if none was."""
         self._records: dict[Kind, dict[int, bytes]] = {kind: {} for kind in Kind}
 
     @property
@@ -39,15 +40,15 @@ class Storage:
     def active_table(self) -> int:
         """Id of the table that was made active, else of the only one there is, else 0."""
         tables = self._records[Kind.TABLE]
-        if self._chosen_table in tables:
-            return self._chosen_table
+        if self.chosen_table in tables:
+            return self.chosen_table
         return next(iter(tables)) if len(tables) == 1 else 0
 
     def activate(self, table_id: int) -> bool:
         """Make a table the active one; False if there is no such table."""
         if table_id not in self._records[Kind.TABLE]:
             return False
-        self._chosen_table = table_id
+        self.chosen_table = table_id
         return True
 
     def put(self, kind: Kind, records: dict[int, bytes]) -> bool:
@@ -77,12 +78,12 @@ class Storage:
         if record is None:
             return False
         self.used -= len(record)
-        if kind is Kind.TABLE and record_id == self._chosen_table:
-            self._chosen_table = 0
+        if kind is Kind.TABLE and record_id == self.chosen_table:
+            self.chosen_table = 0
         return True
 
     def clear(self) -> None:
         """Forget everything."""
         for shelf in self._records.values():
             shelf.clear()
-        self.used = self.project_id = self._chosen_table = 0
+        self.used = self.project_id = self.chosen_table = 0

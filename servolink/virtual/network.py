@@ -1,0 +1,50 @@
+"""A TCP port at which hosts reach the board, several at a time."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from servolink.errors import OpenError
+from servolink.printable import printable
+from servolink.transports.address import Address
+from servolink.virtual.bridge import Connect, bridge
+
+_HIGHEST_PORT = 65535
+
+
+def host_and_port(text: str) -> tuple[str, int]:
+    """Split `HOST:PORT`; port 0 means any free one; ValueError says what is wrong."""
+    address = Address.parse(f"tcp://{text}")
+    if not address.host or address.path or address.options or not address.port.isdecimal():
+        raise ValueError(f"{printable(text)!r} is not HOST:PORT, as in 127.0.0.1:0")
+    if int(address.port) > _HIGHEST_PORT:
+        raise ValueError(f"port {address.port} is outside 0..{_HIGHEST_PORT}")
+    return address.host, int(address.port)
+
+
+@asynccontextmanager
+async def serve_network(connect: Connect, host: str, port: int) -> AsyncIterator[str]:
+    """Serve a conversation to each host that connects to `host` and `port`, and give the URL."""
+    conversations: set[asyncio.Task[None]] = set()
+
+    def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        conversation = asyncio.ensure_future(bridge(reader, writer, connect))
+        conversations.add(conversation)
+        conversation.add_done_callback(conversations.discard)
+
+    try:
+        server = await asyncio.start_server(accept, host, port)
+    except OSError as error:
+        raise OpenError(f"cannot listen at {host}:{port}: {printable(str(error))}; try another port, or 0") from error
+    try:
+        name, number = server.sockets[0].getsockname()[:2]
+        yield f"tcp://[{name}]:{number}" if ":" in name else f"tcp://{name}:{number}"
+    finally:
+        server.close()
+        for conversation in conversations:
+            conversation.cancel()
+        if conversations:
+            await asyncio.wait(set(conversations))
+        await server.wait_closed()

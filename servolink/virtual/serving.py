@@ -1,0 +1,33 @@
+"""A virtual board that other programs can reach."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+
+from servolink.transports.base import Transport
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.network import host_and_port, serve_network
+from servolink.virtual.pacemaker import Pacemaker
+from servolink.virtual.terminal import serve_terminal
+from servolink.virtual.transport import VirtualTransport
+
+
+@asynccontextmanager
+async def serve(board: VirtualBoard, *, pty: bool = False, tcp: str | None = None) -> AsyncIterator[list[str]]:
+    """Serve `board` over a pseudo-terminal, at `HOST:PORT`, or both, and give the URLs in this order.
+
+    TransportUnavailable where there are no pseudo-terminals, OpenError if the port cannot be had.
+    """
+
+    def connect() -> Transport:
+        return VirtualTransport(board)
+
+    async with AsyncExitStack() as stack:
+        stack.callback(Pacemaker(board).stop)
+        urls = []
+        if pty:
+            urls.append(await stack.enter_async_context(serve_terminal(connect)))
+        if tcp is not None:
+            urls.append(await stack.enter_async_context(serve_network(connect, *host_and_port(tcp))))
+        yield urls
