@@ -84,8 +84,12 @@ class MemoryTransport:
         self._coming, peer._coming = peer._going, self._going
 
     def _deliver(self) -> None:
-        if self._receiver is not None and not self._ended:
+        if self._receiver is None or self._ended:
+            return
+        try:
             self._receiver.data(self._coming.popleft())
+        except Exception as error:
+            self._lose(f"the receiver failed: {printable(str(error))}")
 
     def _lose_soon(self, why: str) -> None:
         if self._loop is None:

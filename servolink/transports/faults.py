@@ -1,0 +1,124 @@
+"""A bad line, as a model: the same seed and the same bytes give the same faults."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from random import Random
+
+from servolink.transports.address import Address
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """How bad a line is: probabilities from 0 to 1, each a field, an option of an address and a key of `parse`."""
+
+    drop: float = 0.0
+    """Per byte: it is lost."""
+    flip: float = 0.0
+    """Per byte: one of its bits is inverted."""
+    insert: float = 0.0
+    """Per byte: a random byte comes before it."""
+    delay: float = 0.0
+    """Per chunk: it comes `delay_time` seconds late; later ones wait behind it."""
+    delay_time: float = 0.05
+    duplicate: float = 0.0
+    """Per chunk: it comes twice."""
+    cut: float = 0.0
+    """Per chunk: it ends anywhere before its last byte."""
+    unplug: int = 0
+    """The line is lost after this many bytes in one direction; 0 is never."""
+
+    @classmethod
+    def parse(cls, text: str) -> Faults:
+        """Read `drop=0.01,flip=0.001`; TransportUnavailable names what is wrong and what is known."""
+        address = Address.parse("faults://?" + text.replace(",", "&"))
+        faults = cls.from_address(address)
+        address.refuse_unknown()
+        return faults
+
+    @classmethod
+    def from_address(cls, address: Address) -> Faults:
+        """Read the options of `address` that are faults; the caller refuses unknown ones."""
+        return cls(
+            drop=address.number("drop", 0.0, 0.0, 1.0),
+            flip=address.number("flip", 0.0, 0.0, 1.0),
+            insert=address.number("insert", 0.0, 0.0, 1.0),
+            delay=address.number("delay", 0.0, 0.0, 1.0),
+            delay_time=address.number("delay_time", 0.05, 0.0, 3600.0),
+            duplicate=address.number("duplicate", 0.0, 0.0, 1.0),
+            cut=address.number("cut", 0.0, 0.0, 1.0),
+            unplug=address.integer("unplug", 0, 0, 10**15),
+        )
+
+
+class LineFaults:
+    """One direction of a bad line."""
+
+    def __init__(self, faults: Faults, seed: int | str = 0) -> None:
+        """Make the faults that `seed` gives."""
+        self._faults = faults
+        self._random = Random(seed)
+        self._passed = 0
+        self._last = -math.inf
+        # The chances of the three byte faults, none of which excludes another, put on one scale.
+        self._noise = 1 - (1 - faults.drop) * (1 - faults.flip) * (1 - faults.insert)
+        self._clean = self._clean_run()
+
+    @property
+    def unplugged(self) -> bool:
+        """Whether the line is lost for good."""
+        return 0 < self._faults.unplug <= self._passed
+
+    def apply(self, chunk: bytes, now: float) -> list[tuple[float, bytes]]:
+        """Return what becomes of `chunk`, sent at `now` seconds: pieces and when they arrive, in order."""
+        chunk = self._count(chunk)
+        if chunk and self._happens(self._faults.cut):
+            chunk = chunk[: self._random.randrange(len(chunk))]
+        if self._noise:
+            chunk = self._noisy(chunk)
+        if not chunk:
+            return []
+        if self._happens(self._faults.delay):
+            now += self._faults.delay_time
+        self._last = max(self._last, now)
+        return [(self._last, chunk)] * (2 if self._happens(self._faults.duplicate) else 1)
+
+    def _count(self, chunk: bytes) -> bytes:
+        if self._faults.unplug:
+            chunk = chunk[: self._faults.unplug - self._passed]
+        self._passed += len(chunk)
+        return chunk
+
+    def _happens(self, probability: float) -> bool:
+        return probability > 0 and self._random.random() < probability
+
+    def _clean_run(self) -> int:
+        """Draw how many bytes pass before the next byte fault, instead of drawing for each byte."""
+        if not 0 < self._noise < 1:
+            return 0
+        return int(math.log(1 - self._random.random()) / math.log1p(-self._noise))
+
+    def _noisy(self, chunk: bytes) -> bytes:
+        out = bytearray()
+        at = 0
+        while at + self._clean < len(chunk):
+            out += chunk[at : at + self._clean]
+            at += self._clean
+            self._damage(out, chunk[at])
+            at += 1
+            self._clean = self._clean_run()
+        self._clean -= len(chunk) - at
+        return bytes(out + chunk[at:])
+
+    def _damage(self, out: bytearray, byte: int) -> None:
+        """Append what becomes of a byte of which at least one fault is known to happen."""
+        faults = self._faults
+        draw = self._random.random() * self._noise
+        insert = draw < faults.insert
+        flip = self._happens(faults.flip) if insert else draw < faults.insert + (1 - faults.insert) * faults.flip
+        drop = self._happens(faults.drop) if insert or flip else True
+        if insert:
+            out.append(self._random.randrange(256))
+        if not drop:
+            out.append(byte ^ (1 << self._random.randrange(8)) if flip else byte)

@@ -1,0 +1,77 @@
+"""What transports that wrap a transport have in common."""
+
+from __future__ import annotations
+
+import asyncio
+
+from servolink.errors import ConnectionLost, OpenError
+from servolink.printable import printable
+from servolink.transports.base import Receiver, Transport
+
+
+class WrappedTransport:
+    """Passes everything through both ways, and can break the connection for a reason of its own."""
+
+    def __init__(self, inner: Transport) -> None:
+        """Wrap `inner`, which nobody else may use."""
+        self._inner = inner
+        self._receiver: Receiver | None = None
+        self._opened = False
+        self._ended = False
+        self._cause: Exception | None = None
+        self._breaking: asyncio.Task[None] | None = None
+
+    @property
+    def url(self) -> str:
+        """The address of the wrapped transport."""
+        return self._inner.url
+
+    async def open(self, receiver: Receiver) -> None:
+        """Open the wrapped transport."""
+        if self._receiver is not None or self._ended:
+            raise OpenError(f"{printable(self.url)}: a transport is opened once; make another")
+        self._receiver = receiver
+        await self._inner.open(self)
+        self._opened = True
+
+    async def send(self, data: bytes) -> None:
+        """Send all of `data`, or raise ConnectionLost."""
+        self._check_open()
+        await self._inner.send(data)
+
+    async def close(self) -> None:
+        """Close the wrapped transport."""
+        if self._breaking is not None:
+            await asyncio.shield(self._breaking)
+        await self._inner.close()
+        self._ended = True
+
+    def data(self, chunk: bytes, /) -> None:
+        """Take what the wrapped transport brings."""
+        self._deliver(chunk)
+
+    def lost(self, error: Exception | None, /) -> None:
+        """Take note that the wrapped transport has ended."""
+        self._end(error)
+
+    def _check_open(self) -> None:
+        if self._cause is not None:
+            raise ConnectionLost(*self._cause.args) from self._cause
+        if self._ended or not self._opened:
+            raise ConnectionLost(f"{printable(self.url)}: it is {'closed' if self._ended else 'not open yet'}")
+
+    def _deliver(self, chunk: bytes) -> None:
+        if self._receiver is not None and not self._ended:
+            self._receiver.data(chunk)
+
+    def _break(self, reason: str) -> None:
+        """Lose the connection now, and close the wrapped transport behind it."""
+        if not self._ended:
+            self._breaking = asyncio.ensure_future(self._inner.close())
+            self._end(ConnectionLost(f"{printable(self.url)}: the connection was lost: {reason}"))
+
+    def _end(self, error: Exception | None) -> None:
+        if not self._ended and self._receiver is not None:
+            self._ended = True
+            self._cause = error
+            self._receiver.lost(error)
