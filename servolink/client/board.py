@@ -70,7 +70,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         self._url = url
         self._codec = Codec(byte_order, caption_encoding)
         self._timeout, self._retries, self._window = timeout, retries, window
-        self._angle_unit = angle_unit
+        self._angle_unit: AngleUnit | None = angle_unit
         self._limits = MotionLimits(angle_limits, speed_cap)
         self._board: Board | None = None
 

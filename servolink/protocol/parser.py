@@ -54,7 +54,7 @@ class FrameParser:
 
     def __init__(self, byte_order: ByteOrder = "little", *, keep_skipped: bool = False) -> None:
         """With `keep_skipped` the skipped bytes themselves can be had from `take_skipped`."""
-        self.byte_order = byte_order
+        self.byte_order: ByteOrder = byte_order
         self.frames = 0
         """Frames believed so far."""
         self.skipped: dict[str, int] = dict.fromkeys((PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE), 0)
