@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from servolink.errors import OpenError
+from servolink.errors import OpenError, TransportUnavailable
 from servolink.printable import printable
 from servolink.transports.address import Address
 from servolink.virtual.bridge import Connect, bridge
@@ -15,12 +15,12 @@ _HIGHEST_PORT = 65535
 
 
 def host_and_port(text: str) -> tuple[str, int]:
-    """Split `HOST:PORT`; port 0 means any free one; ValueError says what is wrong."""
+    """Split `HOST:PORT`; port 0 means any free one; TransportUnavailable says what is wrong."""
     address = Address.parse(f"tcp://{text}")
     if not address.host or address.path or address.options or not address.port.isdecimal():
-        raise ValueError(f"{printable(text)!r} is not HOST:PORT, as in 127.0.0.1:0")
+        raise TransportUnavailable(f"{printable(text)!r} is not HOST:PORT, as in 127.0.0.1:0")
     if int(address.port) > _HIGHEST_PORT:
-        raise ValueError(f"port {address.port} is outside 0..{_HIGHEST_PORT}")
+        raise TransportUnavailable(f"port {address.port} is outside 0..{_HIGHEST_PORT}")
     return address.host, int(address.port)
 
 

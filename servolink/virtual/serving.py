@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
+from itertools import count
 
 from servolink.transports.base import Transport
+from servolink.transports.faults import Faults
+from servolink.transports.faulty import FaultyTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.network import host_and_port, serve_network
 from servolink.virtual.pacemaker import Pacemaker
@@ -14,14 +17,19 @@ from servolink.virtual.transport import VirtualTransport
 
 
 @asynccontextmanager
-async def serve(board: VirtualBoard, *, pty: bool = False, tcp: str | None = None) -> AsyncIterator[list[str]]:
+async def serve(
+    board: VirtualBoard, *, pty: bool = False, tcp: str | None = None, faults: Faults | None = None, seed: int = 0
+) -> AsyncIterator[list[str]]:
     """Serve `board` over a pseudo-terminal, at `HOST:PORT`, or both, and give the URLs in this order.
 
-    TransportUnavailable where there are no pseudo-terminals, OpenError if the port cannot be had.
+    Each connection draws its own `faults` from `seed`. TransportUnavailable where there are no
+    pseudo-terminals, OpenError if the port cannot be had.
     """
+    seeds = count(seed)
 
     def connect() -> Transport:
-        return VirtualTransport(board)
+        line = VirtualTransport(board)
+        return line if faults is None else FaultyTransport(line, faults, seed=next(seeds))
 
     async with AsyncExitStack() as stack:
         stack.callback(Pacemaker(board).stop)

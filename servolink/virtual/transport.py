@@ -9,33 +9,40 @@ from servolink.errors import ConnectionLost, OpenError
 from servolink.printable import printable
 from servolink.protocol.codec import Codec
 from servolink.transports.address import Address
-from servolink.transports.base import Receiver, Transport
+from servolink.transports.base import Receiver
+from servolink.transports.faults import Faults
+from servolink.transports.faulty import FaultyTransport
 from servolink.virtual.board import MEMORY, MOST_SERVOS, Session, VirtualBoard
 from servolink.virtual.pacemaker import Pacemaker
+from servolink.virtual.state import load_state, save_state
 
 
-def from_address(address: Address) -> Transport:
-    """Make a board of its own for `virtual://?servos=16&seed=1&...`."""
-    transport = VirtualTransport(
-        VirtualBoard(
-            servos=address.integer("servos", 16, 0, MOST_SERVOS),
-            seed=address.integer("seed", 0, 0, 2**63 - 1),
-            codec=Codec("big" if address.choice("byte_order", "little", ("little", "big")) == "big" else "little"),
-            memory=address.integer("memory", MEMORY, 0, 2**31 - 1),
-        ),
-        address.url,
+def from_address(address: Address) -> VirtualTransport | FaultyVirtualTransport:
+    """Make a board of its own for `virtual://?servos=16&seed=1&drop=0.01&state=FILE...`."""
+    if address.host or address.port or address.path.strip("/"):
+        raise address.refusal("a virtual board has no place, only options: virtual://?servos=16")
+    seed = address.integer("seed", 0, 0, 2**63 - 1)
+    board = VirtualBoard(
+        servos=address.integer("servos", 16, 0, MOST_SERVOS),
+        seed=seed,
+        codec=Codec("big" if address.choice("byte_order", "little", ("little", "big")) == "big" else "little"),
+        memory=address.integer("memory", MEMORY, 0, 2**31 - 1),
     )
+    state = address.text("state", "")
+    faults = Faults.from_address(address)
     address.refuse_unknown()
-    return transport
+    transport = VirtualTransport(board, address.url, Path(state) if state else None)
+    return transport if faults == Faults() else FaultyVirtualTransport(transport, faults, seed=seed)
 
 
 class VirtualTransport:
     """A connection to a board in this program; any number of them may lead to one board."""
 
-    def __init__(self, board: VirtualBoard, url: str = "virtual://") -> None:
-        """Lead to `board`; `url` is what errors call it."""
+    def __init__(self, board: VirtualBoard, url: str = "virtual://", state: Path | None = None) -> None:
+        """Lead to `board`; `url` is what errors call it; `state` is a file to load on opening and save on closing."""
         self.board = board
         self._url = url
+        self._state = state
         self._receiver: Receiver | None = None
         self._session: Session | None = None
         self._pacemaker: Pacemaker | None = None
@@ -48,9 +55,11 @@ class VirtualTransport:
         return self._url
 
     async def open(self, receiver: Receiver) -> None:
-        """Attach to the board; OpenError if this transport was opened before."""
+        """Attach to the board; OpenError if this transport was opened before or its file is no state."""
         if self._spent:
             raise OpenError(f"{printable(self.url)}: a transport is opened once; make another")
+        if self._state is not None:
+            load_state(self.board, self._state)
         self._spent = True
         self._receiver = receiver
         self._session = self.board.attach(self._hear)
@@ -63,9 +72,12 @@ class VirtualTransport:
         self._session.receive(data, asyncio.get_running_loop().time())
 
     async def close(self) -> None:
-        """Detach from the board."""
-        self._end(None)
+        """Detach from the board; OSError if its state cannot be saved."""
+        attached = self._session is not None
         self._spent = True
+        self._end(None)
+        if attached and self._state is not None:
+            save_state(self.board, self._state)
 
     def _hear(self, data: bytes) -> None:
         # Never from within send(): a real board cannot answer before its caller has finished writing.
@@ -96,3 +108,12 @@ class VirtualTransport:
             error = ConnectionLost(f"{printable(self.url)}: the receiver failed: {printable(str(cause))}")
             error.__cause__ = cause
             receiver.lost(error)
+
+
+class FaultyVirtualTransport(FaultyTransport):
+    """A bad line to a board in this program."""
+
+    def __init__(self, inner: VirtualTransport, faults: Faults, *, seed: int) -> None:
+        """Wrap `inner`."""
+        super().__init__(inner, faults, seed=seed)
+        self.board = inner.board

@@ -1,0 +1,174 @@
+"""`servolink virtual`: a virtual board for other programs, until Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from servolink.cli.main import OK
+from servolink.errors import TransportUnavailable
+from servolink.printable import printable
+from servolink.protocol.codec import Codec
+from servolink.transports.faults import Faults
+from servolink.virtual.board import MEMORY, MOST_SERVOS, VirtualBoard
+from servolink.virtual.keys import HELP, Keys
+from servolink.virtual.network import host_and_port
+from servolink.virtual.script import ButtonChange, parse_script
+from servolink.virtual.serving import serve
+from servolink.virtual.state import load_state, save_state
+from servolink.virtual.terminal import AVAILABLE
+
+_MOST_MEMORY = 2**31 - 1
+
+
+def configure(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink virtual`."""
+    parser.add_argument(
+        "--pty", action="store_true", help="serve a pseudo-terminal (what is done when nothing is said)"
+    )
+    parser.add_argument("--tcp", metavar="HOST:PORT", type=_listening, help="serve TCP; port 0 takes a free one")
+    parser.add_argument("--servos", type=_number(0, MOST_SERVOS), default=16, metavar="N", help="how many servos (16)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="makes small differences repeat (0)")
+    parser.add_argument(
+        "--memory",
+        type=_number(0, _MOST_MEMORY),
+        default=MEMORY,
+        metavar="BYTES",
+        help=f"for what is stored ({MEMORY})",
+    )
+    parser.add_argument(
+        "--faults", type=_faults, metavar="NAME=VALUE,...", help="a bad line: drop=0.01,delay=0.1 and more"
+    )
+    parser.add_argument(
+        "--state", type=Path, metavar="FILE", help="load what is stored from it, and save it at the end"
+    )
+    parser.add_argument(
+        "--script", type=_script, default=[], metavar="FILE", help="button presses, such as: 1.5 press 3"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until Ctrl-C or SIGTERM."""
+    board = VirtualBoard(args.servos, args.seed, Codec(args.byte_order), args.memory)
+    if args.state:
+        load_state(board, args.state)
+    try:
+        asyncio.run(_serve(board, args))
+    finally:
+        if args.state:
+            save_state(board, args.state)
+    return OK
+
+
+async def _serve(board: VirtualBoard, args: argparse.Namespace) -> None:
+    stop = _stop_on_signals()
+    pty = args.pty or (AVAILABLE and args.tcp is None)
+    tcp = args.tcp or (None if pty else "127.0.0.1:0")
+    async with serve(board, pty=pty, tcp=tcp, faults=args.faults, seed=args.seed) as urls:
+        for url in urls:
+            print(json.dumps({"listening": url}) if args.json else f"listening {url}", flush=True)
+        with _playing(board, args.script), _keyboard(board):
+            await stop.wait()
+
+
+def _stop_on_signals() -> asyncio.Event:
+    """Return the event that Ctrl-C, SIGTERM and a closed terminal set."""
+    loop, stop = asyncio.get_running_loop(), asyncio.Event()
+    if sys.platform == "win32":
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: loop.call_soon_threadsafe(stop.set))
+    else:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            loop.add_signal_handler(number, stop.set)
+    return stop
+
+
+@contextmanager
+def _playing(board: VirtualBoard, changes: Iterable[ButtonChange]) -> Iterator[None]:
+    """Let button changes happen, counted from now."""
+    loop = asyncio.get_running_loop()
+    start = loop.time()
+    timers = [loop.call_at(start + change.at, _change, board, change) for change in changes]
+    try:
+        yield
+    finally:
+        for timer in timers:
+            timer.cancel()
+
+
+def _change(board: VirtualBoard, change: ButtonChange) -> None:
+    act = board.press_button if change.down else board.release_button
+    act(change.button_id, asyncio.get_running_loop().time())
+
+
+@contextmanager
+def _keyboard(board: VirtualBoard) -> Iterator[None]:
+    """Let keys press buttons while standard input is a terminal that is ours."""
+    if sys.platform == "win32" or sys.stdin is None or not sys.stdin.isatty():
+        yield
+        return
+    import termios
+    import tty
+
+    loop, keys, descriptor = asyncio.get_running_loop(), Keys(), sys.stdin.fileno()
+    if os.tcgetpgrp(descriptor) != os.getpgrp():
+        yield  # in the background, where touching the terminal would stop us
+        return
+
+    def read() -> None:
+        try:
+            typed = os.read(descriptor, 1024)
+        except OSError:
+            typed = b""
+        if not typed:  # the terminal is gone
+            loop.remove_reader(descriptor)
+        for change in keys.typed(typed.decode(errors="replace")):
+            loop.call_later(change.at, _change, board, change)
+
+    before = termios.tcgetattr(descriptor)
+    tty.setcbreak(descriptor)
+    loop.add_reader(descriptor, read)
+    print(HELP, file=sys.stderr, flush=True)
+    try:
+        yield
+    finally:
+        loop.remove_reader(descriptor)
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+def _number(low: int, high: int) -> Callable[[str], int]:
+    def number(text: str) -> int:
+        if not text.isdecimal() or not low <= int(text) <= high:
+            raise argparse.ArgumentTypeError(f"{text!r} is no whole number from {low} to {high}")
+        return int(text)
+
+    return number
+
+
+def _listening(text: str) -> str:
+    try:
+        host_and_port(text)
+    except TransportUnavailable as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
+
+
+def _faults(text: str) -> Faults:
+    try:
+        return Faults.parse(text)
+    except TransportUnavailable as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _script(text: str) -> list[ButtonChange]:
+    try:
+        return parse_script(Path(text).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise argparse.ArgumentTypeError(f"{printable(text)}: {printable(str(error))}") from None
