@@ -17,8 +17,7 @@ _KEPT_BYTES = re.compile("([\udc00-\udcff]+)")
 
 def _keep_bytes(error: UnicodeError) -> tuple[str, int]:
     """Map each byte that is no text to U+DC00 + byte: `surrogateescape`, but for every encoding and byte."""
-    if not isinstance(error, UnicodeDecodeError):
-        raise error
+    assert isinstance(error, UnicodeDecodeError)  # noqa: S101 - narrows the type; only decoding uses it
     return "".join(chr(0xDC00 + byte) for byte in error.object[error.start : error.end]), error.end
 
 

@@ -1,0 +1,43 @@
+"""What a stream made to hurt costs for each of its bytes: as much in a long stream as in a short one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from statistics import median
+
+from benchmarks.measuring import Result, table, timed
+from benchmarks.streams import chunks, hostile
+from servolink.protocol.parser import FrameParser
+
+SIZES = (128 * 1024, 512 * 1024)
+_LIMIT = 2.0  # a cost that grows with the stream would be four times as high in the longer one
+
+
+def run(*, short: bool) -> Result:
+    """Measure both sizes in 4 KiB chunks; a cost per byte that doubles is a failure."""
+    cases, failed = [], []
+    for (name, small), (_, big) in zip(hostile(SIZES[0]), hostile(SIZES[1]), strict=True):
+        costs = [
+            median(timed(_feeding(stream)) for _ in range(1 if short else 3)) / len(stream) for stream in (small, big)
+        ]
+        cases.append({"stream": name, "ns_per_byte": costs})
+        if costs[1] > _LIMIT * costs[0]:
+            failed.append(f"{name}: {costs[0]:.0f} ns per byte became {costs[1]:.0f}")
+    table(
+        "hostile streams, ns per byte",
+        ("stream", "128 KB", "512 KB"),
+        [(case["stream"], *(f"{cost:.1f}" for cost in case["ns_per_byte"])) for case in cases],
+    )
+    return {"cases": cases, "failed": failed}
+
+
+def _feeding(stream: bytes) -> Callable[[], None]:
+    pieces = chunks(stream, 4096)
+
+    def feed() -> None:
+        parser = FrameParser()
+        for piece in pieces:
+            parser.feed(piece)
+        parser.finish()
+
+    return feed
