@@ -38,13 +38,13 @@ class Subscription:
         self._subscribed = False
         self._changing = asyncio.Lock()
         self._leaving: set[asyncio.Task[None]] = set()
-        link.on_event = self._deliver
-        link.on_lost = self._end
+        link.answers.on_event = self._deliver
+        link.answers.on_end = self._end
 
     async def join(self, queue: _Queue) -> None:
         """Deliver to `queue` from now on; Rejected or ConnectionLost if the board does not."""
-        if self._link.ended is not None:
-            raise same(self._link.ended)
+        if self._link.answers.ended is not None:
+            raise same(self._link.answers.ended)
         self._queues.add(queue)
         try:
             await self._settle()
@@ -82,7 +82,7 @@ class Subscription:
     async def _settle(self) -> None:
         async with self._changing:
             wanted = bool(self._queues)
-            if wanted == self._subscribed or self._link.ended is not None:
+            if wanted == self._subscribed or self._link.answers.ended is not None:
                 return
             self._subscribed = False  # until proven: after an unanswered request the next reader asks again
             request = SubscribeButtonEventRequest(subscribe=int(wanted))
@@ -99,7 +99,7 @@ class Subscription:
             queue.events.append(event)
             queue.news.set()
 
-    def _end(self, error: ConnectionLost | None) -> None:
+    def _end(self, error: ConnectionLost) -> None:
         for queue in self._queues:
             queue.error = error
             queue.ended = True
