@@ -29,6 +29,7 @@ class RecordingTransport(WrappedTransport):
 
     async def open(self, receiver: Receiver) -> None:
         """Make the file, then open the wrapped transport; a file that is there already is an OpenError."""
+        self._check_unused()
         try:
             self._file = self._path.open("x", encoding="ascii", buffering=1)
         except FileExistsError as error:

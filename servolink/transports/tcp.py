@@ -13,6 +13,9 @@ from servolink.transports.stream import StreamTransport
 # Where the system lets us choose: a peer that is silently gone is noticed after 10 + 3 * 5 s.
 _KEEPALIVE = {"TCP_KEEPIDLE": 10, "TCP_KEEPINTVL": 5, "TCP_KEEPCNT": 3}
 
+# A system left alone takes megabytes ahead, then nothing for long: a slow line would look like a dead one.
+_SEND_BUFFER = 65536
+
 
 class TcpTransport(StreamTransport):
     """A TCP connection without Nagle's delay and with keepalive."""
@@ -49,6 +52,7 @@ class TcpTransport(StreamTransport):
     def _tune(connection: socket.socket) -> None:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         for name, value in _KEEPALIVE.items():
             if hasattr(socket, name):
                 connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)

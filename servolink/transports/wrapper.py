@@ -28,8 +28,7 @@ class WrappedTransport:
 
     async def open(self, receiver: Receiver) -> None:
         """Open the wrapped transport."""
-        if self._receiver is not None or self._ended:
-            raise OpenError(f"{printable(self.url)}: a transport is opened once; make another")
+        self._check_unused()
         self._receiver = receiver
         await self._inner.open(self)
         self._opened = True
@@ -53,6 +52,10 @@ class WrappedTransport:
     def lost(self, error: Exception | None, /) -> None:
         """Take note that the wrapped transport has ended."""
         self._end(error)
+
+    def _check_unused(self) -> None:
+        if self._receiver is not None or self._ended:
+            raise OpenError(f"{printable(self.url)}: a transport is opened once; make another")
 
     def _check_open(self) -> None:
         if self._cause is not None:

@@ -1,0 +1,248 @@
+"""Transports with their far end in the test's hand, for the contract every transport must keep.
+
+A new kind of transport joins the contract as one more entry of `WIRES`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import os
+import socket
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from types import TracebackType
+from typing import Any, ParamSpec, Self
+
+from servolink.transports.base import Transport
+from servolink.transports.faults import Faults
+from servolink.transports.faulty import FaultyTransport
+from servolink.transports.memory import MemoryTransport
+from servolink.transports.recording import RecordingTransport
+from servolink.transports.registry import create
+
+P = ParamSpec("P")
+FLOOD = 1_000_000  # bytes: more than any system takes while the far end does not read
+LIMIT = 20.0  # seconds after which a test of real I/O has failed
+
+
+def on_loop(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
+    """Run a coroutine test on a loop of its own, and fail if it hangs or leaves a task behind."""
+
+    @functools.wraps(test)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        async def guarded() -> None:
+            async with asyncio.timeout(LIMIT):
+                await test(*args, **kwargs)
+            await asyncio.sleep(0)
+            left = asyncio.all_tasks() - {asyncio.current_task()}
+            assert not left, f"tasks left behind: {left}"
+
+        asyncio.run(guarded())
+
+    return run
+
+
+class Ear:
+    """A receiver that remembers."""
+
+    def __init__(self) -> None:
+        self.heard = bytearray()
+        self.losses: list[Exception | None] = []
+        self.threads: set[int] = set()
+        self._news = asyncio.Event()
+
+    def data(self, chunk: bytes, /) -> None:
+        assert not self.losses, "data after the end"
+        self.threads.add(threading.get_ident())
+        self.heard += chunk
+        self._news.set()
+
+    def lost(self, error: Exception | None, /) -> None:
+        self.threads.add(threading.get_ident())
+        self.losses.append(error)
+        self._news.set()
+
+    async def hear(self, size: int) -> bytearray:
+        while len(self.heard) < size:
+            await self._next()
+        return self.heard
+
+    async def end(self) -> Exception | None:
+        while not self.losses:
+            await self._next()
+        return self.losses[0]
+
+    async def _next(self) -> None:
+        self._news.clear()
+        await self._news.wait()
+
+
+class Wire(ABC):
+    """A transport, the receiver it is opened with, and the far end."""
+
+    presses_back = True  # whether a far end that does not read makes the sender wait
+    transport: Transport
+
+    def __init__(self, wrap: Callable[[Transport], Transport] = lambda inner: inner) -> None:
+        self.wrap = wrap
+        self.ear = Ear()
+        self.far = Ear()
+
+    async def __aenter__(self) -> Self:
+        self.transport = self.wrap(await self.start())
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.transport.close()
+        await self.vanish()
+
+    async def open(self) -> Ear:
+        await self.transport.open(self.ear)
+        return self.ear
+
+    @abstractmethod
+    async def start(self) -> Transport:
+        """Set up the far end and make the transport that leads to it."""
+
+    @abstractmethod
+    async def say(self, data: bytes) -> None:
+        """Send from the far end."""
+
+    @abstractmethod
+    async def vanish(self) -> None:
+        """Take the far end away; may be called again."""
+
+    @abstractmethod
+    def deafen(self) -> None:
+        """Make the far end stop reading."""
+
+    @abstractmethod
+    def listen(self) -> None:
+        """Make the far end read again."""
+
+
+class PtyWire(Wire):
+    """The serial transport on one end of a pseudo-terminal."""
+
+    async def start(self) -> Transport:
+        self._loop = asyncio.get_running_loop()
+        self._master, self._slave = os.openpty()
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+        self._there = True
+        # Not before the transport has made the line raw: until then it echoes.
+        self.listen()
+        return create(self.path)
+
+    async def say(self, data: bytes) -> None:
+        while data:
+            try:
+                data = data[os.write(self._master, data) :]
+            except BlockingIOError:
+                writable = asyncio.Event()
+                self._loop.add_writer(self._master, writable.set)
+                await writable.wait()
+                self._loop.remove_writer(self._master)
+
+    async def vanish(self) -> None:
+        if self._there:
+            self._there = False
+            self.deafen()
+            os.close(self._slave)
+            os.close(self._master)
+
+    def deafen(self) -> None:
+        self._loop.remove_reader(self._master)
+
+    def listen(self) -> None:
+        self._loop.add_reader(self._master, lambda: self.far.data(os.read(self._master, 65536)))
+
+
+class TcpWire(Wire, asyncio.Protocol):
+    """The TCP transport, and a server with a small receive buffer."""
+
+    _connection: asyncio.Transport | None = None
+
+    async def start(self) -> Transport:
+        self._accepted = asyncio.Event()
+        listener = socket.socket()
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16384)
+        listener.bind(("127.0.0.1", 0))
+        self._server = await asyncio.get_running_loop().create_server(lambda: self, sock=listener)
+        return create(f"tcp://127.0.0.1:{listener.getsockname()[1]}")
+
+    async def open(self) -> Ear:
+        ear = await super().open()
+        await self._accepted.wait()
+        return ear
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._connection = transport
+        self._accepted.set()
+
+    def data_received(self, data: bytes) -> None:
+        self.far.data(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self.far.lost(exc)
+
+    async def say(self, data: bytes) -> None:
+        assert self._connection is not None
+        self._connection.write(data)
+
+    async def vanish(self) -> None:
+        if self._connection is not None:
+            self._connection.abort()
+            await self.far.end()
+        self._server.close()
+        await self._server.wait_closed()
+
+    def deafen(self) -> None:
+        assert self._connection is not None
+        self._connection.pause_reading()
+
+    def listen(self) -> None:
+        assert self._connection is not None
+        self._connection.resume_reading()
+
+
+class MemoryWire(Wire):
+    """One end of a pair, and the other."""
+
+    presses_back = False
+
+    async def start(self) -> Transport:
+        near, self._other = MemoryTransport.pair()
+        await self._other.open(self.far)
+        return near
+
+    async def say(self, data: bytes) -> None:
+        await self._other.send(data)
+
+    async def vanish(self) -> None:
+        await self._other.close()
+
+    def deafen(self) -> None:
+        """Memory always takes all."""
+
+    def listen(self) -> None:
+        """Memory always takes all."""
+
+
+WIRES: dict[str, Callable[[Path], Wire]] = {
+    "serial": lambda _: PtyWire(),
+    "tcp": lambda _: TcpWire(),
+    "memory": lambda _: MemoryWire(),
+    "faulty": lambda _: TcpWire(lambda inner: FaultyTransport(inner, Faults())),
+    "recording": lambda folder: PtyWire(lambda inner: RecordingTransport(inner, _fresh(folder))),
+}
+
+
+def _fresh(folder: Path) -> Path:
+    return folder / f"{len(list(folder.iterdir()))}.jsonl"
