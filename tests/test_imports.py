@@ -1,0 +1,146 @@
+"""Imports go one way, and what promises to have no clock and no input or output imports neither."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import servolink
+
+PACKAGE = Path(__file__).parents[1] / "servolink"
+MODULES = {
+    ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in sorted(PACKAGE.rglob("*.py"))
+}
+
+MAY_IMPORT = {
+    "errors": set[str](),
+    "printable": set[str](),
+    "protocol": {"errors", "printable"},
+    "transports": {"errors", "printable"},
+    "virtual": {"errors", "printable", "protocol", "transports"},
+    "client": {"errors", "printable", "protocol", "transports"},
+    "cli": {"errors", "printable", "protocol", "transports", "virtual", "client"},
+    "__main__": {"cli"},
+}
+"""What each part of the package may import besides itself; the public names in `servolink` come on top."""
+PUBLIC_NAMES_FROM = {"errors", "protocol", "client"}
+"""Where the names of `import servolink` come from: a program that only talks to a board loads no more."""
+
+OUTSIDE_WORLD = {
+    "asyncio",
+    "datetime",
+    "logging",
+    "multiprocessing",
+    "random",
+    "select",
+    "selectors",
+    "serial",
+    "signal",
+    "socket",
+    "subprocess",
+    "threading",
+    "time",
+}
+"""What a part that is told bytes and times, and tells bytes, has no use for."""
+SERVING = {"bridge", "network", "pacemaker", "serving", "terminal", "transport"}
+"""The files of `virtual` that connect the board to the world; the others are the board."""
+
+
+def part_of(module: str) -> str:
+    """Return the part of the package that `module` belongs to, empty for the package itself."""
+    return module.split(".")[1] if "." in module else ""
+
+
+def imported(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield module and name of each import in a file, those inside functions too."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, "") for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}:{node.lineno}: write imports in full"
+            yield from ((node.module or "", alias.name) for alias in node.names)
+
+
+def is_told_everything(module: str) -> bool:
+    """Tell whether `module` gets bytes and times from outside and has no way to them itself."""
+    return part_of(module) == "protocol" or (
+        part_of(module) == "virtual" and module.rpartition(".")[2] not in {*SERVING, "virtual"}
+    )
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_parts_import_only_what_lies_below_them(module: str) -> None:
+    part = part_of(module)
+    allowed = MAY_IMPORT[part] | {part} if part else PUBLIC_NAMES_FROM
+    inside = {
+        part_of(f"{source}.{name}" if source == "servolink" else source)
+        for source, name in imported(MODULES[module])
+        if source.partition(".")[0] == "servolink"
+    }
+    if part in {"cli", "__main__"}:
+        inside -= {"", *servolink.__all__}  # commands may use what every program may
+    assert inside <= allowed
+
+
+def test_every_part_has_its_rule() -> None:
+    assert {part_of(module) for module in MODULES} - {""} == set(MAY_IMPORT)
+
+
+def test_every_serving_file_is_there() -> None:
+    assert {f"servolink.virtual.{name}" for name in SERVING} <= set(MODULES)
+
+
+@pytest.mark.parametrize("module", [module for module in MODULES if is_told_everything(module)])
+def test_protocol_and_virtual_board_are_told_bytes_and_times(module: str) -> None:
+    world = {(source, name) for source, name in imported(MODULES[module]) if source.partition(".")[0] in OUTSIDE_WORLD}
+    if part_of(module) == "virtual":
+        world.discard(("random", "Random"))  # with a seed, as the next test sees to
+    assert not world
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_chance_has_a_seed(module: str) -> None:
+    tree = ast.parse(MODULES[module].read_text(encoding="utf-8"))
+    calls = [
+        node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("Random")
+    ]
+    assert {name for source, name in imported(MODULES[module]) if source == "random"} <= {"Random"}
+    assert all(call.args for call in calls)
+
+
+IMPORT_EACH = """
+import importlib, json, sys, types
+
+path, failures = sys.argv[1], {}
+for module in json.loads(sys.argv[2]):
+    for loaded in [name for name in sys.modules if name.partition(".")[0] == "servolink"]:
+        del sys.modules[loaded]
+    package = types.ModuleType("servolink")
+    package.__path__ = [path]
+    sys.modules["servolink"] = package
+    try:
+        importlib.import_module(module)
+    except Exception as error:
+        failures[module] = repr(error)
+print(json.dumps(failures))
+"""
+"""Imports each module first of all, with an empty package around it that has imported nothing yet."""
+
+
+def test_every_module_can_be_imported_first() -> None:
+    modules = [module for module in MODULES if "." in module and not module.endswith("__main__")]
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORT_EACH, str(PACKAGE), json.dumps(modules)],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=50,
+    )
+    assert json.loads(done.stdout) == {}
