@@ -58,7 +58,7 @@ class LineFaults:
     def __init__(self, faults: Faults, seed: int | str = 0) -> None:
         """Make the faults that `seed` gives."""
         self._faults = faults
-        self._random = Random(seed)
+        self._random = Random(seed)  # noqa: S311 - to be repeated, not secret
         self._passed = 0
         self._last = -math.inf
         # The chances of the three byte faults, none of which excludes another, put on one scale.

@@ -88,7 +88,7 @@ class MemoryTransport:
             return
         try:
             self._receiver.data(self._coming.popleft())
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - whatever the bug is
             self._lose(f"the receiver failed: {printable(str(error))}")
 
     def _lose_soon(self, why: str) -> None:

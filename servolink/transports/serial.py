@@ -111,7 +111,7 @@ def _reason(device: str, error: Exception) -> str:
     if code in _ABSENT or "FileNotFoundError" in text:
         return f"there is no {shown}; plug the board in and switch it on; {_present()}"
     if code in _BUSY or "PermissionError" in text:
-        return f"{shown} is in use; close the other program that has it (another servolink, a serial monitor, ModemManager)"
+        return f"{shown} is in use; close the program that has it (another servolink, a serial monitor, ModemManager)"
     if code in _FORBIDDEN:
         return (
             f"no permission for {shown}; on Linux join its group, `sudo usermod -aG dialout $USER` "

@@ -49,7 +49,7 @@ class StreamTransport(asyncio.Protocol, ABC):
             raise OpenError(f"{printable(self.url)}: a transport is opened once; make another")
         self._receiver = receiver
         pipe = await self._connect()
-        if self._closing or self._gone.is_set():
+        if self._gone.is_set():
             pipe.abort()
             raise OpenError(f"{printable(self.url)}: it was closed while being opened; try again")
         pipe.set_write_buffer_limits(high=0)  # so that resume_writing means: all has been taken
@@ -74,12 +74,13 @@ class StreamTransport(asyncio.Protocol, ABC):
         """Free the port within 1 s; what was sent gets half of it to leave."""
         self._closing = True
         if self._pipe is None:
+            self._gone.set()
             return
         loop = asyncio.get_running_loop()
         deadline = loop.time() + _DRAIN_LIMIT
         try:
-            while self._cause is None and not self._gone.is_set() and self._unsent() and loop.time() < deadline:
-                await asyncio.sleep(_DRAIN_STEP)
+            while self._cause is None and not self._gone.is_set() and self._unsent() and loop.time() < deadline:  # noqa: ASYNC110
+                await asyncio.sleep(_DRAIN_STEP)  # a serial port does not tell when its last byte has left
         finally:
             self._abort()
         await self._gone.wait()
@@ -90,7 +91,7 @@ class StreamTransport(asyncio.Protocol, ABC):
             return
         try:
             self._receiver.data(data)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - whatever the bug is
             self._end(error)
 
     def eof_received(self) -> None:

@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from wires import FLOOD, WIRES, Ear, Wire, on_loop
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.transports import stream
 from servolink.transports.base import Transport
 from servolink.transports.registry import create
+from tests.transports.wires import FLOOD, WIRES, Ear, Wire, on_loop
 
 pytestmark = pytest.mark.timeout(60)
 FRAME = bytes.fromhex("134c051d2f2700009e")
@@ -169,6 +169,8 @@ async def test_a_slow_reader_is_no_stall(make: Callable[[], Wire], monkeypatch: 
     monkeypatch.setattr(stream, "_STALL_STEP", 0.02)
     async with make() as wire:
         ear = await wire.open()
+        if not wire.presses_back:
+            pytest.skip("memory takes every byte")
         wire.deafen()
         sending = asyncio.ensure_future(wire.transport.send(bytes(FLOOD)))
         for _ in range(8):  # a bit every 0.06 s: in all far longer than the limit
@@ -320,4 +322,4 @@ async def test_the_virtual_board_keeps_the_rules_of_opening_and_closing() -> Non
 
 
 def _open_files() -> int:
-    return len(os.listdir("/dev/fd"))
+    return len(list(Path("/dev/fd").iterdir()))
