@@ -1,0 +1,65 @@
+"""The public names, which `servolink` itself offers."""
+
+from servolink.client.angles import Adc, Angle, Degrees
+from servolink.client.board import Board, connect
+from servolink.client.events import ButtonEvent, ButtonEvents
+from servolink.client.servos import Servo
+from servolink.client.stats import Stats
+from servolink.errors import (
+    ConnectionLost,
+    DecodeError,
+    EncodeError,
+    NotFound,
+    OpenError,
+    OutcomeUnknown,
+    PacketError,
+    Rejected,
+    RequestError,
+    RequestTimeout,
+    ServolinkError,
+    TransportError,
+    TransportUnavailable,
+)
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import Action, ActionEntry, Macro, MacroCommand, MacroEntry, ServoParameter
+from servolink.protocol.joystick import Button, JoystickTable, JoystickTableEntry
+from servolink.protocol.parser import FrameParser
+from servolink.protocol.servos import ALL_SERVOS, Step
+
+__all__ = [
+    "ALL_SERVOS",
+    "Action",
+    "ActionEntry",
+    "Adc",
+    "Angle",
+    "Board",
+    "Button",
+    "ButtonEvent",
+    "ButtonEvents",
+    "Codec",
+    "ConnectionLost",
+    "DecodeError",
+    "Degrees",
+    "EncodeError",
+    "FrameParser",
+    "JoystickTable",
+    "JoystickTableEntry",
+    "Macro",
+    "MacroCommand",
+    "MacroEntry",
+    "NotFound",
+    "OpenError",
+    "OutcomeUnknown",
+    "PacketError",
+    "Rejected",
+    "RequestError",
+    "RequestTimeout",
+    "Servo",
+    "ServoParameter",
+    "ServolinkError",
+    "Stats",
+    "Step",
+    "TransportError",
+    "TransportUnavailable",
+    "connect",
+]
