@@ -84,9 +84,9 @@ class VirtualBoard:
         while (due := self._due()) is not None and due <= now:
             self._buttons.advance(due)
             self.player.advance(due, now)
-        self._drain(max(0.0, now - self._now))
         for servo in self.servos.values():
             servo.advance(now)
+        self._drain(max(0.0, now - self._now))
         self._now = max(self._now, now)
 
     def next_due(self, now: float) -> float | None:
