@@ -6,6 +6,7 @@ of the link ends a sending, never the task that waits for it: a cancelled reques
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 
 from servolink.client.deadlines import Deadlines
@@ -37,6 +38,8 @@ class Answers:
         self._lanes = lanes
         self._turns = turns
         self._now = now
+        self._silent_since: float | None = None
+        self._next_answer: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._parser = FrameParser(codec.byte_order)
         self.stats.skipped = self._parser.skipped
         self._deadlines = Deadlines(self._expire, lambda: self.stats.bytes_received)
@@ -58,14 +61,26 @@ class Answers:
     def expect(self, lane: Lane, pending: Pending) -> None:
         """Wait for an answer on `lane`, from before its request is written."""
         lane.pending = pending
+        if self._silent_since is None:
+            self._silent_since = pending.sent_at
         self._deadlines.arm(pending.deadline)
 
-    def overtake(self, lane: Lane) -> None:
-        """Let a sending on `lane` go before everything: what waits there is over, and its outcome unknown."""
+    def overtake(self, lane: Lane, sending: Pending) -> None:
+        """Let `sending` go before everything: what waits on `lane` is over, and its outcome unknown."""
         if (pending := lane.pending) is not None:
             self._over(lane, pending)
             _fail(pending, overtaken(pending.request))
-        lane.dirty = self._lanes.next_number()
+        lane.owed = sending
+
+    def next_answer(self) -> asyncio.Future[None]:
+        """Return a future that is done at the next answer to any sending, late or not, and when the link ends."""
+        if self._next_answer.done():
+            self._next_answer = self._next_answer.get_loop().create_future()
+        return self._next_answer
+
+    def silent_for(self) -> float:
+        """Return for how long, in seconds, the board has been asked without answering anything."""
+        return 0.0 if self._silent_since is None else self._now() - self._silent_since
 
     def end(self, error: ConnectionLost) -> None:
         """End the link: the first cause reaches everyone who waits."""
@@ -77,6 +92,7 @@ class Answers:
             lane.pending = None
             _fail(pending, same(error))
         self._turns.refuse_all(lambda: same(error))
+        self._wake()
         self.on_end(error)
 
     # --- one frame ----------------------------------------------------------------------------------------------
@@ -85,17 +101,10 @@ class Answers:
         self.stats.frames_received += 1
         packet_id, content = frame
         lane = self._lanes.by_response_id.get(packet_id)
-        if lane is None and packet_id != ButtonEventResponse.packet_id:
+        wanted = lane is not None and (lane.pending or lane.owed)
+        if not wanted and packet_id != ButtonEventResponse.packet_id:
             self.stats.unsolicited += 1
-        elif lane is not None and lane.pending is None and lane.rescue is None:
-            if lane.dirty:
-                self.stats.late_replies += 1
-            else:
-                self.stats.unsolicited += 1
-        else:
-            self._decode(lane, packet_id, content)
-
-    def _decode(self, lane: Lane | None, packet_id: int, content: bytes) -> None:
+            return
         try:
             packet = self._codec.decode(packet_id, content)
         except DecodeError as error:
@@ -110,36 +119,40 @@ class Answers:
         elif lane is not None and isinstance(packet, Response):
             self._answer(lane, packet)
 
+    def _wake(self) -> None:
+        if not self._next_answer.done():
+            self._next_answer.set_result(None)
+
     def _answer(self, lane: Lane, packet: Response) -> None:
-        pending = lane.pending
-        request = pending.request if pending is not None else lane.asked
-        if request is None or not request.accepts(packet):
+        """Give `packet` to the sending it answers; a lane that waits is clean, so it is never one of the owed."""
+        sending = lane.pending or lane.owed
+        if sending is None or not sending.request.accepts(packet):
             self.stats.mismatched += 1
-        elif pending is None:
+            return
+        self._silent_since = None
+        self._lanes.answered(sending.number)
+        self._wake()
+        if sending is not lane.pending:
             self.stats.late_replies += 1
-            if lane.rescue is not None and not lane.rescue.done():
-                self.stats.rescued += 1
-                lane.rescue.set_result(packet)
-        else:
-            self.stats.round_trips.append(self._now() - pending.sent_at)
-            self._over(lane, pending)
-            if pending.fence:
-                self._lanes.settled_before(pending.number)
-            if not pending.answer.done():
-                pending.answer.set_result(packet)
+            lane.late = packet
+            return
+        self.stats.round_trips.append(self._now() - sending.sent_at)
+        self._over(lane, sending)
+        if not sending.answer.done():
+            sending.answer.set_result(packet)
 
     # --- the end of a sending -----------------------------------------------------------------------------------
 
     def _over(self, lane: Lane, pending: Pending) -> None:
         lane.pending = None
         if pending.abandoned:
-            if pending.fence:
+            if pending.borrowed:
                 self._turns.give_back_borrowed(lane)
             else:
                 self._turns.give_back(lane)
 
     def _unanswered(self, lane: Lane, pending: Pending) -> None:
-        lane.dirty = pending.number
+        lane.owed = pending
         if isinstance(pending.request, ClearAllDataRequest):
             self._lanes.fence_first = pending.number  # done late, it would wipe whatever is sent now
         self._over(lane, pending)

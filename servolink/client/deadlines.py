@@ -26,13 +26,17 @@ class Deadlines:
         """Be sure to look at `deadline` (loop time); an earlier look stands."""
         if self._timer is None or deadline < self._timer.when():
             self.stop()
-            self._timer = self._loop.call_at(deadline, self._look_again, -1, _MOST_LOOKS)
+            self._timer = self._loop.call_at(deadline, self._reached)
 
     def stop(self) -> None:
         """Forget all deadlines."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
+
+    def _reached(self) -> None:
+        self._timer = None
+        self._look_again(-1, _MOST_LOOKS)
 
     def _look_again(self, received: int, looks: int) -> None:
         # Two turns of the loop: a turn runs its callbacks in the order found, ours before what it reads.
@@ -43,6 +47,4 @@ class Deadlines:
         if received != now_received and looks:
             self._look_again(now_received, looks - 1)
             return
-        if self._timer is not None and self._timer.when() <= self._loop.time():
-            self._timer = None
         self._passed(self._loop.time())

@@ -1,7 +1,10 @@
-"""Lanes: one per response id, with the one request that waits for it.
+"""Lanes: one per response id, with the one sending that waits for its answer there.
 
-Answers carry no number, only their response id. So at most one request waits on a lane, and a lane whose
-request ended unanswered is *dirty*: a late answer may still come and must not be taken for the next one.
+Answers carry no number, only their response id. So at most one sending waits on a lane, and a lane whose sending
+ended unanswered is *dirty*: its answer is still owed and must not be taken for that of the next one.
+
+The board answers in order. So an answer to one sending, in time or late, proves that whatever was sent before it
+has been answered or never will be.
 """
 
 from __future__ import annotations
@@ -32,7 +35,8 @@ class Pending:
     """Why the answer that came could not be used."""
     abandoned: bool = False
     """Nobody waits any more; the turn is given back when the sending is over."""
-    fence: bool = False
+    borrowed: bool = False
+    """It uses its lane within the turn of another sending: it is a fence."""
     received: int = 0
     """Bytes of the answer that had come when the deadline was last moved."""
 
@@ -43,12 +47,11 @@ class Lane:
 
     response_id: int
     pending: Pending | None = None
-    dirty: int = 0
-    """Number of the sending whose answer may still come; 0: clean."""
-    rescue: Future[Response | None] | None = None
-    """Where a late answer is welcome, because the very same query is about to be repeated."""
-    asked: Request[Any] | None = None
-    """The query that `rescue` is for."""
+    """The sending that waits for its answer."""
+    owed: Pending | None = None
+    """The sending that ended without one; its answer may still come."""
+    late: Response | None = None
+    """The latest answer that came late."""
 
 
 @dataclass(slots=True)
@@ -63,7 +66,7 @@ class Lanes:
     sent: int = 0
     """How many sendings there have been."""
     fence_first: int = 0
-    """Number of a sending that nothing may follow before a fence; 0: none."""
+    """Number of an unanswered sending that nothing may follow before it is known to be over; 0: none."""
 
     def of(self, request: Packet) -> Lane:
         """Return the lane on which `request` is answered."""
@@ -80,10 +83,14 @@ class Lanes:
             if lane.pending is not None:
                 yield lane, lane.pending
 
-    def settled_before(self, number: int) -> None:
-        """Note that whatever was sent before sending `number` has been answered or never will be."""
+    def in_doubt(self, lane: Lane | None) -> bool:
+        """Tell whether a fence must come before the next sending on `lane`."""
+        return bool(self.fence_first) or (lane is not None and lane.owed is not None)
+
+    def answered(self, number: int) -> None:
+        """Note that sending `number` was answered, so that nothing sent up to it is owed any more."""
         for lane in self.by_response_id.values():
-            if lane.dirty < number:
-                lane.dirty = 0
-        if self.fence_first < number:
+            if lane.owed is not None and lane.owed.number <= number:
+                lane.owed = None
+        if self.fence_first <= number:
             self.fence_first = 0

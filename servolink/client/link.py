@@ -35,6 +35,10 @@ FENCES: tuple[Query[Any], ...] = (
 """Queries with short answers, used in turn: a late answer to one must not pass for an answer to the next."""
 
 
+_SILENCE = 8
+"""A board that has answered nothing for so many timeouts, whatever it was asked, is gone."""
+
+
 class Link:
     """Asks one board, and never takes one answer for another (docs/design/matching.md)."""
 
@@ -52,6 +56,7 @@ class Link:
         self._lanes = Lanes()
         self._turns = Turns(window)
         self._fences = deque(FENCES)
+        self._patience = timeout
         self.answers = Answers(transport.url, codec, self._lanes, self._turns, self._loop.time)
 
     @property
@@ -95,10 +100,11 @@ class Link:
         stops = self.stops if unless_stopped_since is None else unless_stopped_since
         await self._take_turn(None)
         try:
-            if self._lanes.fence_first:
-                await self._fence(None, self._loop.time() + self._timeout * (self._retries + 1))
-                if self._lanes.fence_first:
-                    raise timed_out(packet, self.transport.url, 0, self._timeout * (self._retries + 1), self.stats)
+            if self._lanes.in_doubt(None):
+                patience = self._timeout * (self._retries + 1)
+                await self._fence(None, self._loop.time() + patience)
+                if self._lanes.in_doubt(None):
+                    raise timed_out(packet, self.transport.url, 0, patience, self.stats)
             self._refuse_if_stopped(packet, stops)
             await self._write(frame)
         finally:
@@ -108,7 +114,7 @@ class Link:
         """Send `packet` before everything else, without waiting for anything, not even its answer."""
         self._raise_if_ended()
         self.stops += 1
-        self.answers.overtake(self._lanes.of(packet))
+        self.answers.overtake(self._lanes.of(packet), self._sending(packet, self._timeout))
         await self._write(self._codec.encode(packet))
 
     async def _take_turn(self, lane: Lane | None, *, alone: bool = False, first: bool = False) -> None:
@@ -127,11 +133,12 @@ class Link:
         fault: DecodeError | None = None
         tries = 0
         while tries <= repeats and (tries == 0 or self._loop.time() < until):
-            if lane.dirty or self._lanes.fence_first:
-                rescued = await self._fence(lane, until, packet if tries else None)
-                if rescued is not None:
-                    return rescued
-                if lane.dirty or self._lanes.fence_first:
+            if self._lanes.in_doubt(lane):
+                late = await self._fence(lane, until)
+                if late is not None and tries:  # the very answer that this query waited for
+                    self.stats.rescued += 1
+                    return late
+                if self._lanes.in_doubt(lane):
                     break
             self._refuse_if_stopped(packet, stops)
             tries += 1
@@ -146,15 +153,15 @@ class Link:
             raise outcome_unknown(packet, self.transport.url, waited, fault)
         raise fault or timed_out(packet, self.transport.url, tries, waited, self.stats)
 
-    async def _send_pending(
-        self, packet: Request[Any], frame: bytes, lane: Lane, timeout: float, *, fence: bool = False
-    ) -> Pending:
-        now = self._loop.time()
-        answer: asyncio.Future[Response | None] = self._loop.create_future()
-        pending = Pending(packet, self._lanes.next_number(), now, now + timeout, timeout, answer, fence=fence)
+    async def _send_pending(self, packet: Request[Any], frame: bytes, lane: Lane, timeout: float) -> Pending:
+        pending = self._sending(packet, timeout)
         self.answers.expect(lane, pending)
         await self._write(frame)
         return pending
+
+    def _sending(self, packet: Request[Any], timeout: float) -> Pending:
+        now = self._loop.time()
+        return Pending(packet, self._lanes.next_number(), now, now + timeout, timeout, self._loop.create_future())
 
     async def _write(self, frame: bytes) -> None:
         self._raise_if_ended()
@@ -173,58 +180,49 @@ class Link:
         if moves and stops != self.stops:
             raise RequestError(f"{type(packet).__name__} was not sent: a stop came first", packet)
 
-    async def _fence(self, own: Lane | None, until: float, packet: Request[Any] | None = None) -> Response | None:
-        """Prove that every late answer has come or never will; return one that came for `packet` meanwhile.
+    async def _fence(self, own: Lane | None, until: float) -> Response | None:
+        """Ask something else, until an answer proves that nothing is owed on `own`; return what came late there.
 
-        The board answers in order, so the answer to a query sent now comes after everything it still owes.
-        Each fence that is not answered waits twice as long as the one before it. Returns without proof when
-        `until` has passed; raises ConnectionLost when no fence is left that could prove anything.
+        Returns without proof when `until` has passed. Raises ConnectionLost when no fence is left to be sent
+        and the board has been silent for long.
         """
-        late: asyncio.Future[Response | None] = self._loop.create_future()
-        if own is not None and packet is not None:
-            own.rescue, own.asked = late, packet
-        try:
-            timeout = self._timeout
-            while (left := until - self._loop.time()) > 0:
-                pending = await self._send_fence(own, timeout, late, left)
-                if late.done():
-                    return late.result()
-                if not pending.answer.done() or pending.answer.result() is not None:
-                    return None
-                timeout *= 2
-            return None
-        finally:
-            if own is not None:
-                own.rescue = own.asked = None
+        if own is not None:
+            own.late = None
+        while self._lanes.in_doubt(own) and self._loop.time() < until:
+            clean = self._clean_fences(own)
+            if clean:
+                await self._send_fence(clean, own, until)
+            elif self.answers.silent_for() >= _SILENCE * self._timeout:
+                self._break_off()
+            else:
+                await self._wait(until, self.answers.next_answer())
+        return own.late if own is not None else None
 
-    async def _send_fence(
-        self, own: Lane | None, timeout: float, late: asyncio.Future[Response | None], patience: float
-    ) -> Pending:
-        """Send the next fence and wait until it is over, or `late` has come, or `patience` is at its end."""
-        lane, query = await self._next_fence(own)
-        self.stats.fences += 1
+    def _clean_fences(self, own: Lane | None) -> dict[Lane, Query[Any]]:
+        self._fences.rotate(-1)
+        fences = {self._lanes.of(query): query for query in self._fences}
+        return {lane: query for lane, query in fences.items() if lane.owed is None and lane is not own}
+
+    async def _send_fence(self, clean: dict[Lane, Query[Any]], own: Lane | None, until: float) -> None:
+        """Send a fence and wait until it is over, or is no longer needed, or `until` has passed."""
+        lane = await self._turns.borrow(list(clean))
         try:
-            pending = await self._send_pending(query, self._codec.encode(query), lane, timeout, fence=True)
-            await asyncio.wait((pending.answer, late), timeout=patience, return_when=asyncio.FIRST_COMPLETED)
-            return pending
+            if lane.owed is not None:
+                return  # it was in use, and in vain
+            self.stats.fences += 1
+            query = clean[lane]
+            pending = await self._send_pending(query, self._codec.encode(query), lane, self._timeout)
+            while not pending.answer.done() and self._lanes.in_doubt(own) and self._loop.time() < until:
+                await self._wait(until, pending.answer, self.answers.next_answer())
         finally:
             if lane.pending is None:
                 self._turns.give_back_borrowed(lane)
             else:
-                lane.pending.abandoned = True
+                lane.pending.abandoned = lane.pending.borrowed = True
 
-    async def _next_fence(self, own: Lane | None) -> tuple[Lane, Query[Any]]:
-        """Return the next fence whose lane is clean; the link is broken if there is none."""
-        while True:
-            self._raise_if_ended()
-            self._fences.rotate(-1)
-            clean = {lane: query for query in self._fences if not (lane := self._lanes.of(query)).dirty and lane is not own}
-            if not clean:
-                self._break_off()
-            lane = await self._turns.borrow(list(clean))
-            if not lane.dirty:
-                return lane, clean[lane]
-            self._turns.give_back_borrowed(lane)
+    async def _wait(self, until: float, *futures: asyncio.Future[Any]) -> None:
+        await asyncio.wait(futures, timeout=until - self._loop.time(), return_when=asyncio.FIRST_COMPLETED)
+        self._raise_if_ended()
 
     def _break_off(self) -> NoReturn:
         silent = TimeoutError("the board answered none of the queries that would show that it still listens")
