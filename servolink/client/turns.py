@@ -40,7 +40,8 @@ class Turns:
             await waiting.granted
         except asyncio.CancelledError:
             if waiting.granted.cancelled():
-                self._waiting.remove(waiting)
+                if waiting in self._waiting:  # not when all were refused in the same moment
+                    self._waiting.remove(waiting)
                 self._grant()
             elif waiting.granted.exception() is None:
                 self.give_back(lane)

@@ -1,0 +1,175 @@
+"""A board for tests: it answers in order, as the document says, unless a test plans otherwise.
+
+What it knows is a virtual board's business; what becomes of a request and of its answer is decided here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import defaultdict, deque
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from servolink.client.link import Link
+from servolink.errors import ConnectionLost
+from servolink.protocol.codec import Codec
+from servolink.protocol.packet import Packet
+from servolink.protocol.parser import FrameParser
+from servolink.transports.base import Receiver
+from servolink.virtual.board import VirtualBoard
+
+LATENCY = 0.004
+
+
+@dataclass(frozen=True, slots=True)
+class Fate:
+    """What becomes of one request and of its answer."""
+
+    arrives: bool = True
+    """Whether the board gets the request at all."""
+    after: float | None = LATENCY
+    """Seconds until it answers; None: never."""
+    copies: int = 1
+    says: Packet | None = None
+    """What it says instead of the truth."""
+    mangle: Callable[[bytes], bytes] = bytes
+    """What the line makes of the answer."""
+
+
+LOST = Fate(arrives=False)
+SWALLOWED = Fate(after=None)
+"""Done, and not answered."""
+
+
+def late(seconds: float) -> Fate:
+    """Answer after `seconds`."""
+    return Fate(after=seconds)
+
+
+def lie(packet: Packet) -> Fate:
+    """Answer with `packet`."""
+    return Fate(says=packet)
+
+
+class FakeBoard:
+    """A transport with such a board behind it."""
+
+    url = "fake://board"
+
+    def __init__(self, *, servos: int = 4, usual: Fate | None = None) -> None:
+        self.codec = Codec()
+        self.virtual = VirtualBoard(servos)
+        self.usual = usual or Fate()
+        """What becomes of a request for which nothing was planned."""
+        self.sent: list[tuple[float, Packet]] = []
+        """All that was sent to it, with the time."""
+        self.executed: list[tuple[float, Packet]] = []
+        """What of that arrived."""
+        self.answered_at: list[float] = []
+        self.taking: asyncio.Event | None = None
+        """While it is there and not set, `send` does not return."""
+        self.closed = 0
+        self.gone: Exception | None = None
+        self._plans: defaultdict[type[Packet], deque[Fate]] = defaultdict(deque)
+        self._outbox: deque[bytes] = deque()
+        self._free_at = 0.0
+        self._said: list[bytes] = []
+        self._session = self.virtual.attach(self._said.append)
+        self._parser = FrameParser()
+        self._receiver: Receiver | None = None
+
+    def plan(self, declared: type[Packet], *fates: Fate) -> None:
+        """Deal `fates` to the next requests of this kind, one each."""
+        self._plans[declared].extend(fates)
+
+    def sent_of(self, declared: type[Packet]) -> list[float]:
+        """Return when packets of this kind were sent."""
+        return [at for at, packet in self.sent if isinstance(packet, declared)]
+
+    def executed_of(self, declared: type[Packet]) -> list[Packet]:
+        """Return the packets of this kind that the board got."""
+        return [packet for _, packet in self.executed if isinstance(packet, declared)]
+
+    def speak(self, *packets: Packet) -> None:
+        """Say something that nobody asked for."""
+        self.deliver(b"".join(map(self.codec.encode, packets)))
+
+    def deliver(self, data: bytes) -> None:
+        """Bring bytes to the client now."""
+        assert self._receiver is not None
+        self._receiver.data(data)
+
+    def vanish(self, error: Exception | None = None) -> None:
+        """Be gone, as an unplugged board is."""
+        assert self._receiver is not None
+        if self.gone is None:
+            self.gone = error or OSError("device disconnected")
+            self._receiver.lost(self.gone)
+
+    async def open(self, receiver: Receiver) -> None:
+        self._receiver = receiver
+
+    async def send(self, data: bytes) -> None:
+        if self.gone is not None:
+            raise ConnectionLost(f"{self.url}: the connection was lost: {self.gone}")
+        for packet_id, content in self._parser.feed(data):
+            self._take(self.codec.decode(packet_id, content), data)
+        if self.taking is not None:
+            await self.taking.wait()
+
+    async def close(self) -> None:
+        self.closed += 1
+        if self.gone is None and self._receiver is not None:
+            self.gone = ConnectionLost("closed")
+            self._receiver.lost(None)
+
+    def _take(self, packet: Packet, frame: bytes) -> None:
+        now = asyncio.get_running_loop().time()
+        fates = self._plans[type(packet)]
+        fate = fates.popleft() if fates else self.usual
+        self.sent.append((now, packet))
+        if not fate.arrives:
+            return
+        self.executed.append((now, packet))
+        self._said.clear()
+        self._session.receive(frame, now)
+        if fate.says is not None:
+            self._said[:] = [self.codec.encode(fate.says)]
+        if fate.after is not None:
+            for answer in self._said * fate.copies:
+                self._answer_at(now + fate.after, fate.mangle(answer))
+
+    def _answer_at(self, when: float, data: bytes) -> None:
+        self._free_at = max(self._free_at, when)  # behind a late answer all later ones wait
+        self._outbox.append(data)
+        asyncio.get_running_loop().call_at(self._free_at, self._answer)
+
+    def _answer(self) -> None:
+        data = self._outbox.popleft()
+        if self.gone is None:
+            self.answered_at.append(asyncio.get_running_loop().time())
+            self.deliver(data)
+
+
+@asynccontextmanager
+async def linked(board: FakeBoard, **options: Any) -> AsyncIterator[Link]:
+    """Open a link to `board`, and close it."""
+    link = Link(board, Codec(), **options)
+    await link.open()
+    try:
+        yield link
+    finally:
+        await link.close()
+
+
+async def turns_of_the_loop(count: int) -> None:
+    """Let the event loop go round `count` times."""
+    for _ in range(count):
+        await asyncio.sleep(0)
+
+
+def now() -> float:
+    """Return the loop's time."""
+    return asyncio.get_running_loop().time()
