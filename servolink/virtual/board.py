@@ -50,20 +50,21 @@ class VirtualBoard:
         self.battery = _FULL
         """Remaining charge, per mille."""
         self._buttons = Buttons(self.storage, self.player, self.codec, self._push)
-        self._sessions: list[Session] = []
+        self.sessions: list[Session] = []
+        """The hosts that are connected."""
         self._watchers: list[Callable[[], None]] = []
         self._now: float | None = None
 
     def attach(self, send: Callable[[bytes], None]) -> Session:
         """Connect a host; `send` takes what the board has to say to it and must not raise."""
         session = Session(self, send)
-        self._sessions.append(session)
+        self.sessions.append(session)
         return session
 
     def detach(self, session: Session) -> None:
         """Disconnect a host; the board forgets its subscription."""
-        if session in self._sessions:
-            self._sessions.remove(session)
+        if session in self.sessions:
+            self.sessions.remove(session)
 
     def press_button(self, button_id: int, now: float) -> None:
         """Let a button go down."""
@@ -116,7 +117,7 @@ class VirtualBoard:
 
     def _push(self, frame: bytes) -> None:
         if self.mode == NEW_PROTOCOL:
-            for session in list(self._sessions):
+            for session in list(self.sessions):
                 if session.subscribed:
                     session.send(frame)
 

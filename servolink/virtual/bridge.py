@@ -10,7 +10,7 @@ from servolink.transports.base import Transport
 
 Connect = Callable[[], Transport]
 """Makes a new connection to the board that is served."""
-MOST_WAITING = 4 * 1024 * 1024
+MOST_WAITING = 1024 * 1024
 """Bytes that may wait for a host to read them."""
 
 _CHUNK = 4096

@@ -45,8 +45,10 @@ def test_every_request_and_command_of_the_document_has_its_function() -> None:
 @pytest.mark.parametrize("declared", [packet for packet in PACKETS.values() if issubclass(packet, Request)])
 def test_every_request_is_answered_once_and_with_its_own_response(declared: type[Packet]) -> None:
     host = Host(VirtualBoard())
-    fields = {name: 1 for name in declared.__struct_fields__ if name not in ("steps", "commands", "buttons", "servos")}
-    fields = {name: "caption" if name.endswith("caption") else value for name, value in fields.items()}
+    groups = ("steps", "commands", "buttons", "servos")
+    fields = {
+        name: "caption" if name.endswith("caption") else 1 for name in declared.__struct_fields__ if name not in groups
+    }
     (answer,) = host.tell(declared(**fields))
     assert answer.packet_id == declared.packet_id + 1
 

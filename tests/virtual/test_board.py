@@ -13,7 +13,12 @@ from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.registry import PACKETS
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
-from servolink.protocol.settings import QueryMemorySizeRequest, QueryRemainPowerRequest, SendDummyDataRequest
+from servolink.protocol.settings import (
+    QueryMemorySizeRequest,
+    QueryRemainPowerRequest,
+    SendDummyDataRequest,
+    TransmissionModeSettingRequest,
+)
 from servolink.virtual.board import MOST_SERVOS, VirtualBoard
 from tests.protocol.declared import any_packet
 from tests.virtual.host import START, Host
@@ -179,5 +184,5 @@ def test_no_input_at_any_time_stops_or_fills_it(steps: list[tuple[bytes, float, 
     assert all(PACKETS[packet_id] for packet_id, _ in frames)
     # However it was left, it answers the next host.
     host = Host(board)
-    host.session.receive(CODEC.encode(PACKETS[10010](1)), now)
+    host.session.receive(CODEC.encode(TransmissionModeSettingRequest(1)), now)
     assert host.ask(QueryServoListRequest(), now).servo_id_list == (1, 2, 3)

@@ -1,0 +1,223 @@
+"""`servolink virtual` as people and programs run it: a process of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse, WriteProjectIDRequest
+from servolink.protocol.joystick import LONG_PRESS, PRESS, UP, ButtonEventResponse, SubscribeButtonEventRequest
+from servolink.protocol.packet import Packet
+from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.transports.registry import create
+from tests.virtual.receiving import GUARD, Heard, ask
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo-terminals are those of Unix")
+
+COMMAND = (sys.executable, "-X", "dev", "-W", "error", "-m", "servolink", "virtual")
+TCP = ("--tcp", "127.0.0.1:0")
+Process = asyncio.subprocess.Process
+
+
+LEADER = """
+import fcntl, os, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+"""Takes standard input as its own terminal: keys are read only by who is in the foreground of one."""
+
+
+@asynccontextmanager
+async def served(*options: str, terminal: int | None = None) -> AsyncIterator[Process]:
+    """Run `servolink virtual`, in the foreground of `terminal` if there is one, and see to it that it ends."""
+    in_terminal = terminal is not None
+    before = (sys.executable, "-c", LEADER) if in_terminal else ()
+    process = await asyncio.create_subprocess_exec(
+        *before,
+        *COMMAND,
+        *options,
+        stdin=terminal if terminal is not None else asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        start_new_session=in_terminal,
+    )
+    try:
+        yield process
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.communicate()
+
+
+async def line(process: Process) -> str:
+    """Return the next line that it prints."""
+    assert process.stdout is not None
+    async with asyncio.timeout(GUARD):
+        return (await process.stdout.readline()).decode().rstrip("\n")
+
+
+async def url(process: Process) -> str:
+    """Return the next URL that it prints."""
+    word, _, address = (await line(process)).partition(" ")
+    assert word == "listening"
+    return address
+
+
+async def ended(process: Process, by: signal.Signals) -> tuple[int, str, str]:
+    """End it and return exit code and what it said besides."""
+    process.send_signal(by)
+    async with asyncio.timeout(GUARD):
+        out, err = await process.communicate()
+    assert process.returncode is not None
+    return process.returncode, out.decode(), err.decode()
+
+
+async def talk(address: str, *packets: Packet) -> list[Packet]:
+    """Connect, ask, close."""
+    transport, heard = create(address), Heard()
+    await transport.open(heard)
+    answers = [await ask(transport, heard, packet) for packet in packets]
+    await transport.close()
+    return answers
+
+
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_it_serves_both_kinds_until_it_is_told_to_end(by: signal.Signals) -> None:
+    async def main() -> None:
+        async with served("--pty", *TCP, "--servos", "3") as process:
+            terminal, network = await url(process), await url(process)
+            assert terminal.startswith("serial:///")
+            assert network.startswith("tcp://127.0.0.1:")
+            answer = [QueryServoListResponse((1, 2, 3))]
+            # Two hosts at once on TCP, and one on the pseudo-terminal.
+            talks = (talk(address, QueryServoListRequest()) for address in (network, network, terminal))
+            assert await asyncio.gather(*talks) == [answer] * 3
+            assert await ended(process, by) == (0, "", "")
+
+    asyncio.run(main())
+
+
+def test_it_ends_cleanly_while_hosts_are_connected() -> None:
+    async def main() -> None:
+        async with served(*TCP) as process:
+            transport, heard = create(await url(process)), Heard()
+            await transport.open(heard)
+            await ask(transport, heard, QueryServoListRequest())
+            assert await ended(process, signal.SIGINT) == (0, "", "")
+            assert await heard.until_lost() is not None
+            await transport.close()
+
+    asyncio.run(main())
+
+
+def test_a_pseudo_terminal_is_what_it_serves_when_nothing_is_said() -> None:
+    async def main() -> None:
+        async with served("--json") as process:
+            assert json.loads(await line(process))["listening"].startswith("serial:///")
+            assert await ended(process, signal.SIGINT) == (0, "", "")
+
+    asyncio.run(main())
+
+
+def test_what_is_stored_outlives_it(tmp_path: Path) -> None:
+    async def main() -> None:
+        options = (*TCP, "--state", str(tmp_path / "board.json"))
+        async with served(*options) as process:
+            await talk(await url(process), WriteProjectIDRequest(77))
+            assert await ended(process, signal.SIGTERM) == (0, "", "")
+        async with served(*options) as process:
+            assert await talk(await url(process), QueryProjectIDRequest()) == [QueryProjectIDResponse(77)]
+            await ended(process, signal.SIGTERM)
+
+    asyncio.run(main())
+
+
+async def pressed(address: str, then: asyncio.Event | None, count: int) -> list[Packet]:
+    """Subscribe, set `then`, and return the next `count` events."""
+    transport, heard = create(address), Heard()
+    await transport.open(heard)
+    await ask(transport, heard, SubscribeButtonEventRequest(1))
+    if then is not None:
+        then.set()
+    events = (await heard.until(count + 1))[1:]
+    await transport.close()
+    return events
+
+
+def test_a_script_presses_buttons(tmp_path: Path) -> None:
+    script = tmp_path / "presses"
+    # Pressed again and again, as the host may come after the first of them.
+    script.write_text("\n".join(f"{at / 10} press 7" for at in range(0, 600, 2)))
+
+    async def main() -> None:
+        async with served(*TCP, "--script", str(script)) as process:
+            events = await pressed(await url(process), None, 4)
+            assert set(events) == {ButtonEventResponse(7, PRESS), ButtonEventResponse(7, UP)}
+            assert await ended(process, signal.SIGINT) == (0, "", "")
+
+    asyncio.run(main())
+
+
+def test_keys_press_buttons_and_the_terminal_is_given_back() -> None:
+    async def main() -> None:
+        import termios
+
+        ours, theirs = os.openpty()
+        before = termios.tcgetattr(theirs)
+        try:
+            async with served(*TCP, terminal=theirs) as process:
+                address = await url(process)
+                subscribed = asyncio.Event()
+                events = asyncio.ensure_future(pressed(address, subscribed, 5))
+                await subscribed.wait()
+                assert termios.tcgetattr(theirs) != before
+                os.write(ours, b"3l4")
+                assert await events == [
+                    ButtonEventResponse(3, PRESS),
+                    ButtonEventResponse(4, PRESS),
+                    ButtonEventResponse(3, UP),
+                    ButtonEventResponse(4, LONG_PRESS),
+                    ButtonEventResponse(4, UP),
+                ]
+                code, _, said = await ended(process, signal.SIGINT)
+                assert code == 0
+                assert "0-9 press that button" in said
+                assert termios.tcgetattr(theirs) == before
+        finally:
+            os.close(ours)
+            os.close(theirs)
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "text"),
+    [
+        (("--tcp", "nowhere"), 2, "is not HOST:PORT"),
+        (("--tcp", "[::1:0"), 2, "IPv6"),
+        (("--servos", "255"), 2, "from 0 to 254"),
+        (("--memory", "-1"), 2, "from 0 to"),
+        (("--faults", "dorp=0.1"), 2, "unknown option dorp"),
+        (("--script", "missing"), 2, "missing"),
+        (("--tcp", "192.0.2.1:80"), 3, "try another port"),
+        (("--state", "/"), 3, "cannot be read"),
+    ],
+)
+def test_wrong_options_say_what_is_wrong(options: tuple[str, ...], code: int, text: str) -> None:
+    async def main() -> None:
+        async with served(*options) as process:
+            async with asyncio.timeout(GUARD):
+                _, said = await process.communicate()
+            assert process.returncode == code
+            assert text in said.decode()
+            assert "Traceback" not in said.decode()
+
+    asyncio.run(main())

@@ -1,0 +1,231 @@
+"""`virtual://`: a board on the running loop, in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from servolink.errors import ConnectionLost, OpenError, TransportUnavailable
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import AddMacroRequest, ExecuteMacroRequest, MacroCommand
+from servolink.protocol.joystick import LONG_PRESS, PRESS, ButtonEventResponse, SubscribeButtonEventRequest
+from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.protocol.settings import QueryMemorySizeRequest, QueryMemorySizeResponse
+from servolink.transports.address import Address
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.transport import FaultyVirtualTransport, VirtualTransport, from_address
+from tests.virtual.receiving import Heard, ask
+from tests.virtual_time import run
+
+LIST = Codec().encode(QueryServoListRequest())
+
+
+def made(url: str) -> VirtualTransport | FaultyVirtualTransport:
+    return from_address(Address.parse(url))
+
+
+def test_it_answers_in_a_later_turn_of_the_loop() -> None:
+    async def main() -> None:
+        transport, heard = VirtualTransport(VirtualBoard(servos=2)), Heard()
+        await transport.open(heard)
+        await transport.send(LIST + LIST)
+        assert heard.packets == []
+        assert await heard.until(2) == [QueryServoListResponse((1, 2))] * 2
+        await transport.close()
+
+    run(main())
+
+
+def test_the_address_makes_the_board() -> None:
+    transport = made("virtual://?servos=3&seed=4&memory=1000&byte_order=big")
+    assert len(transport.board.servos) == 3
+    assert transport.board.storage.memory == 1000
+    assert transport.board.codec.byte_order == "big"
+    same = made("virtual://?servos=3&seed=4").board.servos[1].state()
+    assert transport.board.servos[1].state() == same
+    assert transport.url == "virtual://?servos=3&seed=4&memory=1000&byte_order=big"
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "virtual://?servos=255",
+        "virtual://?servs=3",
+        "virtual://?seed=x",
+        "virtual://here",
+        "virtual:///dev/x",
+        "virtual://?drop=2",
+    ],
+)
+def test_other_addresses_are_refused(url: str) -> None:
+    with pytest.raises(TransportUnavailable, match=r"virtual://"):
+        made(url)
+
+
+def test_the_board_acts_by_itself_at_the_right_time() -> None:
+    async def main() -> list[float]:
+        loop = asyncio.get_running_loop()
+        times: list[float] = []
+
+        class Timed(Heard):
+            def data(self, chunk: bytes) -> None:
+                times.append(loop.time())
+                super().data(chunk)
+
+        transport, heard = VirtualTransport(VirtualBoard()), Timed()
+        await transport.open(heard)
+        await ask(transport, heard, SubscribeButtonEventRequest(1))
+        await asyncio.sleep(1 / 3)
+        start = loop.time()
+        times.clear()
+        transport.board.press_button(3, start)
+        await heard.until(3)
+        assert heard.packets[1:] == [ButtonEventResponse(3, PRESS), ButtonEventResponse(3, LONG_PRESS)]
+        await transport.close()
+        return [time - start for time in times]
+
+    assert run(main()) == pytest.approx([0.0, 0.8])
+
+
+def test_a_macro_runs_in_the_time_of_the_loop() -> None:
+    async def main() -> None:
+        transport, heard = VirtualTransport(VirtualBoard()), Heard()
+        await transport.open(heard)
+        await ask(transport, heard, AddMacroRequest(1, "", (MacroCommand(100, 1, loop=7),)))
+        await ask(transport, heard, ExecuteMacroRequest(1))
+        await asyncio.sleep(0.65)
+        assert transport.board.player.macro_id == 1
+        await asyncio.sleep(0.1)
+        assert transport.board.player.macro_id == 0
+        await transport.close()
+
+    run(main())
+
+
+def test_several_connections_lead_to_one_board() -> None:
+    async def main() -> None:
+        board = VirtualBoard()
+        one, other = VirtualTransport(board), VirtualTransport(board)
+        heard_one, heard_other = Heard(), Heard()
+        await one.open(heard_one)
+        await other.open(heard_other)
+        await ask(one, heard_one, SubscribeButtonEventRequest(1))
+        await ask(other, heard_other, QueryServoListRequest())
+        await one.close()
+        assert await ask(other, heard_other, QueryServoListRequest()) == heard_other.packets[0]
+        assert len(heard_one.packets) == 1
+        await other.close()
+        board.press_button(1, asyncio.get_running_loop().time())  # nobody is there, nothing is scheduled
+
+    run(main())
+
+
+def test_closing_ends_it_once_and_what_was_under_way_is_lost() -> None:
+    async def main() -> None:
+        transport, heard = VirtualTransport(VirtualBoard()), Heard()
+        await transport.open(heard)
+        await transport.send(LIST)
+        await transport.close()
+        await transport.close()
+        await asyncio.sleep(1)
+        assert heard.ends == [None]
+        assert heard.packets == []
+        with pytest.raises(ConnectionLost, match="closed"):
+            await transport.send(LIST)
+        with pytest.raises(OpenError, match="opened once"):
+            await transport.open(heard)
+
+    run(main())
+
+
+def test_it_cannot_be_used_before_it_is_open_or_opened_twice() -> None:
+    async def main() -> None:
+        transport, heard = VirtualTransport(VirtualBoard()), Heard()
+        with pytest.raises(ConnectionLost, match="open it before"):
+            await transport.send(LIST)
+        await transport.open(heard)
+        with pytest.raises(OpenError, match="opened once"):
+            await transport.open(heard)
+        await transport.close()
+
+    run(main())
+
+
+def test_closed_unopened_it_cannot_be_opened() -> None:
+    async def main() -> None:
+        transport, heard = VirtualTransport(VirtualBoard()), Heard()
+        await transport.close()
+        with pytest.raises(OpenError):
+            await transport.open(heard)
+        assert heard.ends == []
+
+    run(main())
+
+
+def test_a_receiver_that_fails_ends_the_connection() -> None:
+    class Failing(Heard):
+        def data(self, chunk: bytes) -> None:
+            raise RuntimeError("it broke")
+
+    async def main() -> None:
+        transport, heard = VirtualTransport(VirtualBoard()), Failing()
+        await transport.open(heard)
+        await transport.send(LIST)
+        error = await heard.until_lost()
+        assert isinstance(error, ConnectionLost)
+        assert isinstance(error.__cause__, RuntimeError)
+        await transport.close()
+        assert len(heard.ends) == 1
+
+    run(main())
+
+
+def test_faults_of_the_address_are_applied() -> None:
+    async def main() -> None:
+        transport, heard = made("virtual://?servos=1&duplicate=1"), Heard()
+        await transport.open(heard)
+        await transport.send(LIST)
+        assert await heard.until(4) == [QueryServoListResponse((1,))] * 4  # doubled on the way there and back
+        assert list(transport.board.servos) == [1]
+        await transport.close()
+
+    run(main())
+
+
+def test_a_state_file_is_loaded_on_opening_and_saved_on_closing(tmp_path: Path) -> None:
+    url = f"virtual://?state={tmp_path / 'board.json'}"
+
+    async def store() -> None:
+        transport, heard = made(url), Heard()
+        await transport.open(heard)
+        await ask(transport, heard, AddMacroRequest(1))
+        await transport.close()
+
+    async def free() -> int:
+        transport, heard = made(url), Heard()
+        await transport.open(heard)
+        answer = await ask(transport, heard, QueryMemorySizeRequest())
+        await transport.close()
+        assert isinstance(answer, QueryMemorySizeResponse)
+        return answer.size
+
+    before = run(free())
+    run(store())
+    assert run(free()) == before - 38
+
+
+def test_a_bad_state_file_opens_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "board.json"
+    path.write_text("nonsense")
+
+    async def main() -> None:
+        transport, heard = made(f"virtual://?state={path}"), Heard()
+        with pytest.raises(OpenError, match="no saved board"):
+            await transport.open(heard)
+        await transport.close()
+        assert heard.ends == []
+
+    run(main())
+    assert path.read_text() == "nonsense"
