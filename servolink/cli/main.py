@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import os
 import sys
 from collections.abc import Sequence
+from typing import Any, NoReturn
 
 from servolink.errors import ServolinkError, TransportError
 from servolink.printable import printable
@@ -15,12 +17,12 @@ OK, FAILED, USAGE, NO_BOARD, INTERRUPTED = 0, 1, 2, 3, 130
 
 COMMANDS = {
     "demo": ("servolink.cli.demo", "show all of it on a virtual board, in about 10 seconds"),
-    "info": ("servolink.cli.settings", "project id, memory, battery and what is stored on the board"),
+    "info": ("servolink.cli.info", "project id, memory, battery and what is stored on the board"),
     "servos": ("servolink.cli.servos", "angle, current and temperature of each servo"),
-    "move": ("servolink.cli.servos", "move servos to angles"),
-    "stop": ("servolink.cli.servos", "stop all servos and keep holding them"),
-    "release": ("servolink.cli.servos", "let servos go limp"),
-    "run": ("servolink.cli.stored", "run an action or a macro stored on the board"),
+    "move": ("servolink.cli.move", "move servos to angles"),
+    "stop": ("servolink.cli.halt", "stop all servos and keep holding them"),
+    "release": ("servolink.cli.halt", "let servos go limp"),
+    "run": ("servolink.cli.run", "run an action or a macro stored on the board"),
     "actions": ("servolink.cli.stored", "list the actions stored on the board, or show one"),
     "macros": ("servolink.cli.stored", "list the macros stored on the board, or show one"),
     "tables": ("servolink.cli.stored", "list the joystick tables stored on the board, or show one"),
@@ -40,39 +42,70 @@ EXIT_CODES = "exit codes: 0 ok, 1 failed, 2 wrong usage, 3 no board, 130 interru
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (sys.argv without it) and return the exit code."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    args = _parser(arguments).parse_args(arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # captions may hold what this terminal cannot show
     try:
-        return int(importlib.import_module(COMMANDS[args.command][0]).run(args))
+        try:
+            args = _parser().parse_args(argv)
+            return int(importlib.import_module(COMMANDS[args.command][0]).run(args))
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as in `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return FAILED
     except TransportError as error:
-        return _fail(error, NO_BOARD)
+        return fail(error, NO_BOARD)
     except (ServolinkError, OSError) as error:
-        return _fail(error, FAILED)
+        return fail(error, FAILED)
 
 
-def _fail(error: Exception, code: int) -> int:
+def fail(error: Exception, code: int) -> int:
+    """Say what went wrong and return `code`."""
     print(f"servolink: {printable(str(error))}", file=sys.stderr)
     return code
 
 
-def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """Build the parser; only the module of the command that was given is imported."""
+def refuse(args: argparse.Namespace, text: str) -> NoReturn:
+    """End as wrong usage, with `text` after the usage of the command."""
+    parser: argparse.ArgumentParser = args.parser
+    parser.error(text)
+
+
+class _Command(argparse.ArgumentParser):
+    """Takes its options from the module of its command, which is imported only when that command is given."""
+
+    module = ""
+
+    def parse_known_args(  # pyright: ignore[reportIncompatibleMethodOverride] - it is overloaded
+        self, args: Any = None, namespace: Any = None
+    ) -> Any:
+        """Parse, with the options of the module."""
+        if self.module:
+            module, self.module = self.module, ""
+            importlib.import_module(module).configure(self.prog.rpartition(" ")[2], self)
+        return super().parse_known_args(args, namespace)
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="servolink", description="Drive a servo control board.", epilog=EXIT_CODES, parents=[_common(given=False)]
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    chosen = next((argument for argument in arguments if argument in COMMANDS), None)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Command)
+    common: list[Any] = [_common(given=True)]
     for name, (module, text) in COMMANDS.items():
         command = commands.add_parser(
-            name, help=text, description=text[:1].upper() + text[1:] + ".", epilog=EXIT_CODES, parents=[_common(given=True)]
+            name,
+            help=text,
+            description=text[:1].upper() + text[1:] + ".",
+            epilog=EXIT_CODES,
+            parents=common,
         )
-        if name == chosen:
-            importlib.import_module(module).configure(name, command)
+        command.module = module
+        command.set_defaults(parser=command)
     return parser
 
 

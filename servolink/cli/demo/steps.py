@@ -1,0 +1,242 @@
+"""What the demo does, step by step; each step measures, and checks against the board itself what it was told."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+from servolink.cli.demo.line import FaultyLine
+from servolink.cli.demo.stage import Outcome, Stage
+from servolink.cli.motion import follow
+from servolink.cli.output import Table
+from servolink.client.board import Board
+from servolink.errors import RequestTimeout
+from servolink.protocol.editing import Action, Macro, MacroCommand
+from servolink.protocol.joystick import Button, JoystickTable
+from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest, Step
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.player import ACTION, DELAY
+
+_BOW, _RISE, _WAVE, _PAD, _BUTTON = 1, 2, 1, 1, 3  # ids on the board
+_IMPATIENT = 0.3  # seconds for an answer on the bad line
+_TOO_LATE = 0.45
+_REACTION = 2.0  # seconds in which a button event must have come
+
+
+@dataclass
+class Scene:
+    """Who plays: a client's board, the virtual board that it talks to, and the line between them."""
+
+    board: Board
+    virtual: VirtualBoard
+    line: FaultyLine
+    stage: Stage
+    pace: float
+    """1.0 for movements that a person can follow, less for faster ones."""
+
+    def interval(self, seconds: float) -> int:
+        """Return a time in the protocol's units of 10 ms."""
+        return max(1, round(seconds * self.pace * 100))
+
+    async def watch(self, targets: dict[int, int], seconds: float) -> float:
+        """Show the servos until they are at `targets`; return how long that took."""
+        start = asyncio.get_running_loop().time()
+        with self.stage.motion() as draw:
+            await follow(self.board, targets, seconds, draw)
+        return round(asyncio.get_running_loop().time() - start, 3)
+
+    def counters(self) -> dict[str, int]:
+        """Return what the client has counted of the faults on the line."""
+        stats = self.board.stats
+        return {
+            "skipped_bytes": sum(stats.skipped.values()),
+            "timeouts": stats.timeouts,
+            "late_replies": stats.late_replies,
+            "fences": stats.fences,
+            "retries": stats.retries,
+        }
+
+    def counted(self, before: dict[str, int]) -> dict[str, int]:
+        """Return, and show, what was counted since `before`."""
+        now = self.counters()
+        since = {name: now[name] - before[name] for name in now}
+        self.stage.say(", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in since.items()))
+        return since
+
+
+async def show_servos(scene: Scene) -> Outcome:
+    """List the servos."""
+    servos = await scene.board.servos()
+    rows = [(servo.servo_id, str(servo.angle), servo.current, servo.temperature) for servo in servos]
+    scene.stage.table(Table(("servo", "angle", "current (raw)", "temperature (raw)"), rows))
+    return Outcome(
+        {"url": scene.board.url, "servos": len(servos), "round_trip_seconds": scene.board.stats.round_trip(50)},
+        {
+            f"all {len(scene.virtual.servos)} servos answered": len(servos) == len(scene.virtual.servos),
+            "their angles are the board's": {servo.servo_id: int(servo.angle) for servo in servos} == _angles(scene),
+        },
+    )
+
+
+async def move_pose(scene: Scene) -> Outcome:
+    """Move all servos at once and watch them."""
+    pose = {servo_id: round(90 * math.sin(servo_id / 16 * 2 * math.pi)) for servo_id in scene.virtual.servos}
+    asked = 1.5 * scene.pace
+    took = await scene.board.move(pose, duration=asked)
+    seconds = await scene.watch(pose, took)
+    return Outcome(
+        {"targets": pose, "asked_seconds": asked, "seconds": seconds},
+        {
+            "every servo arrived": _angles(scene) == pose,
+            "none was early": seconds >= asked,
+        },
+    )
+
+
+async def run_action(scene: Scene) -> Outcome:
+    """Store an action and run it."""
+    bow = _pose(scene, _BOW, "Bow", lambda servo_id: 60 if servo_id % 2 else -60)
+    await scene.board.add_action(bow)
+    stored = await scene.board.action(_BOW)
+    scene.stage.say(
+        f"stored and read back: action {stored.action_id} '{stored.action_caption}', {len(stored.steps)} steps"
+    )
+    await scene.board.run_action(_BOW)
+    seconds = await scene.watch(_targets(bow), bow.steps[0].interval / 100)
+    return Outcome(
+        {"action_id": _BOW, "steps": len(bow.steps), "seconds": seconds},
+        {
+            "the action reads back as it was written": stored == bow,
+            "running it moved every servo there": _angles(scene) == _targets(bow),
+        },
+    )
+
+
+async def run_macro(scene: Scene) -> Outcome:
+    """Store a macro of two actions and run it."""
+    rise = _pose(scene, _RISE, "Rise", lambda servo_id: -servo_id * 5)
+    pause = MacroCommand(10 * scene.interval(0.1), DELAY)
+    wave = Macro(_WAVE, "Wave", (MacroCommand(_BOW, ACTION), pause, MacroCommand(_RISE, ACTION, ratio=80)))
+    await scene.board.add_action(rise)
+    await scene.board.add_macro(wave)
+    stored = await scene.board.macro(_WAVE)
+    scene.stage.say(f"stored and read back: macro {_WAVE} 'Wave': action 1, a pause, action 2 at 80 % speed")
+    await scene.board.run_macro(_WAVE)
+    seconds = await scene.watch(_targets(rise), _wave_seconds(scene))
+    return Outcome(
+        {"macro_id": _WAVE, "commands": len(wave.commands), "seconds": seconds},
+        {
+            "the macro reads back as it was written": stored == wave,
+            "it ended in its last pose": _angles(scene) == _targets(rise),
+        },
+    )
+
+
+async def press_button(scene: Scene) -> Outcome:
+    """Store a joystick table, press a button, and see its event and its macro."""
+    loop = asyncio.get_running_loop()
+    table = JoystickTable(_PAD, "Pad", (Button(_BUTTON, "Wave", button_press_macro=_WAVE),))
+    await scene.board.add_joystick_table(table)
+    await scene.board.set_active_joystick_table(_PAD)
+    async with scene.board.button_events() as events:
+        pressed = loop.time()
+        scene.virtual.press_button(_BUTTON, pressed)
+        async with asyncio.timeout(_REACTION):
+            event = await anext(events)
+        latency = loop.time() - pressed
+        started = scene.virtual.player.macro_id == _WAVE
+        scene.virtual.release_button(_BUTTON, loop.time())
+        async with asyncio.timeout(_REACTION):
+            released = await anext(events)
+        scene.stage.say(f"button {event.button_id}: {event.kind}, {latency * 1000:.1f} ms after it went down")
+        rise = await scene.board.action(_RISE)
+        await scene.watch(_targets(rise), _wave_seconds(scene))
+    return Outcome(
+        {"button_id": event.button_id, "events": [event.kind, released.kind], "event_seconds": round(latency, 6)},
+        {
+            f"button {_BUTTON} sent press and up": [event.kind, released.kind] == ["press", "up"]
+            and event.button_id == released.button_id == _BUTTON,
+            "the board started the button's macro, which ended in its last pose": started
+            and _angles(scene) == _targets(rise),
+        },
+    )
+
+
+async def survive_damage(scene: Scene) -> Outcome:
+    """Damage a byte of one reply."""
+    before, damaged = scene.counters(), scene.line.damaged
+    scene.line.damage_next()
+    scene.stage.say("one bit of the next reply is changed on the line; then all angles are read")
+    reply = await scene.board.request(QueryServoRequest(ALL_SERVOS), timeout=_IMPATIENT)
+    since = scene.counted(before)
+    return Outcome(
+        {"damaged_replies": scene.line.damaged - damaged, **since},
+        {
+            "exactly one reply was damaged": scene.line.damaged - damaged == 1,
+            "the damaged reply was thrown away and asked for again": since["skipped_bytes"] > 0
+            and since["retries"] > 0,
+            "the angles are right": {state.servo_id: state.angle for state in reply.servos} == _angles(scene),
+        },
+    )
+
+
+async def survive_delay(scene: Scene) -> Outcome:
+    """Let one reply come after its time, when the right answer has become another one."""
+    before, delayed = scene.counters(), scene.line.delayed
+    old = _angles(scene)
+    scene.stage.say(
+        f"servo 1 is at {old[1]}°; all angles are read, and the reply is held back until nobody waits for it"
+    )
+    scene.line.delay_next(_TOO_LATE)
+    try:
+        await scene.board.request(QueryServoRequest(ALL_SERVOS), timeout=_IMPATIENT, retries=0)
+        timed_out = False
+    except RequestTimeout:
+        timed_out = True
+    await scene.board.move(dict.fromkeys(old, 0), duration=0.01)
+    scene.stage.say("all servos go to 0°, and all angles are read again, while the old reply is still to come")
+    answer = {servo.servo_id: int(servo.angle) for servo in await scene.board.servos()}
+    since = scene.counted(before)
+    return Outcome(
+        {"delayed_replies": scene.line.delayed - delayed, "late_angle": old[1], "angle": answer[1], **since},
+        {
+            "exactly one reply was delayed past its time": timed_out and scene.line.delayed - delayed == 1,
+            "a fence showed the late reply to be late": since["late_replies"] > 0 and since["fences"] > 0,
+            f"servo 1 is read at {answer[1]}°, and all angles are right": answer == _angles(scene) != old,
+        },
+    )
+
+
+STEPS: tuple[tuple[str, str, Callable[[Scene], Awaitable[Outcome]]], ...] = (
+    ("servos", "A board with 16 servos, read over a serial port", show_servos),
+    ("pose", "All servos move at once", move_pose),
+    ("action", "An action, stored on the board and run", run_action),
+    ("macro", "A macro, stored on the board and run", run_macro),
+    ("button", "A joystick button that starts the macro", press_button),
+    ("damaged", "A damaged reply", survive_damage),
+    ("late", "A late reply", survive_delay),
+)
+"""Name, title and play of each step."""
+
+
+def _angles(scene: Scene) -> dict[int, int]:
+    """Return the angles that the virtual board really has."""
+    return {servo_id: round(servo.angle) for servo_id, servo in scene.virtual.servos.items()}
+
+
+def _pose(scene: Scene, action_id: int, caption: str, angle_of: Callable[[int], int]) -> Action:
+    interval = scene.interval(0.7)
+    return Action(
+        action_id, caption, tuple(Step(servo_id, angle_of(servo_id), interval) for servo_id in scene.virtual.servos)
+    )
+
+
+def _targets(action: Action) -> dict[int, int]:
+    return {step.servo_id: step.degree for step in action.steps}
+
+
+def _wave_seconds(scene: Scene) -> float:
+    move, pause = scene.interval(0.7), scene.interval(0.1)
+    return (move + pause + move / 0.8) / 100

@@ -1,0 +1,81 @@
+"""Servos on their way: read until they arrive, drawn as bars on a terminal."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from servolink.cli.output import console
+from servolink.client.board import Board
+from servolink.client.servos import Servo
+from servolink.errors import RequestTimeout
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+Draw = Callable[[float, Sequence[Servo]], None]
+"""Takes the seconds since the start and what the servos then report."""
+
+_ARRIVED = 2  # degrees, or raw steps, as near as a servo can be expected to come
+_GRACE = 1.0
+_PAUSE = 0.04  # seconds between two readings
+_HALF = 24  # columns for the widest angle to one side
+_WIDEST = 120.0
+
+
+async def follow(board: Board, targets: Mapping[int, int], seconds: float, draw: Draw) -> tuple[Servo, ...]:
+    """Read the servos for `seconds` and until they are at `targets`; RequestTimeout, a second later, if they are not."""
+    loop = asyncio.get_running_loop()
+    start = loop.time()
+    while True:
+        servos = await board.servos()
+        elapsed = loop.time() - start
+        draw(elapsed, servos)
+        away = [
+            servo for servo in servos if abs(int(servo.angle) - targets.get(servo.servo_id, servo.angle)) > _ARRIVED
+        ]
+        if elapsed >= seconds and not away:
+            return servos
+        if elapsed >= seconds + _GRACE:
+            servo = away[0]
+            raise RequestTimeout(
+                f"servo {servo.servo_id} is at {int(servo.angle)}, not at {targets[servo.servo_id]}, {_GRACE:.0f} s after "
+                "it should have arrived: it may have been stopped or released, or be blocked or overloaded"
+            )
+        await asyncio.sleep(_PAUSE)
+
+
+@contextmanager
+def live_bars() -> Iterator[Draw]:
+    """Draw the servos as bars that move, until the end, where they stay."""
+    from rich.live import Live
+
+    shown = console()
+    block = "█" if shown.encoding.startswith("utf") else "#"
+    with Live(console=shown, auto_refresh=False) as live:
+
+        def draw(elapsed: float, servos: Sequence[Servo]) -> None:
+            live.update(_bars(elapsed, servos, block), refresh=True)
+
+        yield draw
+
+
+def _bars(elapsed: float, servos: Sequence[Servo], block: str) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    bars = Table.grid(padding=(0, 1))
+    bars.add_column(justify="right")
+    bars.add_column()
+    bars.add_column(justify="right")
+    for servo in servos:
+        length = min(_HALF, round(abs(int(servo.angle)) / _WIDEST * _HALF))
+        bar = (block * length).rjust(_HALF) + "│" if servo.angle < 0 else " " * _HALF + "│" + block * length
+        colour = "red" if not (servo.is_start and servo.is_hold) else "cyan" if servo.angle < 0 else "green"
+        bars.add_row(
+            Text(f"servo {servo.servo_id}"), Text(bar.ljust(2 * _HALF + 1), style=colour), Text(str(servo.angle))
+        )
+    bars.add_row(Text(f"{elapsed:.1f} s", style="dim"))
+    return bars

@@ -1,0 +1,119 @@
+"""What commands print: tables for people, on a terminal or not, and JSON for programs."""
+
+from __future__ import annotations
+
+import json
+import sys
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from servolink.printable import printable
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table as RichTable
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of texts and numbers; texts may come from a board and are made safe when they are shown."""
+
+    columns: Sequence[str]
+    """Their names; none for facts, a name and a value in each row."""
+    rows: Sequence[Sequence[object]]
+    title: str = ""
+
+
+def print_json(described: dict[str, Any]) -> None:
+    """Print one object on one line of ASCII."""
+    print(json.dumps(described), flush=True)
+
+
+def print_table(table: Table) -> None:
+    """Print a table as it suits standard output."""
+    if is_terminal():
+        console().print(rich_table(table))
+    else:
+        print("\n".join(plain_lines(table)), flush=True)
+
+
+def print_text(text: str) -> None:
+    """Print a line of text that may hold captions."""
+    print(printable(text), flush=True)
+
+
+def is_terminal() -> bool:
+    """Tell whether standard output is a terminal."""
+    return sys.stdout is not None and sys.stdout.isatty()
+
+
+def console() -> Console:
+    """Return a rich console that shows texts as they are."""
+    from rich.console import Console
+
+    return Console(markup=False, emoji=False, highlight=False, soft_wrap=False)
+
+
+def rich_table(table: Table) -> RichTable:
+    """Return `table` for a terminal."""
+    from rich import box
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
+    shown = RichTable(
+        title=Text(printable(table.title)) if table.title else None,
+        title_justify="left",
+        title_style="bold",
+        header_style="bold",
+        show_header=bool(table.columns),
+        box=box.SIMPLE_HEAD if table.columns else None,
+    )
+    for at, name in enumerate(table.columns or ("", "")):
+        shown.add_column(Text(name), justify="right" if _is_numeric(table, at) else "left")
+    for row in table.rows:
+        shown.add_row(*(Text(cell) for cell in _cells(row)))
+    return shown
+
+
+def plain_lines(table: Table) -> list[str]:
+    """Return `table` as aligned lines without anything that only a terminal understands."""
+    rows = [list(table.columns)] if table.columns else []
+    rows += [_cells(row) for row in table.rows]
+    if not rows:
+        return [printable(table.title)]
+    widths = [max(map(_width, column)) for column in zip(*rows, strict=True)]
+    numeric = [_is_numeric(table, at) for at in range(len(widths))]
+    lines = ["  ".join(map(_padded, row, widths, numeric)).rstrip() for row in rows]
+    return [printable(table.title), *lines] if table.title else lines
+
+
+def _cells(row: Sequence[object]) -> list[str]:
+    return [
+        "" if value is None else _WORDS[value] if isinstance(value, bool) else printable(str(value)) for value in row
+    ]
+
+
+_WORDS = {True: "yes", False: "no"}
+
+
+def _is_numeric(table: Table, at: int) -> bool:
+    """Tell whether a column holds numbers, which stand to the right; facts stand to the left."""
+    values = [row[at] for row in table.rows if row[at] is not None]
+    return bool(table.columns) and all(
+        isinstance(value, (int, float)) and not isinstance(value, bool) for value in values
+    )
+
+
+def _padded(text: str, width: int, to_the_right: bool) -> str:  # noqa: FBT001 - one of three mapped sequences
+    space = " " * (width - _width(text))
+    return space + text if to_the_right else text + space
+
+
+def _width(text: str) -> int:
+    """Return how many columns `text` takes: Chinese characters take two, accents that combine none."""
+    return sum(
+        0 if unicodedata.combining(character) else 2 if unicodedata.east_asian_width(character) in "WF" else 1
+        for character in text
+    )

@@ -1,0 +1,95 @@
+"""One command's conversation with a board, and what Ctrl-C does to it."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import sys
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from servolink.cli.main import INTERRUPTED, NO_BOARD, fail, refuse
+from servolink.client.board import Board, connect
+from servolink.errors import OutcomeUnknown, RequestTimeout
+
+_NO_URL = """no board was named. Add --url or set SERVOLINK_URL, for example
+  --url serial:///dev/ttyACM0    a board on a serial port
+  --url tcp://192.168.1.20:9000  a board on the network
+  --url virtual://               a virtual board, made for this one command"""
+_PATIENCE = 1.0  # seconds for the board to be closed in good order after Ctrl-C
+
+
+class Interruption:
+    """What Ctrl-C says and does; commands keep `state` true as they go."""
+
+    def __init__(self, state: str) -> None:
+        """Begin in `state`, such as "nothing was sent"."""
+        self.state = state
+        self._told = False
+
+    def tell(self) -> None:
+        """Say, once, what is now the case."""
+        if not self._told:
+            self._told = True
+            print(f"interrupted: {self.state}", file=sys.stderr, flush=True)
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Speak at once when Ctrl-C comes in here, and end the process if what is then closed does not end."""
+        try:
+            yield
+        except asyncio.CancelledError:
+            self.tell()
+            asyncio.get_running_loop().call_later(_PATIENCE, os._exit, INTERRUPTED)
+            raise
+
+
+def run_interruptible(main: Callable[[Interruption], Awaitable[int]], state: str = "nothing was sent") -> int:
+    """Run `main` until it returns the exit code or Ctrl-C comes."""
+    interruption = Interruption(state)
+
+    async def watched() -> int:
+        with interruption.watched():
+            return await main(interruption)
+
+    try:
+        return asyncio.run(watched())
+    except KeyboardInterrupt:
+        interruption.tell()
+        return INTERRUPTED
+
+
+def converse(
+    args: argparse.Namespace,
+    talk: Callable[[Board, Interruption], Awaitable[int]],
+    *,
+    greet: bool = True,
+    **options: Any,
+) -> int:
+    """Connect to the board of `args`, let `talk` talk to it and return what that returns.
+
+    `greet` asks for something harmless first, so that a silent board is told from a command that failed.
+    `options` are those of `connect`.
+    """
+    if not args.url:
+        refuse(args, _NO_URL)
+    try:
+        connection = connect(args.url, byte_order=args.byte_order, caption_encoding=args.caption_encoding, **options)
+    except ValueError as error:
+        refuse(args, str(error))
+
+    async def main(interruption: Interruption) -> int:
+        async with connection as board:
+            try:
+                with interruption.watched():
+                    if greet:
+                        await board.project_id()
+                    return await talk(board, interruption)
+            except (RequestTimeout, OutcomeUnknown) as error:
+                if board.stats.frames_received:
+                    raise
+                return fail(error, NO_BOARD)
+
+    return run_interruptible(main)
