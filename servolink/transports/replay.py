@@ -39,10 +39,12 @@ class ReplayTransport:
         self._receiver: Receiver | None = None
         self._ended = False
         self._cause: ConnectionLost | None = None
-        self._coming: deque[tuple[int, _Line]] = deque()  # with the number of bytes that must be sent before
-        self._expected = b""
-        self._sends: list[tuple[int, _Line]] = []  # with the position of its first byte in what is expected
-        self._said = 0
+        self._sends: list[_Line] = []
+        self._ends: list[int] = []  # of each send, in all that is to be sent
+        self._expected = bytearray()
+        self._said = 0  # bytes
+        self._done = 0  # sends
+        self._coming: deque[tuple[int, _Line]] = deque()  # what the board said, each after so many sends
         self._shift = 0.0  # from the recording's time to the loop's
         self._timer: asyncio.Handle | None = None
 
@@ -58,10 +60,11 @@ class ReplayTransport:
         self._receiver = receiver
         for line in _read(self._path):
             if line.what == "sent":
-                self._sends.append((len(self._expected), line))
+                self._sends.append(line)
                 self._expected += line.data
+                self._ends.append(len(self._expected))
             else:
-                self._coming.append((len(self._expected), line))
+                self._coming.append((len(self._sends), line))
         self._shift = asyncio.get_running_loop().time()
         self._arm()
 
@@ -74,9 +77,10 @@ class ReplayTransport:
         before, self._said = self._said, self._said + len(data)
         if self._expected[before : self._said] != data:
             raise self._mismatch(data, before)
-        done = bisect_right(self._sends, self._said, key=lambda send: send[0] + len(send[1].data))
-        if done and self._sends[done - 1][0] + len(self._sends[done - 1][1].data) > before:
-            self._shift = asyncio.get_running_loop().time() - self._sends[done - 1][1].seconds
+        done = bisect_right(self._ends, self._said)
+        if done > self._done:
+            self._done = done
+            self._shift = asyncio.get_running_loop().time() - self._sends[done - 1].seconds
         self._arm()
 
     async def close(self) -> None:
@@ -85,7 +89,7 @@ class ReplayTransport:
 
     def _arm(self) -> None:
         """Set the timer for the next chunk, if what has to be sent before it has been."""
-        if self._timer is None and not self._ended and self._coming and self._coming[0][0] <= self._said:
+        if self._timer is None and not self._ended and self._coming and self._coming[0][0] <= self._done:
             loop = asyncio.get_running_loop()
             due = self._coming[0][1].seconds + self._shift if self._timing else loop.time()
             self._timer = loop.call_at(due, self._play) if due > loop.time() else loop.call_soon(self._play)
@@ -102,13 +106,13 @@ class ReplayTransport:
     def _mismatch(self, data: bytes, before: int) -> ConnectionLost:
         wanted = self._expected[before:]
         same = next((i for i, (one, other) in enumerate(zip(wanted, data, strict=False)) if one != other), len(wanted))
-        if before + same >= len(self._expected):
-            reason = f"sent {data[same:][:32].hex()}, but nothing more was sent in the recording"
+        got = f"got {data[same : same + 32].hex()}"
+        if same == len(wanted):
+            reason = f"nothing more was sent in the recording, {got}"
         else:
-            line = self._sends[bisect_right(self._sends, before + same, key=lambda send: send[0]) - 1][1]
-            reason = (
-                f"line {line.number} was not sent: expected {wanted[same:][:32].hex()}, got {data[same:][:32].hex()}"
-            )
+            index = bisect_right(self._ends, before + same)
+            rest = self._expected[before + same : self._ends[index]][:32]
+            reason = f"line {self._sends[index].number}: expected {rest.hex()}, {got}"
         error = ConnectionLost(f"{printable(self.url)}: the program went another way: {reason}")
         self._end(error)
         return error

@@ -49,7 +49,7 @@ class Ear:
     """A receiver that remembers."""
 
     def __init__(self) -> None:
-        self.heard = bytearray()
+        self._heard = bytearray()
         self.losses: list[Exception | None] = []
         self.threads: set[int] = set()
         self._news = asyncio.Event()
@@ -57,7 +57,7 @@ class Ear:
     def data(self, chunk: bytes, /) -> None:
         assert not self.losses, "data after the end"
         self.threads.add(threading.get_ident())
-        self.heard += chunk
+        self._heard += chunk
         self._news.set()
 
     def lost(self, error: Exception | None, /) -> None:
@@ -65,8 +65,12 @@ class Ear:
         self.losses.append(error)
         self._news.set()
 
-    async def hear(self, size: int) -> bytearray:
-        while len(self.heard) < size:
+    @property
+    def heard(self) -> bytes:
+        return bytes(self._heard)
+
+    async def hear(self, size: int) -> bytes:
+        while len(self._heard) < size:
             await self._next()
         return self.heard
 
@@ -131,9 +135,9 @@ class PtyWire(Wire):
 
     async def start(self) -> Transport:
         self._loop = asyncio.get_running_loop()
-        self._master, self._slave = os.openpty()
+        self._master, self.slave = os.openpty()
         os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
+        self.path = os.ttyname(self.slave)
         self._there = True
         # Not before the transport has made the line raw: until then it echoes.
         self.listen()
@@ -153,7 +157,7 @@ class PtyWire(Wire):
         if self._there:
             self._there = False
             self.deafen()
-            os.close(self._slave)
+            os.close(self.slave)
             os.close(self._master)
 
     def deafen(self) -> None:

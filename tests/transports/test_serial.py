@@ -1,0 +1,257 @@
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+import subprocess
+import sys
+import termios
+import threading
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import serial  # type: ignore[import-untyped]
+
+from servolink.errors import ConnectionLost, OpenError
+from servolink.transports.registry import create
+from tests.transports.wires import FLOOD, Ear, PtyWire, on_loop
+
+HOLD = """
+import fcntl, os, sys
+port = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+fcntl.flock(port, fcntl.LOCK_EX)
+print("held", flush=True)
+sys.stdin.read()
+"""
+NOBODY = 65534
+
+
+async def _open_error(url: str) -> str:
+    with pytest.raises(OpenError) as caught:
+        await create(url).open(Ear())
+    return str(caught.value)
+
+
+@contextmanager
+def _not_root() -> Iterator[None]:
+    """Give up root's right to open every file."""
+    user = os.geteuid()
+    if user == 0:
+        os.seteuid(NOBODY)
+    try:
+        yield
+    finally:
+        os.seteuid(user)
+
+
+@on_loop
+async def test_a_missing_device_is_told_with_those_that_are_there() -> None:
+    text = await _open_error("/dev/servolink-nowhere")
+    assert "there is no /dev/servolink-nowhere; plug the board in" in text
+    assert "port" in text.rsplit("; ", 1)[1]
+
+
+@on_loop
+async def test_what_is_no_terminal_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    for path in (tmp_path, tmp_path / "file"):
+        assert "is no serial port" in await _open_error(str(path))
+    assert "there is no" in await _open_error(f"serial://{tmp_path}/file%F0%90%80")
+
+
+@on_loop
+async def test_missing_permission_is_told_with_the_cure(tmp_path: Path) -> None:
+    device = tmp_path / "ttyACM0"
+    device.touch(mode=0)
+    with _not_root():
+        text = await _open_error(str(device))
+    assert "no permission" in text
+    assert "usermod -aG dialout" in text
+    assert "uucp" in text
+    assert "log out and in" in text
+
+
+@on_loop
+async def test_a_port_that_another_program_holds_is_told() -> None:
+    async with PtyWire() as wire:
+        with subprocess.Popen(
+            [sys.executable, "-c", HOLD, wire.path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        ) as holder:
+            assert holder.stdout is not None
+            assert await asyncio.to_thread(holder.stdout.readline) == b"held\n"
+            assert "is in use; close the program that has it" in await _open_error(wire.path)
+            holder.communicate()
+        await wire.open()
+
+
+@on_loop
+async def test_a_port_of_ours_is_not_opened_twice() -> None:
+    async with PtyWire() as wire:
+        await wire.open()
+        assert "is in use" in await _open_error(wire.path)
+        await wire.transport.close()
+        again = create(wire.path)
+        await again.open(Ear())
+        await again.close()
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (serial.SerialException("could not open port 'COM3': PermissionError(13, 'Access is denied.')"), "is in use"),
+        (serial.SerialException("could not open port 'COM3': FileNotFoundError(2, 'not found')"), "there is no"),
+        (serial.SerialException(errno.EBUSY, "busy"), "is in use"),
+        (ValueError("Invalid baud rate: 3"), "cannot open COM3: Invalid baud rate: 3"),
+        (termios.error(errno.EIO, "Input/output error"), "cannot open COM3"),
+    ],
+)
+@on_loop
+async def test_other_failures_are_told(error: Exception, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: serial.Serial) -> None:
+        raise error
+
+    monkeypatch.setattr(serial.Serial, "open", fail)
+    assert text in await _open_error("COM3")
+
+
+@on_loop
+async def test_the_line_is_raw_and_has_its_speed() -> None:
+    async with PtyWire() as wire:
+        transport = create(f"{wire.path}?baudrate=57600")
+        await transport.open(Ear())
+        input_flags, output_flags, _, local_flags, input_speed, output_speed, _ = termios.tcgetattr(wire.slave)
+        await transport.close()
+        assert (input_speed, output_speed) == (termios.B57600, termios.B57600)
+        assert not input_flags & (termios.ICRNL | termios.IXON)
+        assert not output_flags & termios.OPOST
+        assert not local_flags & (termios.ECHO | termios.ICANON | termios.ISIG)
+
+
+@pytest.mark.parametrize(
+    ("options", "levels"), [("", (False, False)), ("?dtr=1", (True, False)), ("?dtr=1&rts=1", (True, True))]
+)
+@on_loop
+async def test_the_control_lines_are_set_on_purpose(
+    options: str, levels: tuple[bool, bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A pseudo-terminal has no such lines: what the operating system would be asked is all there is to see.
+    seen: list[bool] = []
+    monkeypatch.setattr(serial.Serial, "_update_dtr_state", lambda port: seen.append(port.dtr))
+    monkeypatch.setattr(serial.Serial, "_update_rts_state", lambda port: seen.append(port.rts))
+    async with PtyWire() as wire:
+        transport = create(wire.path + options)
+        await transport.open(Ear())
+        await transport.close()
+    assert tuple(seen) == levels
+
+
+@on_loop
+async def test_what_came_before_the_opening_is_dropped() -> None:
+    async with PtyWire() as wire:
+        tty.setraw(wire.slave)
+        await wire.say(b"stale")
+        ear = await wire.open()
+        await wire.say(b"fresh")
+        assert await ear.hear(5) == b"fresh"
+
+
+@on_loop
+async def test_an_opening_that_is_cancelled_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    go, opened, really_open = threading.Event(), threading.Event(), serial.Serial.open
+
+    def open_slowly(port: serial.Serial) -> None:
+        assert go.wait(10)
+        really_open(port)
+        opened.set()
+
+    monkeypatch.setattr(serial.Serial, "open", open_slowly)
+    async with PtyWire() as wire:
+        opening = asyncio.ensure_future(wire.open())
+        await asyncio.sleep(0)
+        opening.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await opening
+        go.set()
+        await asyncio.to_thread(opened.wait)
+        monkeypatch.undo()
+        while True:  # the descriptor is closed in a later turn of the loop
+            again = create(wire.path)
+            try:
+                await again.open(Ear())
+            except OpenError as error:
+                assert "is in use" in str(error)  # noqa: PT017 - it is awaited, not tested
+            else:
+                break
+        await again.close()
+        assert wire.ear.losses == []
+
+
+@on_loop
+async def test_an_opening_does_not_hold_up_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    go, really_open = threading.Event(), serial.Serial.open
+
+    def open_when_told(port: serial.Serial) -> None:
+        assert go.wait(10)
+        really_open(port)
+
+    monkeypatch.setattr(serial.Serial, "open", open_when_told)
+    async with PtyWire() as wire:
+        opening = asyncio.ensure_future(wire.open())
+        await asyncio.sleep(0)
+        go.set()  # only a loop that still turns comes here
+        assert await opening is wire.ear
+
+
+@on_loop
+async def test_a_port_closed_while_it_opens_is_closed_after_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    go, really_open = threading.Event(), serial.Serial.open
+
+    def open_when_told(port: serial.Serial) -> None:
+        assert go.wait(10)
+        really_open(port)
+
+    monkeypatch.setattr(serial.Serial, "open", open_when_told)
+    async with PtyWire() as wire:
+        opening = asyncio.ensure_future(wire.open())
+        await asyncio.sleep(0)
+        await wire.transport.close()
+        go.set()
+        with pytest.raises(OpenError, match="closed while being opened"):
+            await opening
+        again = create(wire.path)
+        await again.open(Ear())
+        await again.close()
+
+
+@on_loop
+async def test_a_drained_port_no_longer_waits_for_room() -> None:
+    async with PtyWire() as wire:
+        await wire.open()
+        await wire.transport.send(bytes(FLOOD))
+        port = next(fd for fd in _descriptors() if fd != wire.slave and _is(fd, wire.path))
+        assert asyncio.get_running_loop().remove_writer(port) is False
+
+
+@on_loop
+async def test_a_lost_port_says_what_to_look_at() -> None:
+    async with PtyWire() as wire:
+        ear = await wire.open()
+        await wire.vanish()
+        error = await ear.end()
+        assert isinstance(error, ConnectionLost)
+        assert "is it unplugged or switched off?" in str(error)
+        assert isinstance(error.__cause__, ConnectionResetError)
+
+
+def _descriptors() -> list[int]:
+    return [int(entry.name) for entry in Path("/dev/fd").iterdir()]
+
+
+def _is(descriptor: int, path: str) -> bool:
+    try:
+        return os.ttyname(descriptor) == path
+    except OSError:
+        return False
