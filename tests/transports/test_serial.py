@@ -17,6 +17,7 @@ import serial  # type: ignore[import-untyped]
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.transports.registry import create
+from servolink.transports.serial import SerialTransport
 from tests.transports.wires import FLOOD, Ear, PtyWire, on_loop
 
 HOLD = """
@@ -233,6 +234,65 @@ async def test_a_drained_port_no_longer_waits_for_room() -> None:
         await wire.transport.send(bytes(FLOOD))
         port = next(fd for fd in _descriptors() if fd != wire.slave and _is(fd, wire.path))
         assert asyncio.get_running_loop().remove_writer(port) is False
+
+
+@on_loop
+async def test_a_write_that_fails_is_the_end_and_no_noise(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(*_: object) -> None:
+        raise serial.SerialException("write failed: [Errno 5] Input/output error")
+
+    async with PtyWire() as wire:
+        ear = await wire.open()
+        monkeypatch.setattr(serial.Serial, "write", fail)
+        with pytest.raises(ConnectionLost, match="unplugged") as caught:
+            await wire.transport.send(b"x")
+        assert caught.value.__cause__ is not None
+        assert "Errno 5" in str(caught.value.__cause__.__cause__)
+        assert isinstance(await ear.end(), ConnectionLost)
+        assert caplog.records == []
+
+
+@on_loop
+async def test_a_port_that_can_no_longer_be_asked_is_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: object) -> int:
+        raise serial.SerialException("ClearCommError failed")
+
+    async with PtyWire() as wire:
+        ear = await wire.open()
+        assert isinstance(wire.transport, SerialTransport)
+        monkeypatch.setattr(serial.Serial, "in_waiting", property(fail))
+        assert wire.transport._port.in_waiting == 0  # on Windows, this is how pyserial-asyncio looks for bytes
+        assert isinstance(await ear.end(), ConnectionLost)
+
+
+@on_loop
+async def test_closing_drops_what_the_device_does_not_take(monkeypatch: pytest.MonkeyPatch) -> None:
+    dropped: list[bool] = []
+    monkeypatch.setattr(serial.Serial, "reset_output_buffer", lambda _: dropped.append(True))
+    monkeypatch.setattr(serial.Serial, "out_waiting", 7, raising=False)
+    async with PtyWire() as wire:
+        ear = await wire.open()
+        start = asyncio.get_running_loop().time()
+        await wire.transport.close()
+        assert 0.5 <= asyncio.get_running_loop().time() - start < 1
+        assert dropped == [True]
+        assert ear.losses == [None]
+
+
+@on_loop
+async def test_a_device_that_vanishes_is_closed_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: object) -> int:
+        raise OSError(errno.EIO, "Input/output error")
+
+    async with PtyWire() as wire:
+        ear = await wire.open()
+        monkeypatch.setattr(serial.Serial, "out_waiting", property(fail))
+        start = asyncio.get_running_loop().time()
+        await wire.transport.close()
+        assert asyncio.get_running_loop().time() - start < 0.4
+        assert ear.losses == [None]
 
 
 @on_loop
