@@ -34,7 +34,7 @@ PAGES = [
     ROOT / "README.md",
     *sorted(path for path in (ROOT / "docs").rglob("*.md") if "_" not in str(path.parent.name)),
 ]
-SHOWN = {"text", "text output", "json", "sh", "console no-run"}
+SHOWN = {"text", "text output", "json", "toml", "sh", "console no-run"}
 PATIENCE = 30.0
 """Seconds until a program that should have said something is given up."""
 
@@ -105,7 +105,7 @@ class Reader:
         for at, block in enumerate(page):
             if block.info == "python":
                 shown = page[at + 1].code if page[at + 1 :] and page[at + 1].info == "text output" else ""
-                self.run(block.place, [sys.executable, "-X", "dev", "-W", "error", "-c", self.here(block.code)], shown)
+                self.run(block.place, [sys.executable, "-W", "error", "-c", self.here(block.code)], shown)
                 assert self.status == 0, f"{block.place} fails"
             elif block.info == "console":
                 self.type(block)
