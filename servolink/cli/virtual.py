@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from servolink.cli.main import OK
@@ -111,36 +111,46 @@ def _change(board: VirtualBoard, change: ButtonChange) -> None:
 @contextmanager
 def _keyboard(board: VirtualBoard) -> Iterator[None]:
     """Let keys press buttons while standard input is a terminal that is ours."""
-    if sys.platform == "win32" or sys.stdin is None or not sys.stdin.isatty():
+    terminal = _own_terminal()
+    if sys.platform == "win32" or terminal is None:
         yield
         return
     import termios
     import tty
 
-    loop, keys, descriptor = asyncio.get_running_loop(), Keys(), sys.stdin.fileno()
-    if os.tcgetpgrp(descriptor) != os.getpgrp():
-        yield  # in the background, where touching the terminal would stop us
-        return
+    loop, keys = asyncio.get_running_loop(), Keys()
 
     def read() -> None:
         try:
-            typed = os.read(descriptor, 1024)
+            typed = os.read(terminal, 1024)
         except OSError:
             typed = b""
         if not typed:  # the terminal is gone
-            loop.remove_reader(descriptor)
+            loop.remove_reader(terminal)
         for change in keys.typed(typed.decode(errors="replace")):
             loop.call_later(change.at, _change, board, change)
 
-    before = termios.tcgetattr(descriptor)
-    tty.setcbreak(descriptor)
-    loop.add_reader(descriptor, read)
+    before = termios.tcgetattr(terminal)
+    tty.setcbreak(terminal)
+    loop.add_reader(terminal, read)
     print(HELP, file=sys.stderr, flush=True)
     try:
         yield
     finally:
-        loop.remove_reader(descriptor)
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+        loop.remove_reader(terminal)
+        with suppress(termios.error):  # it may be gone
+            termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+
+
+def _own_terminal() -> int | None:
+    """Return standard input if it is a terminal with us in front; in the background reading it would stop us."""
+    if sys.platform == "win32" or sys.stdin is None:
+        return None
+    try:
+        descriptor = sys.stdin.fileno()
+        return descriptor if os.tcgetpgrp(descriptor) == os.getpgrp() else None
+    except OSError:  # no terminal, or not ours
+        return None
 
 
 def _number(low: int, high: int) -> Callable[[str], int]:

@@ -14,7 +14,7 @@ from servolink.protocol.frame import encode_frame
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.settings import TransmissionModeSettingRequest
-from servolink.virtual.answers import ANSWERS
+from servolink.virtual.answers import ANSWERS, Asked
 from servolink.virtual.buttons import Buttons
 from servolink.virtual.player import Player
 from servolink.virtual.servo import Servo
@@ -166,7 +166,7 @@ class Session:
             return  # an answer, which only boards send
         if self.board.mode != NEW_PROTOCOL and not isinstance(packet, TransmissionModeSettingRequest):
             return
-        answer = handler(self, packet, content, now)
+        answer = handler(Asked(self, packet, content, now))
         if isinstance(answer, Packet):
             self.send(codec.encode(answer))
         elif answer is not None:

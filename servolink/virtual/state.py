@@ -20,7 +20,7 @@ from servolink.printable import printable
 from servolink.protocol import editing, joystick
 from servolink.protocol.frame import HEADER_SIZE, ByteOrder, encode_frame
 from servolink.protocol.packet import Packet, Result
-from servolink.virtual.answers import ANSWERS
+from servolink.virtual.answers import ANSWERS, Asked
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.storage import Kind
 
@@ -117,7 +117,7 @@ def _store(board: VirtualBoard, request: str) -> str:
     if not isinstance(packet, _REBUILDING):
         return f"{type(packet).__name__} stores nothing"
     session = board.attach(lambda _: None)
-    answer = ANSWERS[type(packet)](session, packet, frame[HEADER_SIZE:-1], 0.0)
+    answer = ANSWERS[type(packet)](Asked(session, packet, frame[HEADER_SIZE:-1], now=0.0))
     session.detach()
     if not isinstance(answer, Result) or not answer.result:
         return (

@@ -36,10 +36,9 @@ os.execv(sys.argv[1], sys.argv[1:])
 
 
 @asynccontextmanager
-async def served(*options: str, terminal: int | None = None) -> AsyncIterator[Process]:
-    """Run `servolink virtual`, in the foreground of `terminal` if there is one, and see to it that it ends."""
-    in_terminal = terminal is not None
-    before = (sys.executable, "-c", LEADER) if in_terminal else ()
+async def served(*options: str, terminal: int | None = None, leading: bool = True) -> AsyncIterator[Process]:
+    """Run `servolink virtual`, in the foreground of `terminal` or just reading it, and see to it that it ends."""
+    before = (sys.executable, "-c", LEADER) if terminal is not None and leading else ()
     process = await asyncio.create_subprocess_exec(
         *before,
         *COMMAND,
@@ -47,7 +46,7 @@ async def served(*options: str, terminal: int | None = None) -> AsyncIterator[Pr
         stdin=terminal if terminal is not None else asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
-        start_new_session=in_terminal,
+        start_new_session=terminal is not None,
     )
     try:
         yield process
@@ -194,6 +193,39 @@ def test_keys_press_buttons_and_the_terminal_is_given_back() -> None:
         finally:
             os.close(ours)
             os.close(theirs)
+
+    asyncio.run(main())
+
+
+def test_a_terminal_of_somebody_else_is_left_alone() -> None:
+    async def main() -> None:
+        import termios
+
+        ours, theirs = os.openpty()
+        before = termios.tcgetattr(theirs)
+        try:
+            async with served(*TCP, terminal=theirs, leading=False) as process:
+                await talk(await url(process), QueryServoListRequest())
+                assert termios.tcgetattr(theirs) == before
+                assert await ended(process, signal.SIGINT) == (0, "", "")
+        finally:
+            os.close(ours)
+            os.close(theirs)
+
+    asyncio.run(main())
+
+
+def test_it_ends_with_its_terminal() -> None:
+    async def main() -> None:
+        ours, theirs = os.openpty()
+        async with served(*TCP, terminal=theirs) as process:
+            os.close(theirs)
+            await talk(await url(process), QueryServoListRequest())
+            os.close(ours)
+            async with asyncio.timeout(GUARD):
+                _, said = await process.communicate()
+            assert process.returncode == 0
+            assert "Traceback" not in said.decode()
 
     asyncio.run(main())
 
