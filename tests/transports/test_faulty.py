@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 from typing import Self
 
 import pytest
@@ -141,3 +142,21 @@ def test_unplugging_while_receiving_cuts_the_frame_and_loses_the_line() -> None:
                 await line.faulty.send(b"x")
 
     run(main())
+
+
+def test_a_late_chunk_that_cannot_be_sent_ends_quietly(caplog: pytest.LogCaptureFixture) -> None:
+    class Deaf(MemoryTransport):
+        async def send(self, data: bytes) -> None:
+            raise ConnectionLost(f"{len(data)} bytes were not taken")
+
+    async def main() -> None:
+        transport, ear = FaultyTransport(Deaf(), Faults(delay=1.0, delay_time=1.0)), Ear()
+        await transport.open(ear)
+        await transport.send(b"x")
+        await asyncio.sleep(2)
+        await transport.close()
+        assert ear.losses == [None]
+
+    run(main())
+    gc.collect()
+    assert caplog.records == []

@@ -108,3 +108,17 @@ def test_an_end_whose_other_is_gone_cannot_be_opened() -> None:
             await other.open(Ear())
 
     run(main())
+
+
+def test_an_end_that_nobody_joined_ends_alone() -> None:
+    async def main() -> None:
+        one, other, ears = create("memory://alone"), create("memory://alone"), (Ear(), Ear())
+        await one.open(ears[0])
+        await one.close()
+        await other.open(ears[1])
+        assert isinstance(other, MemoryTransport)
+        other.unplug()
+        assert isinstance(await ears[1].end(), ConnectionLost)
+        assert ears[0].losses == [None]
+
+    run(main())

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import gc
 import os
 import subprocess
 import sys
@@ -16,6 +17,7 @@ import pytest
 import serial  # type: ignore[import-untyped]
 
 from servolink.errors import ConnectionLost, OpenError
+from servolink.transports import stream
 from servolink.transports.registry import create
 from servolink.transports.serial import SerialTransport
 from tests.transports.wires import FLOOD, Ear, PtyWire, on_loop
@@ -191,6 +193,30 @@ async def test_an_opening_that_is_cancelled_leaves_nothing_open(monkeypatch: pyt
 
 
 @on_loop
+async def test_a_cancelled_opening_that_fails_later_is_forgotten(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    go, failed = threading.Event(), threading.Event()
+
+    def fail_slowly(_: serial.Serial) -> None:
+        assert go.wait(10)
+        failed.set()
+        raise serial.SerialException(errno.ENOENT, "gone")
+
+    monkeypatch.setattr(serial.Serial, "open", fail_slowly)
+    opening = asyncio.ensure_future(create("COM3").open(Ear()))
+    await asyncio.sleep(0)
+    opening.cancel()
+    await asyncio.wait([opening])
+    go.set()
+    await asyncio.to_thread(failed.wait)
+    await asyncio.get_running_loop().shutdown_default_executor()
+    del opening
+    gc.collect()
+    assert caplog.records == []
+
+
+@on_loop
 async def test_an_opening_does_not_hold_up_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     go, really_open = threading.Event(), serial.Serial.open
 
@@ -228,10 +254,14 @@ async def test_a_port_closed_while_it_opens_is_closed_after_all(monkeypatch: pyt
 
 
 @on_loop
-async def test_a_drained_port_no_longer_waits_for_room() -> None:
+async def test_a_drained_port_no_longer_waits_for_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream, "_STALL_STEP", 0.001)
     async with PtyWire() as wire:
         await wire.open()
         await wire.transport.send(bytes(FLOOD))
+        assert isinstance(wire.transport, SerialTransport)
+        while wire.transport._watch is not None:  # it ends, as a timer that nobody needs costs power
+            await asyncio.sleep(0)
         port = next(fd for fd in _descriptors() if fd != wire.slave and _is(fd, wire.path))
         assert asyncio.get_running_loop().remove_writer(port) is False
 
