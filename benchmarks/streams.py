@@ -38,7 +38,8 @@ def dirty(size: int, total: int, seed: int = 1) -> bytes:
 
 def damaged_line(random: Random, count: int, byte_order: ByteOrder) -> tuple[bytes, list[bytes]]:
     """Return a noisy stream and the `count` intact frames of every packet in it, in their order."""
-    stream, intact = bytearray(), []
+    stream = bytearray()
+    intact: list[bytes] = []
     corpus = [any_frame(random, byte_order) for _ in range(200)]
     while len(intact) < count:
         frame = random.choice(corpus)

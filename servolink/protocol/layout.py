@@ -13,7 +13,7 @@ from functools import cache
 from itertools import starmap
 from operator import index
 from struct import Struct as Format
-from struct import error as FormatError
+from struct import error as struct_error
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from msgspec import Meta
@@ -84,7 +84,7 @@ class _Row:
         try:
             if all(low <= row[at] <= high for at, low, high in self._narrow):
                 return self.format.pack(*row, *count)
-        except (FormatError, TypeError):
+        except (struct_error, TypeError):
             pass
         faults = (
             f"{where}.{declared.name}".rstrip(".") + f": {fault}"
@@ -193,7 +193,7 @@ class Layout:
     def _decode_fixed(self, content: bytes, encoding: str) -> Packet:
         try:
             return self._packet(*self._head.format.unpack(content))
-        except FormatError:
+        except struct_error:
             raise self.wrong_length(content) from None
 
     def _decode_rest(self, content: bytes, encoding: str) -> Packet:

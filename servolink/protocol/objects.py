@@ -43,6 +43,8 @@ def from_object(described: Any) -> Packet:
         return msgspec.convert(fields, declared, builtin_types=[bytes])
     except msgspec.ValidationError as error:
         raise EncodeError(_explain(declared, fields, str(error))) from None
+    except UnicodeEncodeError as error:
+        raise EncodeError(f"{declared.__name__}: {shown(error.object)} names no field of a record") from None
 
 
 def _declared(described: Any) -> type[Packet]:

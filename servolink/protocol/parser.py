@@ -6,7 +6,7 @@ the search goes on inside it, so that no intact frame within a damaged one is lo
 
 One damaged frame in 256 has the right sum by chance and may have swallowed good ones. Three signs betray it,
 and the parser then looks back, once, for the frames inside: sync is lost right after it; a frame inside reaches
-into the padding after it; or, on a line that was damaged lately, a frame inside ends just where it ends.
+into the padding after it; or, on a line that was damaged lately, there are whole frames inside.
 """
 
 from __future__ import annotations
@@ -64,10 +64,11 @@ class FrameParser:
         self._needed = 0  # how long it must get before another look is worth it
         self._reason = PADDING
         self._last: Frame | None = None  # the frame that ended here, but for `_zeros` zero bytes
+        self._rest: bytes | None = None  # what is left to search of `_last`; None: all but its first byte
         self._zeros = 0
         self._shadow: FrameParser | None = None  # looks for a frame that reaches from `_last` into the padding
         self._shadowed: list[Frame] = []
-        self._wary = 0  # so many more frames are searched for a frame that ends where they end
+        self._wary = 0  # so many more frames are searched for whole frames inside
         self._looks_back = True
         self._replay = 0  # so many bytes at the front of the buffer belong to a frame that was believed already
         self._blocks = _BlockSums()
@@ -95,7 +96,11 @@ class FrameParser:
         """End the stream: return the last frames and skip what never became one."""
         frames: list[Frame] = []
         while len(self._held) >= HEADER_SIZE:
-            frames += self.give_up()
+            earlier = self.take_skipped() if self._kept else []
+            found = self.give_up()
+            if self._kept is not None:
+                self._kept = earlier + [(len(frames) + before, data, reason) for before, data, reason in self._kept]
+            frames += found
         if self._held:
             self._reason = INCOMPLETE
             self._skip(bytes(self._held), 0, len(self._held), frames)
@@ -163,6 +168,7 @@ class FrameParser:
         """Note that `frame` ends at `end`, in sync."""
         looked_back = end - OVERHEAD - len(frame[1]) < self._replay
         self._last = frame if self._looks_back and not looked_back else None  # once is enough
+        self._rest = None
         self._shadow = None
         self._zeros = 0
         self._reason = PADDING
@@ -211,36 +217,37 @@ class FrameParser:
         if reaching := self._shadow.feed(data[at:end]):
             frames += self._shadowed + reaching
             self._last = None
-        elif not self._shadow._held and not self._shadowed or self._zeros > MAX_CONTENT:
+        elif (not self._shadow._held and not self._shadowed) or self._zeros > MAX_CONTENT:
             self._last = None  # nothing begins in it, or nothing reaches that far
         return end
 
     def _swallowed(self) -> list[Frame]:
-        """Return the frames inside the last one if the last of them ends exactly where it ends."""
+        """Return the frames inside the last one, and keep of it only what reaches out of it."""
         if self._last is None:
             return []
         shadow, found = self._look_inside(self._last)
-        if not found or shadow._held or shadow._reason != PADDING or shadow._zeros:
-            return []
-        self._last = None
+        self._last, self._rest = (self._last, bytes(shadow._held)) if shadow._held else (None, None)
         return found
 
     def _shadow_last(self, last: Frame) -> None:
-        inside = encode_frame(*last, self.byte_order)[1:]
+        inside = self._inside(last)
         if _next_magic(inside, 0) < len(inside):
             self._shadow, self._shadowed = self._look_inside(last)
         else:
             self._last = None
 
     def _look_inside(self, frame: Frame) -> tuple[FrameParser, list[Frame]]:
-        """Return a parser that has read all but the first byte of `frame`, and the frames it found."""
+        """Return a parser that has read what is in `frame`, and the frames it found."""
         shadow = FrameParser(self.byte_order)
         shadow._looks_back = False
-        return shadow, shadow.feed(encode_frame(*frame, self.byte_order)[1:])
+        return shadow, shadow.feed(self._inside(frame))
+
+    def _inside(self, frame: Frame) -> bytes:
+        return encode_frame(*frame, self.byte_order)[1:] if self._rest is None else self._rest
 
     def _look_back(self, last: Frame, data: bytes, at: int) -> tuple[bytes, int]:
         """Return a buffer that begins inside `last` again, if a frame may begin there."""
-        again = encode_frame(*last, self.byte_order)[1:] + bytes(self._zeros)
+        again = self._inside(last) + bytes(self._zeros)
         start = _next_magic(again + data[at : at + len(MAGIC) - 1], 0)
         if start >= len(again):
             return data, at
@@ -276,7 +283,7 @@ class FrameParser:
 
 
 _SMALL = 256 + OVERHEAD  # frames whose content one adler32 sums
-_ROOMY = HEADER_SIZE + OVERHEAD  # frames that have room for another that ends where they end
+_ROOMY = HEADER_SIZE + OVERHEAD  # frames that have room for another
 _WARY = 256
 
 

@@ -50,7 +50,7 @@ def test_what_does_not_fit_is_refused_whole_never_cut() -> None:
         ("\ud800", "utf-8", "cannot be written in utf-8"),
         ("a\x1b[2J", "utf-8", r"'a\\x1b\[2J' holds control characters"),
         ("\udc1b", "utf-8", "holds control characters"),
-        ("\udc7f", "utf-8", "holds control characters"),
+        (chr(0xDC7F), "utf-8", "holds control characters"),
         ("\x80", "utf-8", "holds control characters"),
         ("\u4c13\u1d05", "utf-16-le", "contains the bytes that start a frame"),
     ],

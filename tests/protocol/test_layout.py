@@ -53,8 +53,10 @@ OUT_OF_RANGE: list[tuple[Packet, str]] = [
     (ExecuteActionRequest((Step(1, 2, -1),)), "ExecuteActionRequest.steps[0].interval: -1 is outside 0..32767"),
     (
         AddActionRequest(1, "pose", (Step(1, 0, 0), Step(300, 40_000, 0))),
-        "AddActionRequest.steps[1].servo_id: 300 is outside 0..255; "
-        "AddActionRequest.steps[1].degree: 40000 is outside -32768..32767",
+        (
+            "AddActionRequest.steps[1].servo_id: 300 is outside 0..255; "
+            "AddActionRequest.steps[1].degree: 40000 is outside -32768..32767"
+        ),
     ),
     (AddMacroRequest(1, "", (MacroCommand(1, 3),)), "AddMacroRequest.commands[0].type: 3 is outside 0..2"),
     (AddMacroRequest(1, "", (MacroCommand(1, 0, 0),)), "AddMacroRequest.commands[0].ratio: 0 is outside 1..100"),

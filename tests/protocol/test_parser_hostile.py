@@ -1,0 +1,114 @@
+"""Streams made to hurt: work for each byte and memory have a bound. Work is counted, not timed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+from zlib import adler32
+
+import pytest
+
+from benchmarks.streams import chunks, hostile
+from servolink.protocol import frame as frame_module
+from servolink.protocol import parser as parser_module
+from servolink.protocol.frame import Frame, encode_frame
+from servolink.protocol.parser import _MAX_KNOWN_HEADERS, FrameParser, _BlockSums
+
+_LARGEST_FRAME = 65_544
+_NAMES = [name for name, _ in hostile(0)]
+
+
+class Work:
+    """What parsers did: bytes summed or copied into a buffer, remembered sums used, searches for a frame start."""
+
+    def __init__(self) -> None:
+        self.bytes = 0
+        self.sums = 0
+        self.searches = 0
+
+    @contextmanager
+    def counted(self) -> Iterator[None]:
+        """Count what parsers do meanwhile."""
+        scan, recover, sum_blocks = FrameParser._scan, FrameParser._recover, _BlockSums.sum
+
+        def counted_adler32(data: bytes) -> int:
+            self.bytes += len(data)
+            return adler32(data)
+
+        def counted_scan(parser: FrameParser, data: bytes, at: int) -> list[Frame]:
+            self.bytes += len(data)
+            return scan(parser, data, at)
+
+        def counted_sum(sums: _BlockSums, data: bytes, start: int, end: int) -> int:
+            self.sums += (end - start) // 256
+            return sum_blocks(sums, data, start, end)
+
+        def counted_recover(parser: FrameParser, *args: Any, **named: Any) -> tuple[bytes, int, int]:
+            self.searches += 1
+            return recover(parser, *args, **named)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(parser_module, "adler32", counted_adler32)
+            patch.setattr(frame_module, "adler32", counted_adler32)
+            patch.setattr(FrameParser, "_scan", counted_scan)
+            patch.setattr(FrameParser, "_recover", counted_recover)
+            patch.setattr(_BlockSums, "sum", counted_sum)
+            yield
+
+
+@pytest.mark.parametrize("name", _NAMES)
+@pytest.mark.parametrize("size", [1 << 16, 1 << 17, 1 << 18])
+def test_work_for_each_byte_has_the_same_bound_in_short_and_long_streams(name: str, size: int) -> None:
+    stream, work = dict(hostile(size))[name], Work()
+    with work.counted():
+        parser = FrameParser()
+        for chunk in chunks(stream, 4096):
+            parser.feed(chunk)
+    assert work.bytes <= 100 * size
+    assert work.sums <= 100 * size
+    assert work.searches <= size
+
+
+@pytest.mark.parametrize("name", _NAMES)
+def test_the_end_costs_at_most_a_look_at_each_begun_frame(name: str) -> None:
+    parser, work = FrameParser(), Work()
+    parser.feed(dict(hostile(1 << 16))[name])
+    with work.counted():
+        parser.finish()
+    assert work.searches <= _LARGEST_FRAME // 2
+    assert work.bytes <= _LARGEST_FRAME * (work.searches + 1)
+
+
+@pytest.mark.parametrize("name", _NAMES)
+def test_memory_is_bounded(name: str) -> None:
+    parser = FrameParser()
+    most = 0
+    for chunk in chunks(dict(hostile(100_000))[name], 1000):
+        parser.feed(chunk)
+        most = max(most, len(parser._held))
+        assert len(parser._entries) <= _MAX_KNOWN_HEADERS
+    assert most <= _LARGEST_FRAME
+
+
+def test_headers_are_remembered_up_to_a_number_and_all_are_read() -> None:
+    parser = FrameParser()
+    for length in range(_MAX_KNOWN_HEADERS + 10):
+        assert parser.feed(encode_frame(10050, bytes(length % 7000), "little")) == [(10050, bytes(length % 7000))]
+    assert 0 < len(parser._entries) <= _MAX_KNOWN_HEADERS
+
+
+def test_sums_of_blocks_are_forgotten() -> None:
+    parser, frame = FrameParser(), encode_frame(10050, b"\xff" * 65_535, "little")
+    for _ in range(6):
+        assert len(parser.feed(frame)) == 1
+        assert len(parser._blocks._sums) <= 1024 + 256
+
+
+def test_the_longest_frame_is_not_looked_at_for_each_of_its_bytes() -> None:
+    frame, work = encode_frame(10050, bytes(65_535), "little"), Work()
+    with work.counted():
+        parser = FrameParser()
+        assert sum(len(parser.feed(frame[at : at + 1])) for at in range(len(frame))) == 1
+    assert work.bytes < 5 * len(frame)
+    assert work.searches < 20

@@ -1,0 +1,38 @@
+"""Every intact frame of a damaged line is found; `python -m benchmarks recall` asks the same of 400,000."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.recall import Recall, measure
+from benchmarks.textbook import TextbookParser
+from servolink.protocol.frame import encode_frame
+from servolink.protocol.parser import FrameParser
+
+
+@pytest.mark.parametrize("seed", [434, 1000, 3000, 4002])
+def test_recall_is_exactly_all(seed: int) -> None:
+    recall = measure(FrameParser, 10_000, seed)
+    assert recall.intact == 10_000
+    assert recall.complete
+    assert recall.false < 100
+
+
+def test_the_measure_sees_losses() -> None:
+    recall = measure(TextbookParser, 2000)
+    assert not recall.complete
+    assert recall.found < recall.intact
+
+
+def test_the_measure_sees_losses_doubles_and_disorder() -> None:
+    frames = [(10020, b""), (10010, b"\1")]
+    sent = [encode_frame(*frame, "big") for frame in frames]
+    for came, expected in (
+        (frames, Recall(intact=2, found=2)),
+        (frames[::-1], Recall(intact=2, found=2, disordered=1)),
+        (frames[:1] * 2, Recall(intact=2, found=1, false=1, disordered=1)),
+    ):
+        recall = Recall()
+        recall.add(sent, came, "big")
+        assert recall == expected
+        assert recall.complete is (came == frames)
