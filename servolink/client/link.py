@@ -143,6 +143,8 @@ class Link:
             self._refuse_if_stopped(packet, stops)
             tries += 1
             self.stats.retries += tries > 1
+            if isinstance(packet, Query):  # a change that is sent late still gets its whole time
+                timeout = min(timeout, until - self._loop.time())
             pending = await self._send_pending(packet, frame, lane, timeout)
             answer = await pending.answer
             if answer is not None:
