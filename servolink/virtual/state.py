@@ -15,7 +15,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta, Struct
 
-from servolink.errors import OpenError, PacketError
+from servolink.errors import OpenError, PacketError, ServolinkError
 from servolink.printable import printable
 from servolink.protocol import editing, joystick
 from servolink.protocol.frame import HEADER_SIZE, ByteOrder, encode_frame
@@ -47,17 +47,23 @@ class BoardState(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def save_state(board: VirtualBoard, path: Path) -> None:
-    """Write what `board` keeps to `path`, whole or not at all; OSError if the file cannot be written."""
+    """Write what `board` keeps to `path`, whole or not at all; ServolinkError if the file cannot be written."""
     state = BoardState(
         byte_order=board.codec.byte_order,
         battery=board.battery,
         angles={servo.servo_id: servo.angle for servo in board.servos.values()},
         requests=[frame.hex() for frame in _requests(board)],
     )
-    text = msgspec.json.format(msgspec.json.encode(state), indent=1)
+    try:
+        _replace(path, msgspec.json.format(msgspec.json.encode(state), indent=1) + b"\n")
+    except OSError as error:
+        raise ServolinkError(f"{printable(str(path))}: the board cannot be saved: {printable(str(error))}") from error
+
+
+def _replace(path: Path, content: bytes) -> None:
     with NamedTemporaryFile(dir=path.parent, prefix=path.name + ".", delete=False) as file:
         try:
-            file.write(text + b"\n")
+            file.write(content)
             file.flush()
             os.fsync(file.fileno())
             file.close()

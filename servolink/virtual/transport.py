@@ -72,7 +72,7 @@ class VirtualTransport:
         self._session.receive(data, asyncio.get_running_loop().time())
 
     async def close(self) -> None:
-        """Detach from the board; OSError if its state cannot be saved."""
+        """Detach from the board; ServolinkError if its state cannot be saved."""
         attached = self._session is not None
         self._spent = True
         self._end(None)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.errors import OpenError
+from servolink.errors import OpenError, ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (
     AddMacroRequest,
@@ -73,7 +73,7 @@ def test_a_save_that_fails_keeps_the_old_file(board: VirtualBoard, tmp_path: Pat
     path = tmp_path / "folder"
     path.mkdir()
     (path / "inside").write_text("kept")
-    with pytest.raises(OSError, match="folder"):
+    with pytest.raises(ServolinkError, match=r"folder: the board cannot be saved: .*directory"):
         save_state(board, path)
     assert [child.name for child in tmp_path.iterdir()] == ["folder"]
     assert (path / "inside").read_text() == "kept"
