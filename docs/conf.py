@@ -1,0 +1,59 @@
+"""Builds the documentation: `sphinx-build -n -W docs docs/_build`."""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # what is documented is what lies here, installed or not
+
+from servolink import api  # noqa: E402 - after the path
+
+if TYPE_CHECKING:
+    from docutils.nodes import Element, reference
+    from sphinx.addnodes import pending_xref
+    from sphinx.application import Sphinx
+    from sphinx.environment import BuildEnvironment
+
+project = "servolink"
+author = "The servolink authors"
+copyright = f"2026, {author}"  # noqa: A001 - the name that Sphinx reads
+version = release = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
+exclude_patterns = ["_build"]
+html_theme = "furo"
+html_title = "servolink"
+myst_heading_anchors = 3
+
+nitpicky = True
+nitpick_ignore_regex = [
+    ("py:.*", r"(asyncio|collections|pathlib|types)\..*"),  # Python's own documentation is not at hand during a build
+    ("py:.*", r".*\.R(_co)?"),  # type variables
+]
+
+default_role = "code"
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+autodoc_preserve_defaults = True
+
+
+def setup(app: Sphinx) -> None:
+    """Let Sphinx find the public names, which are documented as `servolink`'s own."""
+    app.connect("missing-reference", resolve_public_name)
+
+
+def resolve_public_name(
+    app: Sphinx, env: BuildEnvironment, node: pending_xref, contents: Element
+) -> reference | None:
+    """Lead from where a class is defined to where programs import it from."""
+    module, _, name = node["reftarget"].rpartition(".")
+    if not module.startswith("servolink.") or name not in api.__all__:
+        return None
+    place = node.get("refdoc", env.docname)
+    return env.domains.python_domain.resolve_xref(
+        env, place, app.builder, "obj", f"servolink.{name}", node, contents
+    )
