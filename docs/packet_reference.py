@@ -1,0 +1,121 @@
+"""The packet reference, made from the declarations; `conf.py` writes it before each build."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any, get_args, get_origin, get_type_hints
+
+from msgspec import Meta, Struct
+
+from servolink.protocol import editing, joystick, servos, settings
+from servolink.protocol.fields import Counted, Wire
+from servolink.protocol.layout import layout
+from servolink.protocol.packet import Packet, Query, Request, Response
+from servolink.protocol.registry import PACKETS
+
+_CHAPTERS = {"3.1": settings, "3.2": servos, "3.3": editing, "3.4": joystick}
+_TYPES = {"B": "u8", "H": "u16", "I": "u32", "h": "i16", "i": "i32", "32s": "caption"}
+_INTRODUCTION = """\
+# Packet reference
+
+All 60 packets, made from the declarations in `servolink/protocol/`. Names in JSON and in Python are the same.
+`u8` and so on are unsigned, `i16` and `i32` signed numbers, in the byte order of the connection; a caption is
+32 bytes of text. The ranges are what servolink sends; what a board sends is shown as it is.
+"""
+
+
+def write(path: Path) -> None:
+    """Write the reference to `path`, only if it has changed, so that the next build skips it."""
+    text = packet_reference()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
+
+
+def packet_reference() -> str:
+    """Return the page, in MyST Markdown."""
+    parts = [_INTRODUCTION]
+    for section, chapter in _CHAPTERS.items():
+        parts.append(f"## {section} {_title(chapter)}\n")
+        parts += [_packet(declared) for _, declared in sorted(PACKETS.items()) if declared.section.startswith(section)]
+    return "\n".join(parts)
+
+
+def _title(chapter: ModuleType) -> str:
+    """Return the chapter's name: "Settings (document, 3.1): transmission mode, ..." is about settings."""
+    return (chapter.__doc__ or "").partition(" (")[0]
+
+
+def _packet(declared: type[Packet]) -> str:
+    facts = [f"Document {declared.section}", _direction(declared), f"content {_length(declared)}", _answer(declared)]
+    lines = [f"### {declared.packet_id} {declared.__name__}", "", inspect.cleandoc(declared.__doc__ or ""), ""]
+    lines += [" · ".join(fact for fact in facts if fact) + ".", ""]
+    if rows := list(_rows(declared)):
+        lines += ["| field | type | range | meaning |", "| --- | --- | --- | --- |"]
+        lines += [f"| {' | '.join(row)} |" for row in rows]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _direction(declared: type[Packet]) -> str:
+    return "board to host" if issubclass(declared, Response) else "host to board"
+
+
+def _length(declared: type[Packet]) -> str:
+    rule = layout(declared, "little").rule
+    if rule.unit == 0:
+        return f"{rule.base} byte" + "s" * (rule.base != 1)
+    if rule.base == 0:
+        return f"up to {rule.limit * rule.unit:,} bytes"
+    if rule.limit == 1:
+        return f"{rule.base} or {rule.base + rule.unit} bytes"
+    return f"{rule.base} + n * {rule.unit} bytes, n up to {rule.limit:,}"
+
+
+def _answer(declared: type[Packet]) -> str:
+    """Say who answers, or what is answered."""
+    other = PACKETS.get(declared.packet_id + (-1 if issubclass(declared, Response) else 1))
+    if other is None:
+        return "sent without a request" if issubclass(declared, Response) else "not answered"
+    relation = "answers" if issubclass(declared, Response) else "answered by"
+    asked = other if issubclass(declared, Response) else declared
+    kind = ", changes nothing" if issubclass(asked, Query) and issubclass(declared, Request) else ""
+    return f"{relation} {other.packet_id} `{other.__name__}`{kind}"
+
+
+def _rows(declared: type[Struct], prefix: str = "") -> Iterator[tuple[str, str, str, str]]:
+    """Yield name, type, range and meaning of each field, in the order on the wire; records after their count."""
+    hints = get_type_hints(declared, include_extras=True)
+    for name in declared.__struct_fields__:
+        notes = list(_notes(hints[name]))
+        meaning = next((note.description for note in notes if isinstance(note, Meta) and note.description), "")
+        counted = next((note for note in notes if isinstance(note, Counted)), None)
+        if counted is None:
+            yield f"`{prefix}{name}`", *_type_and_range(notes), meaning
+            continue
+        item = get_args(get_args(hints[name])[0])[0]
+        yield f"`{name}`", f"their number as {_TYPES[counted.count]}, then each", "", meaning
+        if isinstance(item, type) and issubclass(item, Struct):
+            yield from _rows(item, f"{name}[].")
+        else:
+            yield f"`{name}[]`", *_type_and_range(list(_notes(item))), ""
+
+
+def _type_and_range(notes: list[Any]) -> tuple[str, str]:
+    wire = next((note for note in notes if isinstance(note, Wire)), None)
+    if wire is None:
+        return "bytes", ""
+    low = next((note.ge for note in notes if isinstance(note, Meta) and note.ge is not None), None)
+    high = next((note.le for note in notes if isinstance(note, Meta) and note.le is not None), None)
+    return _TYPES[wire.code], "" if low is None else f"{low} to {high}"
+
+
+def _notes(hint: Any) -> Iterator[Any]:
+    """Yield what a type is annotated with, however deep it stands, but not in the records of a group."""
+    yield from getattr(hint, "__metadata__", ())
+    if get_origin(hint) is not tuple:
+        for argument in get_args(hint):
+            yield from _notes(argument)

@@ -1,0 +1,66 @@
+"""The page that lists every packet and field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from docs.packet_reference import packet_reference, write
+from servolink.protocol.packet import Packet
+from servolink.protocol.registry import PACKETS
+
+PAGE = packet_reference()
+
+
+def entry(declared: type[Packet]) -> str:
+    return PAGE.partition(f"### {declared.packet_id} {declared.__name__}\n")[2].partition("\n### ")[0]
+
+
+@pytest.mark.parametrize("declared", PACKETS.values(), ids=lambda declared: declared.__name__)
+def test_every_packet_has_an_entry_with_its_section_and_fields(declared: type[Packet]) -> None:
+    shown = entry(declared)
+    assert f"Document {declared.section} ·" in shown
+    assert all(f"| `{name}` |" in shown for name in declared.__struct_fields__)
+
+
+@pytest.mark.parametrize(
+    ("packet_id", "text"),
+    [
+        (10010, "host to board · content 1 byte · answered by 10011 `TransmissionModeSettingResponse`."),
+        (10031, "board to host · content 4 or 8 bytes · answers 10030 `QueryMemorySizeRequest`."),
+        (10041, "| `permil` | i16 | 0 to 32767 | remaining charge, per mille |"),
+        (10050, "content up to 65,535 bytes · not answered."),
+        (20011, "content 1 + n * 1 bytes, n up to 255 · answers 20010"),
+        (20011, "| `servo_id_list` | their number as u8, then each |  |  |\n| `servo_id_list[]` | u8 | 0 to 255 |  |"),
+        (30060, "answered by 30061 `QueryMacroResponse`, changes nothing."),
+        (40021, "| `buttons[].button_id` | u32 | 0 to 4294967295 |  |\n| `buttons[].button_caption` | caption |  |  |"),
+        (40081, "content 5 bytes · sent without a request."),
+    ],
+)
+def test_an_entry_says_what_the_declaration_says(packet_id: int, text: str) -> None:
+    assert text in entry(PACKETS[packet_id])
+
+
+def test_chapters_come_in_the_documents_order() -> None:
+    headings = [line for line in PAGE.splitlines() if line.startswith("## ")]
+    assert headings == [
+        "## 3.1 Settings",
+        "## 3.2 Driving servos",
+        "## 3.3 Editing what is stored",
+        "## 3.4 Remote control",
+    ]
+    ids = [int(line.split()[1]) for line in PAGE.splitlines() if line.startswith("### ")]
+    assert ids == sorted(PACKETS)
+
+
+def test_the_page_is_written_only_when_it_changes(tmp_path: Path) -> None:
+    path = tmp_path / "_generated" / "packets.md"
+    write(path)
+    assert path.read_text(encoding="utf-8") == PAGE
+    before = path.stat().st_mtime_ns
+    write(path)
+    assert path.stat().st_mtime_ns == before
+    path.write_text("old", encoding="utf-8")
+    write(path)
+    assert path.read_text(encoding="utf-8") == PAGE
