@@ -117,7 +117,7 @@ def _common(*, given: bool) -> argparse.ArgumentParser:
         return argparse.SUPPRESS if given else value
 
     parser.add_argument("--url", default=default(os.environ.get("SERVOLINK_URL")), help="the board (or SERVOLINK_URL)")
-    parser.add_argument("--json", action="store_true", default=default(False), help="print JSON for programs")
+    parser.add_argument("--json", action="store_true", default=default(value=False), help="print JSON for programs")
     parser.add_argument(
         "--byte-order", choices=("little", "big"), default=default("little"), help="of numbers in packets (little)"
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -26,7 +26,7 @@ _WIDEST = 120.0
 
 
 async def follow(board: Board, targets: Mapping[int, int], seconds: float, draw: Draw) -> tuple[Servo, ...]:
-    """Read the servos for `seconds` and until they are at `targets`; RequestTimeout, a second later, if they are not."""
+    """Read the servos for `seconds` and until they are at `targets`; RequestTimeout if a second later they are not."""
     loop = asyncio.get_running_loop()
     start = loop.time()
     while True:
@@ -41,15 +41,15 @@ async def follow(board: Board, targets: Mapping[int, int], seconds: float, draw:
         if elapsed >= seconds + _GRACE:
             servo = away[0]
             raise RequestTimeout(
-                f"servo {servo.servo_id} is at {int(servo.angle)}, not at {targets[servo.servo_id]}, {_GRACE:.0f} s after "
-                "it should have arrived: it may have been stopped or released, or be blocked or overloaded"
+                f"servo {servo.servo_id} is at {int(servo.angle)}, not at {targets[servo.servo_id]}, {_GRACE:.0f} s "
+                "after it should have arrived: it may have been stopped or released, or be blocked or overloaded"
             )
         await asyncio.sleep(_PAUSE)
 
 
 @contextmanager
-def live_bars() -> Iterator[Draw]:
-    """Draw the servos as bars that move, until the end, where they stay."""
+def live_bars(servo_ids: Container[int] = range(256)) -> Iterator[Draw]:
+    """Draw the servos, or some of them, as bars that move, until the end, where they stay."""
     from rich.live import Live
 
     shown = console()
@@ -57,7 +57,8 @@ def live_bars() -> Iterator[Draw]:
     with Live(console=shown, auto_refresh=False) as live:
 
         def draw(elapsed: float, servos: Sequence[Servo]) -> None:
-            live.update(_bars(elapsed, servos, block), refresh=True)
+            wanted = [servo for servo in servos if servo.servo_id in servo_ids]
+            live.update(_bars(elapsed, wanted, block), refresh=True)
 
         yield draw
 

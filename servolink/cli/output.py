@@ -39,9 +39,14 @@ def print_table(table: Table) -> None:
         print("\n".join(plain_lines(table)), flush=True)
 
 
-def print_text(text: str) -> None:
-    """Print a line of text that may hold captions."""
-    print(printable(text), flush=True)
+def print_text(text: str, style: str = "") -> None:
+    """Print a line of text that may hold captions, on a terminal in the rich `style`."""
+    if style and is_terminal():
+        from rich.text import Text
+
+        console().print(Text(printable(text), style))
+    else:
+        print(printable(text), flush=True)
 
 
 def is_terminal() -> bool:
@@ -53,7 +58,7 @@ def console() -> Console:
     """Return a rich console that shows texts as they are."""
     from rich.console import Console
 
-    return Console(markup=False, emoji=False, highlight=False, soft_wrap=False)
+    return Console(markup=False, emoji=False, highlight=False)
 
 
 def rich_table(table: Table) -> RichTable:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from io import BufferedReader
-from typing import Any, NoReturn
+from typing import Any
 
-from servolink.cli.main import FAILED, OK
+from servolink.cli.main import FAILED, OK, refuse
 from servolink.errors import DecodeError, EncodeError
 from servolink.printable import printable
 from servolink.protocol.codec import Codec
@@ -24,7 +24,6 @@ _SHOWN_BYTES = 32  # of what was no frame, in text for people
 
 def configure(command: str, parser: argparse.ArgumentParser) -> None:
     """Add the options of `command`."""
-    parser.set_defaults(refuse=parser.error)
     if command == "encode":
         parser.add_argument(
             "objects",
@@ -44,8 +43,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         codec = Codec(args.byte_order, args.caption_encoding)
     except ValueError as error:
-        refuse: Callable[[str], NoReturn] = args.refuse
-        refuse(str(error))
+        refuse(args, str(error))
     if args.command == "encode":
         return _encode(args, codec)
     results = _stream(args.file, codec) if args.file else _frames(args, codec)

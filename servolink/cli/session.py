@@ -22,11 +22,12 @@ _PATIENCE = 1.0  # seconds for the board to be closed in good order after Ctrl-C
 
 
 class Interruption:
-    """What Ctrl-C says and does; commands keep `state` true as they go."""
+    """What Ctrl-C says and does; commands keep `state`, and `code` for the exit, true as they go."""
 
     def __init__(self, state: str) -> None:
         """Begin in `state`, such as "nothing was sent"."""
         self.state = state
+        self.code = INTERRUPTED
         self._told = False
 
     def tell(self) -> None:
@@ -42,7 +43,7 @@ class Interruption:
             yield
         except asyncio.CancelledError:
             self.tell()
-            asyncio.get_running_loop().call_later(_PATIENCE, os._exit, INTERRUPTED)
+            asyncio.get_running_loop().call_later(_PATIENCE, os._exit, self.code)
             raise
 
 
@@ -58,7 +59,7 @@ def run_interruptible(main: Callable[[Interruption], Awaitable[int]], state: str
         return asyncio.run(watched())
     except KeyboardInterrupt:
         interruption.tell()
-        return INTERRUPTED
+        return interruption.code
 
 
 def converse(

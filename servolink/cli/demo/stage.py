@@ -63,7 +63,7 @@ class TextStage:
         """Announce a step."""
         self._number += 1
         print_text("")
-        print_text(f"{self._number}. {title}")
+        print_text(f"{self._number}. {title}", "bold")
 
     def say(self, text: str) -> None:
         """Tell what happens."""
@@ -87,7 +87,7 @@ class TextStage:
     async def finish(self, name: str, outcome: Outcome) -> None:
         """Show the checks and leave time to read."""
         for claim, true in outcome.checks.items():
-            self.say(f"{'ok' if true else 'FAILED'}: {claim}")
+            print_text(f"   {'ok' if true else 'FAILED'}: {claim}", "green" if true else "bold red")
         if not self._fast:
             await asyncio.sleep(_READING)
 

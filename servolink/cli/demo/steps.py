@@ -69,7 +69,7 @@ class Scene:
 async def show_servos(scene: Scene) -> Outcome:
     """List the servos."""
     servos = await scene.board.servos()
-    rows = [(servo.servo_id, str(servo.angle), servo.current, servo.temperature) for servo in servos]
+    rows = [(servo.servo_id, servo.angle, servo.current, servo.temperature) for servo in servos]
     scene.stage.table(Table(("servo", "angle", "current (raw)", "temperature (raw)"), rows))
     return Outcome(
         {"url": scene.board.url, "servos": len(servos), "round_trip_seconds": scene.board.stats.round_trip(50)},

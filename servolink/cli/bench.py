@@ -1,0 +1,79 @@
+"""`servolink bench`: how fast the connected board answers."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from typing import Any
+
+from servolink.cli.main import OK
+from servolink.cli.output import Table, print_json, print_table, print_text
+from servolink.cli.session import Interruption, converse
+from servolink.client.board import Board
+from servolink.protocol.editing import QueryActionListRequest
+from servolink.protocol.packet import Query
+from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest
+from servolink.protocol.settings import QueryMemorySizeRequest
+
+_ASKED: tuple[tuple[str, Query[Any]], ...] = (
+    ("shortest answer: free memory", QueryMemorySizeRequest()),
+    ("state of all servos", QueryServoRequest(ALL_SERVOS)),
+    ("list of actions", QueryActionListRequest()),
+)
+_PERCENTILES = (50, 90, 99)
+_MOST = 100_000
+
+
+def configure(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink bench`."""
+    parser.add_argument("--requests", type=_requests, default=200, metavar="N", help="of each kind (200)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure each kind of question, one after the other; nothing on the board is changed."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        interruption.state = "the board was only asked questions"
+        results = [await _measure(board, query, args.requests) for _, query in _ASKED]
+        stats = board.stats.as_dict()
+        if args.json:
+            print_json({"url": board.url, "requests": args.requests, "results": results, "stats": stats})
+            return OK
+        rows = [
+            (
+                what,
+                round(result["requests_per_second"]),
+                result["bytes_per_second"],
+                *(round(seconds * 1000, 2) for seconds in result["round_trip_seconds"].values()),
+            )
+            for (what, _), result in zip(_ASKED, results, strict=True)
+        ]
+        percentiles = (f"p{percent} ms" for percent in _PERCENTILES)
+        print_table(
+            Table(("question", "answers/s", "bytes/s", *percentiles), rows, f"{args.requests} questions of each kind")
+        )
+        print_text(f"not answered in time: {stats['timeouts']}, bytes of no frame: {sum(stats['skipped'].values())}")
+        return OK
+
+    return converse(args, talk)
+
+
+async def _measure(board: Board, query: Query[Any], requests: int) -> dict[str, Any]:
+    loop = asyncio.get_running_loop()
+    board.stats.round_trips.clear()
+    received, start = board.stats.bytes_received, loop.time()
+    for _ in range(requests):
+        await board.request(query)
+    seconds = max(loop.time() - start, 1e-9)
+    return {
+        "request": type(query).__name__,
+        "requests_per_second": round(requests / seconds, 1),
+        "bytes_per_second": round((board.stats.bytes_received - received) / seconds),
+        "round_trip_seconds": {f"p{percent}": board.stats.round_trip(percent) for percent in _PERCENTILES},
+    }
+
+
+def _requests(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and 0 < int(text) <= _MOST):
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of requests, 1 to {_MOST}")
+    return int(text)

@@ -1,0 +1,150 @@
+"""`servolink actions`, `macros` and `tables`: what is stored on the board."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from typing import Any
+
+from servolink.cli.main import OK
+from servolink.cli.output import Table, print_json, print_table, print_text
+from servolink.cli.session import Interruption, converse
+from servolink.client.board import Board
+from servolink.protocol.editing import Action, Macro, MacroCommand
+from servolink.protocol.joystick import JoystickTable
+
+_KINDS = {"actions": "action", "macros": "macro", "tables": "joystick table"}
+_TYPES = {0: "action", 1: "delay", 2: "macro"}
+_DELAY = 1
+
+
+def configure(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `command`."""
+    parser.add_argument("id", nargs="?", type=record_id, metavar="ID", help="show this one whole")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the list, or one record."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        interruption.state = "the board was only asked questions"
+        if args.id is None:
+            described = await _list(board, args.command)
+            show = _show_list
+        else:
+            described = await _one(board, args.command, args.id)
+            show = _show_one
+        if args.json:
+            print_json(described)
+        else:
+            show(args.command, described)
+        return OK
+
+    return converse(args, talk)
+
+
+def record_id(text: str) -> int:
+    """Read the id of an action, a macro or a table."""
+    if not (text.isascii() and text.isdecimal() and 0 < int(text) < 2**31):
+        raise argparse.ArgumentTypeError(f"{text!r} is no id, 1 to {2**31 - 1}")
+    return int(text)
+
+
+async def _list(board: Board, command: str) -> dict[str, Any]:
+    if command == "actions":
+        actions = await board.actions()
+        return {command: [{"action_id": one.action_id, "action_caption": one.action_caption} for one in actions]}
+    if command == "macros":
+        macros = await board.macros()
+        return {command: [{"macro_id": one.macro_id, "macro_caption": one.macro_caption} for one in macros]}
+    active = await board.active_joystick_table()
+    tables = await board.joystick_tables()
+    return {
+        command: [
+            {"table_id": one.table_id, "table_caption": one.table_caption, "is_active": one.table_id == active}
+            for one in tables
+        ]
+    }
+
+
+async def _one(board: Board, command: str, wanted: int) -> dict[str, Any]:
+    if command == "actions":
+        return _action(await board.action(wanted))
+    if command == "macros":
+        return _macro(await board.macro(wanted))
+    return _table(await board.joystick_table(wanted))
+
+
+def _action(action: Action) -> dict[str, Any]:
+    steps = [
+        {"servo_id": step.servo_id, "degree": step.degree, "interval_seconds": step.interval / 100}
+        for step in action.steps
+    ]
+    return {"action_id": action.action_id, "action_caption": action.action_caption, "steps": steps}
+
+
+def _macro(macro: Macro) -> dict[str, Any]:
+    commands = [_command(command) for command in macro.commands]
+    return {"macro_id": macro.macro_id, "macro_caption": macro.macro_caption, "commands": commands}
+
+
+def _command(command: MacroCommand) -> dict[str, Any]:
+    what = (
+        {"delay_seconds": command.command_id / 1000} if command.type == _DELAY else {"command_id": command.command_id}
+    )
+    return {
+        "type": _TYPES.get(command.type, command.type),
+        **what,
+        "ratio_percent": command.ratio,
+        "loop": command.loop,
+        "total_interval_seconds": command.total_interval / 1000,
+    }
+
+
+def _table(table: JoystickTable) -> dict[str, Any]:
+    buttons = [
+        {
+            "button_id": button.button_id,
+            "button_caption": button.button_caption,
+            "button_press_macro": button.button_press_macro or None,
+            "button_long_press_macro": button.button_long_press_macro or None,
+            "button_up_macro": button.button_up_macro or None,
+            "uninterruptible": bool(button.uninterruptible),
+        }
+        for button in table.buttons
+    ]
+    return {"table_id": table.table_id, "table_caption": table.table_caption, "buttons": buttons}
+
+
+def _show_list(command: str, described: dict[str, Any]) -> None:
+    records = described[command]
+    if not records:
+        print_text(f"no {_KINDS[command]} is stored on the board")
+        return
+    columns = [_KINDS[command], "caption", *(["active"] if command == "tables" else [])]
+    print_table(Table(columns, [tuple(record.values()) for record in records]))
+
+
+def _show_one(command: str, described: dict[str, Any]) -> None:
+    number, caption, records = described.values()
+    rows = [tuple(_as_row(record)) for record in records]
+    print_table(Table(_COLUMNS[command], rows, f"{_KINDS[command]} {number} '{caption}'"))
+
+
+_COLUMNS = {
+    "actions": ("servo", "angle", "seconds"),
+    "macros": ("does", "speed %", "times", "whole seconds"),
+    "tables": ("button", "caption", "press macro", "long press macro", "up macro", "uninterruptible"),
+}
+
+
+def _as_row(record: dict[str, Any]) -> Iterable[object]:
+    """Return a step, a command or a button as the cells of its row."""
+    if "type" not in record:
+        return record.values()
+    does = (
+        f"wait {record['delay_seconds']:g} s"
+        if "delay_seconds" in record
+        else f"{record['type']} {record['command_id']}"
+    )
+    return does, record["ratio_percent"], record["loop"], record["total_interval_seconds"]
