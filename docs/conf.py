@@ -5,15 +5,15 @@ from __future__ import annotations
 import sys
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # what is documented is what lies here, installed or not
+sys.path.insert(0, str(ROOT))  # what is documented is what lies here, installed or not
 
-from servolink import api  # noqa: E402 - after the path
+from docs import packet_reference  # noqa: E402 - after the path
+from servolink import api  # noqa: E402
 
 if TYPE_CHECKING:
-    from docutils.nodes import Element, reference
     from sphinx.addnodes import pending_xref
     from sphinx.application import Sphinx
     from sphinx.environment import BuildEnvironment
@@ -42,18 +42,15 @@ autodoc_preserve_defaults = True
 
 
 def setup(app: Sphinx) -> None:
-    """Let Sphinx find the public names, which are documented as `servolink`'s own."""
+    """Write the packet reference, and let Sphinx find the public names, which are documented as `servolink`'s own."""
+    app.connect("builder-inited", lambda _: packet_reference.write(ROOT / "docs/_generated/packets.md"))
     app.connect("missing-reference", resolve_public_name)
 
 
-def resolve_public_name(
-    app: Sphinx, env: BuildEnvironment, node: pending_xref, contents: Element
-) -> reference | None:
+def resolve_public_name(app: Sphinx, env: BuildEnvironment, node: pending_xref, contents: Any) -> Any:
     """Lead from where a class is defined to where programs import it from."""
     module, _, name = node["reftarget"].rpartition(".")
     if not module.startswith("servolink.") or name not in api.__all__:
         return None
     place = node.get("refdoc", env.docname)
-    return env.domains.python_domain.resolve_xref(
-        env, place, app.builder, "obj", f"servolink.{name}", node, contents
-    )
+    return env.domains.python_domain.resolve_xref(env, place, app.builder, "obj", f"servolink.{name}", node, contents)
