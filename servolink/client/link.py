@@ -192,9 +192,9 @@ class Link:
             own.late = None
         while self._lanes.in_doubt(own) and self._loop.time() < until:
             clean = self._clean_fences(own)
-            if clean:
-                await self._send_fence(clean, own, until)
-            elif self.answers.silent_for() >= _SILENCE * self._timeout:
+            if (lane := self._turns.borrow(clean)) is not None:
+                await self._send_fence(lane, clean[lane], own, until)
+            elif not clean and self.answers.silent_for() >= _SILENCE * self._timeout:
                 self._break_off()
             else:
                 await self._wait(until, self.answers.next_answer())
@@ -205,14 +205,10 @@ class Link:
         fences = {self._lanes.of(query): query for query in self._fences}
         return {lane: query for lane, query in fences.items() if lane.owed is None and lane is not own}
 
-    async def _send_fence(self, clean: dict[Lane, Query[Any]], own: Lane | None, until: float) -> None:
+    async def _send_fence(self, lane: Lane, query: Query[Any], own: Lane | None, until: float) -> None:
         """Send a fence and wait until it is over, or is no longer needed, or `until` has passed."""
-        lane = await self._turns.borrow(list(clean))
+        self.stats.fences += 1
         try:
-            if lane.owed is not None:
-                return  # it was in use, and in vain
-            self.stats.fences += 1
-            query = clean[lane]
             pending = await self._send_pending(query, self._codec.encode(query), lane, self._timeout)
             while not pending.answer.done() and self._lanes.in_doubt(own) and self._loop.time() < until:
                 await self._wait(until, pending.answer, self.answers.next_answer())

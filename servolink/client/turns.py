@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from servolink.client.lanes import Lane
@@ -26,7 +26,6 @@ class Turns:
         self._alone = False
         self._busy: set[Lane] = set()
         self._waiting: list[_Waiting] = []
-        self._changed = asyncio.Event()
 
     async def take(self, lane: Lane | None, *, alone: bool = False, first: bool = False) -> None:
         """Wait for a turn: on `lane` (None: nothing is awaited), `alone` with no other, or `first` of all who wait."""
@@ -55,15 +54,12 @@ class Turns:
             self._busy.discard(lane)
         self._grant()
 
-    async def borrow(self, lanes: list[Lane]) -> Lane:
-        """Wait for the first of `lanes` that is idle, within a turn one already has, and use it."""
-        while True:
-            for lane in lanes:
-                if lane not in self._busy:
-                    self._busy.add(lane)
-                    return lane
-            self._changed.clear()
-            await self._changed.wait()
+    def borrow(self, lanes: Iterable[Lane]) -> Lane | None:
+        """Use the first of `lanes` that is idle, within a turn one already has; None if all are in use."""
+        idle = next((lane for lane in lanes if lane not in self._busy), None)
+        if idle is not None:
+            self._busy.add(idle)
+        return idle
 
     def give_back_borrowed(self, lane: Lane) -> None:
         """End the use of a borrowed lane."""
@@ -76,8 +72,6 @@ class Turns:
         for one in waiting:
             if not one.granted.done():
                 one.granted.set_exception(error())
-        self._busy.clear()
-        self._changed.set()
 
     def _may(self, lane: Lane | None, *, alone: bool) -> bool:
         if alone:
@@ -91,7 +85,6 @@ class Turns:
             self._busy.add(lane)
 
     def _grant(self) -> None:
-        self._changed.set()
         at = 0
         while at < len(self._waiting) and self._active < self._window:
             one = self._waiting[at]

@@ -220,47 +220,18 @@ def test_cancellation_reaches_its_task_also_when_all_are_refused_in_the_same_mom
     run(main())
 
 
-def test_a_lane_is_borrowed_when_it_is_idle() -> None:
+def test_the_first_lane_that_is_idle_is_borrowed_and_nobody_else_has_it_until_it_is_given_back() -> None:
     async def main() -> None:
-        waiting = Waiting(window=2)
+        waiting = Waiting(window=3)
         waiting.ask("a", A)
         assert await waiting.got() == ["a"]
-        assert await waiting.turns.borrow([A, B]) is B
+        assert waiting.turns.borrow([A, B, C]) is B
+        assert waiting.turns.borrow([A, B]) is None
         waiting.ask("b", B)
         assert await waiting.got() == []
         waiting.turns.give_back_borrowed(B)
         assert await waiting.got() == ["b"]
-
-    run(main())
-
-
-@pytest.mark.parametrize("given_back", [A, B])
-def test_a_borrower_waits_for_the_lane_that_is_idle_first(given_back: Lane) -> None:
-    async def main() -> None:
-        waiting = Waiting(window=3)
-        waiting.ask("a", A)
-        waiting.ask("b", B)
-        waiting.ask("c", C)
-        await waiting.got()
-        borrowing = asyncio.create_task(waiting.turns.borrow([A, B]))
-        waiting.turns.give_back(C)
-        await turns_of_the_loop(4)
-        assert not borrowing.done()
-        waiting.turns.give_back(given_back)
-        assert await borrowing is given_back
-
-    run(main())
-
-
-def test_borrowers_are_woken_when_all_are_refused() -> None:
-    async def main() -> None:
-        waiting = Waiting()
-        waiting.ask("a", A)
-        await waiting.got()
-        borrowing = asyncio.create_task(waiting.turns.borrow([A]))
-        await turns_of_the_loop(2)
-        waiting.turns.refuse_all(lambda: ConnectionError("gone"))
-        assert await borrowing is A
+        assert waiting.turns.borrow([A, B]) is None
 
     run(main())
 
