@@ -1,0 +1,122 @@
+"""`servolink` as a person runs it: in this process, as a program, and in a terminal."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from servolink.cli.main import main
+
+GUARD = 30.0
+"""Seconds after which a program that does not end has failed."""
+
+COMMAND = (sys.executable, "-X", "dev", "-W", "error", "-m", "servolink")
+
+
+@dataclass(frozen=True)
+class Said:
+    """How a command ended and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        """What it printed, as the one object that it is."""
+        return json.loads(self.out)
+
+    @property
+    def objects(self) -> list[Any]:
+        """What it printed, an object a line."""
+        return [json.loads(line) for line in self.out.splitlines()]
+
+
+def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> Said:
+    """Run a command in this process."""
+    capsys.readouterr()
+    try:
+        code = main(arguments)
+    except SystemExit as ended:  # argparse: wrong usage, or --help
+        code = int(ended.code or 0)
+    said = capsys.readouterr()
+    return Said(code, said.out, said.err)
+
+
+def environment(**changed: str) -> dict[str, str]:
+    """Return the environment without what changes how the program looks or what it talks to."""
+    kept = {
+        name: value for name, value in os.environ.items() if name not in ("SERVOLINK_URL", "NO_COLOR", "FORCE_COLOR")
+    }
+    return {**kept, "COLUMNS": "100", "PYTHONUTF8": "1", **changed}
+
+
+def started(*arguments: str, **changed: str) -> subprocess.Popen[str]:
+    """Start a command as a program of its own, which nobody types to."""
+    return subprocess.Popen(
+        (*COMMAND, *arguments),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(**changed),
+    )
+
+
+def finished(process: subprocess.Popen[str], by: signal.Signals | None = None) -> Said:
+    """Wait until a program ends, after sending it a signal."""
+    if by is not None:
+        process.send_signal(by)
+    with process:
+        try:
+            out, err = process.communicate(timeout=GUARD)
+        except BaseException:
+            process.kill()
+            raise
+    return Said(process.returncode, out, err)
+
+
+def program(*arguments: str, **changed: str) -> Said:
+    """Run a command as a program of its own."""
+    return finished(started(*arguments, **changed))
+
+
+def in_terminal(*arguments: str, typed: str = "", env: Mapping[str, str] | None = None) -> Said:
+    """Run a command in a terminal of 100 columns and 40 lines; what it says on either stream is in `out`."""
+    import fcntl
+    import struct
+    import termios
+
+    ours, theirs = os.openpty()
+    try:
+        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 100, 0, 0))
+        process = subprocess.Popen(
+            (*COMMAND, *arguments),
+            stdin=theirs,
+            stdout=theirs,
+            stderr=theirs,
+            env=environment(TERM="xterm-256color", **(env or {})),
+        )
+        os.close(theirs)
+        os.write(ours, typed.encode())
+        out = bytearray()
+        while chunk := _read(ours):
+            out += chunk
+        return Said(process.wait(GUARD), out.decode(), "")
+    finally:
+        os.close(ours)
+
+
+def _read(terminal: int) -> bytes:
+    try:
+        return os.read(terminal, 65536)
+    except OSError:  # EIO: nobody has the other end any more
+        return b""

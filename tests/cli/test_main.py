@@ -1,0 +1,194 @@
+"""The command line itself: start-up, usage, exit codes, streams that are gone."""
+
+from __future__ import annotations
+
+import functools
+import os
+import re
+import socket
+import subprocess
+import sys
+import threading
+
+import pytest
+
+import servolink
+from servolink.cli import session
+from servolink.cli.main import COMMANDS, EXIT_CODES
+from servolink.client.board import connect
+from tests.cli.programs import COMMAND, call, environment, program
+
+HEAVY = {
+    "asyncio",
+    "rich",
+    "serial",
+    "serial_asyncio",
+    "hid",
+    "hidraw",
+    "usb",
+    "ssl",
+    "servolink.client",
+    "servolink.api",
+}
+
+
+def loaded_by(*arguments: str) -> set[str]:
+    """Return the modules that a command loads."""
+    code = "import sys\nfrom servolink.cli.main import main\ntry: main(sys.argv[1:])\nfinally: print(*sys.modules, file=sys.stderr)"
+    ran = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, env=environment())
+    return set(ran.stderr.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "unwanted"),
+    [
+        (("--help",), HEAVY | {"msgspec"}),
+        (("decode", "134c051d1a2700000000c5"), HEAVY),
+        (("--url", "virtual://", "info"), {"rich", "serial", "hid", "hidraw", "usb"}),
+        (("--url", "virtual://", "stop", "--json"), {"rich", "serial", "hid", "hidraw", "usb"}),
+    ],
+)
+def test_only_what_is_needed_is_loaded(arguments: tuple[str, ...], unwanted: set[str]) -> None:
+    loaded = loaded_by(*arguments)
+    assert "servolink.cli.main" in loaded
+    assert loaded & unwanted == set()
+
+
+def test_the_public_names_are_loaded_when_they_are_used() -> None:
+    assert set(servolink.__all__) <= set(dir(servolink))
+    assert all(getattr(servolink, name) is not None for name in servolink.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'bord'"):
+        servolink.bord  # type: ignore[attr-defined]  # pyright: ignore[reportAttributeAccessIssue]  # noqa: B018
+
+
+@pytest.mark.parametrize("command", [None, *COMMANDS])
+def test_help_names_the_exit_codes(command: str | None, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, *([command] if command else []), "--help")
+    assert said.code == 0
+    assert EXIT_CODES in " ".join(said.out.split())
+    assert "--url" in said.out
+
+
+@pytest.mark.parametrize("command", ["info", "servos", "stop", "actions", "events", "bench"])
+def test_without_an_address_it_says_what_to_write(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, command)
+    assert said.code == 2
+    assert all(text in said.err for text in ("SERVOLINK_URL", "serial:///dev/ttyACM0", "tcp://", "virtual://"))
+    assert said.out == ""
+
+
+def test_the_address_may_come_from_the_environment(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SERVOLINK_URL", "virtual://?servos=3")
+    assert call(capsys, "info", "--json").json["servos"] == 3
+    assert call(capsys, "--url", "virtual://?servos=4", "info", "--json").json["servos"] == 4
+    assert call(capsys, "info", "--json", "--url", "virtual://?servos=5").json["servos"] == 5
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("nothing",),
+        (),
+        ("--url", "virtual://", "move"),
+        ("--url", "virtual://", "move", "1:90"),
+        ("--url", "virtual://", "move", "255=1"),
+        ("--url", "virtual://", "move", "1=1", "1=2"),
+        ("--url", "virtual://", "move", "1=1", "--speed", "1", "--duration", "1"),
+        ("--url", "virtual://", "move", "1=1", "--adc"),
+        ("--url", "virtual://", "move", "1=1", "--limit", "9", "-9"),
+        ("--url", "virtual://", "move", "1=1", "--speed-cap", "0"),
+        ("--url", "virtual://", "release"),
+        ("--url", "virtual://", "release", "--json"),
+        ("--url", "virtual://", "release", "300", "--yes"),
+        ("--url", "virtual://", "run", "dance", "1"),
+        ("--url", "virtual://", "run", "macro", "0"),
+        ("--url", "virtual://", "macros", "-3"),
+        ("--url", "virtual://", "events", "--count", "0"),
+        ("--url", "virtual://", "events", "--seconds", "soon"),
+        ("--url", "virtual://", "bench", "--requests", "none"),
+        ("--url", "virtual://", "info", "--caption-encoding", "klingon"),
+    ],
+)
+def test_wrong_usage_is_2_and_touches_no_board(arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, *arguments)
+    assert (said.code, said.out) == (2, "")
+    assert "error: " in said.err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("actions", "7"),
+        ("macros", "7"),
+        ("tables", "7"),
+        ("run", "action", "7"),
+        ("run", "macro", "7"),
+        ("move", "99=0"),
+        ("move", "1=0", "--duration", "999"),
+        ("move", "1=0", "--speed", "0"),
+        ("move", "1=99", "--limit", "-90", "90"),
+        ("move", "1=180", "--duration", "0.1", "--speed-cap", "60"),
+        ("release", "99", "--yes"),
+    ],
+)
+def test_what_the_board_or_the_limits_refuse_is_1(
+    arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = call(capsys, "--url", "virtual://", *arguments)
+    assert (said.code, said.out) == (1, "")
+    assert re.fullmatch(r"servolink: .+\n", said.err)
+
+
+@pytest.mark.parametrize("url", ["serial:///nowhere/at/all", "tcp://127.0.0.1:1", "gopher://x", "no address"])
+@pytest.mark.parametrize("command", ["info", "stop"])
+def test_a_board_that_cannot_be_had_is_3(url: str, command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "--url", url, command, "--json")
+    assert (said.code, said.out) == (3, "")
+    assert re.fullmatch(r"servolink: .+\n", said.err)
+
+
+@pytest.mark.parametrize("arguments", [("info",), ("move", "1=5"), ("stop",), ("events", "--count", "1")])
+def test_a_board_that_never_answers_is_3(
+    arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session, "connect", functools.partial(connect, timeout=0.05))
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        said = call(capsys, "--url", f"tcp://127.0.0.1:{silent.getsockname()[1]}", *arguments)
+    assert (said.code, said.out) == (3, "")
+    assert "not answered" in said.err or "could not be confirmed" in said.err
+
+
+def test_a_board_that_goes_away_is_3(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def hang_up() -> None:
+            connection, _ = server.accept()
+            connection.recv(1)
+            connection.close()
+
+        hanging_up = threading.Thread(target=hang_up)
+        hanging_up.start()
+        said = call(capsys, "--url", f"tcp://127.0.0.1:{server.getsockname()[1]}", "info")
+        hanging_up.join()
+    assert (said.code, said.out) == (3, "")
+    assert "is gone" in said.err
+
+
+def test_a_reader_that_goes_away_is_no_news() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        ran = subprocess.run(
+            [*COMMAND, "--url", "virtual://", "servos"], stdout=writing, stderr=subprocess.PIPE, env=environment()
+        )
+    finally:
+        os.close(writing)
+    assert (ran.returncode, ran.stderr) == (1, b"")
+
+
+def test_a_terminal_that_knows_ascii_only_is_enough() -> None:
+    said = program("--url", "virtual://?servos=1", "servos", PYTHONUTF8="0", PYTHONIOENCODING="ascii")
+    assert said.code == 0
+    assert r"\xb0" in said.out
