@@ -16,11 +16,11 @@ else:
     # would ask `__getattr__` for `api` again.
     from importlib import import_module
 
-    def __getattr__(name):
+    def __getattr__(name: str) -> object:
         api = import_module("servolink.api")
         if name == "__all__" or name in api.__all__:
             return getattr(api, name)
         raise AttributeError(f"module 'servolink' has no attribute {name!r}")
 
-    def __dir__():
+    def __dir__() -> list[str]:
         return sorted({*globals(), *import_module("servolink.api").__all__})
