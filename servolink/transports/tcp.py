@@ -18,7 +18,7 @@ _SEND_BUFFER = 65536
 
 
 class TcpTransport(StreamTransport):
-    """A TCP connection without Nagle's delay and with keepalive."""
+    """A TCP connection with keepalive; asyncio itself turns Nagle's delay off."""
 
     def __init__(self, url: str, host: str, port: int, *, timeout: float = 5.0) -> None:
         """Lead to `port` of `host`; `timeout` is in seconds and bounds the opening."""
@@ -50,7 +50,6 @@ class TcpTransport(StreamTransport):
 
     @staticmethod
     def _tune(connection: socket.socket) -> None:
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         for name, value in _KEEPALIVE.items():

@@ -19,7 +19,7 @@ class WrappedTransport:
         self._opened = False
         self._ended = False
         self._cause: Exception | None = None
-        self._breaking: asyncio.Task[None] | None = None
+        self._breaking: asyncio.Task[None] | None = None  # kept, as the loop does not keep its tasks
 
     @property
     def url(self) -> str:
@@ -40,8 +40,6 @@ class WrappedTransport:
 
     async def close(self) -> None:
         """Close the wrapped transport."""
-        if self._breaking is not None:
-            await asyncio.shield(self._breaking)
         await self._inner.close()
         self._ended = True
 

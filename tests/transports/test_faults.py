@@ -67,6 +67,11 @@ def test_the_rarest_fault_takes_no_time() -> None:
     assert _damaged(Faults(drop=1e-15), bytes(MANY)) == bytes(MANY)
 
 
+def test_faults_of_bytes_do_not_depend_on_how_they_are_cut() -> None:
+    faults, data = Faults(drop=0.01, flip=0.02, insert=0.03), bytes(10_000)
+    assert _damaged(faults, data, size=7) == _damaged(faults, data, size=1000) != data
+
+
 def test_chunks_are_duplicated_as_often_as_asked() -> None:
     assert len(_damaged(Faults(duplicate=0.25), bytes(MANY), size=10)) == pytest.approx(MANY * 1.25, rel=0.03)
 

@@ -11,7 +11,7 @@ from servolink.transports.faults import Faults
 from servolink.transports.faulty import FaultyTransport
 from servolink.transports.memory import MemoryTransport
 from tests.transports.wires import Ear
-from tests.virtual_time import run
+from tests.virtual_time import VirtualTimeLoop, run
 
 
 class _Line:
@@ -69,6 +69,21 @@ def test_what_is_delayed_arrives_late_and_in_order() -> None:
             assert await line.far.hear(40) == bytes(range(40))
             assert await line.ear.hear(40) == bytes(range(40))
             assert 4.0 < loop.time() - start < 6.1
+
+    run(main())
+
+
+def test_nothing_overtakes_a_late_chunk_when_the_loop_was_busy() -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        async with _Line(Faults(delay=0.5, delay_time=1.0), seed=5) as line:
+            for number in range(20):
+                await line.faulty.send(bytes([number]))
+                line.faulty.data(bytes([number]))
+                loop.stall(3)
+            assert await line.far.hear(20) == bytes(range(20))
+            assert await line.ear.hear(20) == bytes(range(20))
 
     run(main())
 
