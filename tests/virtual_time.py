@@ -43,8 +43,7 @@ class _JumpingSelector(selectors.DefaultSelector):
 def run(main: Coroutine[Any, Any, T]) -> T:
     """Run `main` in virtual time; fail if it leaves a task behind."""
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        result = runner.run(_alone(main))
-    return result
+        return runner.run(_alone(main))
 
 
 async def _alone(main: Coroutine[Any, Any, T]) -> T:

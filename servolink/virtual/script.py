@@ -33,8 +33,8 @@ def presses(at: float, word: str, button_id: int) -> list[ButtonChange]:
     """Return the changes that `word` stands for; KeyError for an unknown word."""
     held = _WORDS[word]
     if held is None:
-        return [ButtonChange(at, button_id, word == "down")]
-    return [ButtonChange(at, button_id, True), ButtonChange(at + held, button_id, False)]
+        return [ButtonChange(at, button_id, down=word == "down")]
+    return [ButtonChange(at, button_id, down=True), ButtonChange(at + held, button_id, down=False)]
 
 
 def parse_script(text: str) -> list[ButtonChange]:

@@ -28,7 +28,8 @@ async def serve_terminal(connect: Connect) -> AsyncIterator[str]:
 
     ours, theirs = os.openpty()
     with ExitStack() as line:
-        # Their end is held as long as ours: without it the line goes down, and loses its raw mode, when a host closes it.
+        # Their end is held as long as ours: without it the line goes down, and loses its raw mode, when a host
+        # closes it.
         line.callback(os.close, theirs)
         source = line.enter_context(open(ours, "rb", buffering=0))
         sink = line.enter_context(open(os.dup(ours), "wb", buffering=0))

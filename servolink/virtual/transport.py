@@ -92,7 +92,7 @@ class VirtualTransport:
             return
         try:
             self._receiver.data(chunk)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - whatever it is, bytes were lost, and that ends the connection
             self._end(error)
 
     def _end(self, cause: Exception | None) -> None:
