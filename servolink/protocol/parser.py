@@ -76,12 +76,13 @@ class FrameParser:
 
     def feed(self, chunk: bytes | bytearray | memoryview) -> list[Frame]:
         """Take the next bytes of the stream and return the frames that are now complete."""
-        if not self._held:
+        held = self._held
+        if not held:
             return self._scan(bytes(chunk), 0)
-        self._held += chunk
-        if len(self._held) < self._needed:
+        if len(held) + len(chunk) < self._needed:
+            held += chunk
             return []
-        return self._scan(bytes(self._held), 0)
+        return self._scan(b"".join((held, chunk)), 0)
 
     def give_up(self) -> list[Frame]:
         """Stop waiting for the rest of a begun frame and return the frames found inside it."""
@@ -124,12 +125,13 @@ class FrameParser:
         known = self._entries.get
         settled = 0  # frames before the last loss of sync
         wary = self._wary
+        length = len(data)
         while True:
             entry = known(data[at : at + HEADER_SIZE])
             if entry is not None:
                 size, packet_id, total, pieces = entry
                 end = at + size
-                if end > len(data):
+                if end > length:
                     needed = size
                     break
                 content = data[at + HEADER_SIZE : end - 1]
@@ -154,6 +156,7 @@ class FrameParser:
                 self._believed(frames[-1], at)
             self._wary = wary
             data, at, needed = self._recover(data, at, frames, damaged=entry is not None)
+            length = len(data)
             wary = self._wary
             if needed:
                 break
@@ -176,7 +179,8 @@ class FrameParser:
     def _hold(self, data: bytes, at: int, needed: int) -> None:
         self._held = bytearray(data[at:])
         self._needed = needed
-        self._replay = max(0, self._replay - at)
+        if self._replay:
+            self._replay = max(0, self._replay - at)
         self._blocks.move(at)
 
     def _recover(self, data: bytes, at: int, frames: list[Frame], *, damaged: bool) -> tuple[bytes, int, int]:
