@@ -33,7 +33,6 @@ def run(args: argparse.Namespace) -> int:
     """Measure each kind of question, one after the other; nothing on the board is changed."""
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        interruption.state = "the board was only asked questions"
         results = [await _measure(board, query, args.requests) for _, query in _ASKED]
         stats = board.stats.as_dict()
         if args.json:

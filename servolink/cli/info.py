@@ -19,7 +19,6 @@ def run(args: argparse.Namespace) -> int:
     """Ask for everything and print it."""
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        interruption.state = "the board was only asked questions"
         memory = await board.memory()
         described = {
             "url": board.url,

@@ -23,7 +23,6 @@ def run(args: argparse.Namespace) -> int:
     """Print the servos."""
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        interruption.state = "no servo was moved; the angle unit may have been set"
         captions = {servo.servo_id: servo.servo_caption for servo in await board.servo_parameters()}
         print_servos(await board.servos(), as_json=args.json, captions=captions)
         return OK

@@ -25,7 +25,7 @@ class Interruption:
     """What Ctrl-C says and does; commands keep `state`, and `code` for the exit, true as they go."""
 
     def __init__(self, state: str) -> None:
-        """Begin in `state`, such as "nothing was sent"."""
+        """Begin in `state`, such as "no servo was moved"."""
         self.state = state
         self.code = INTERRUPTED
         self._told = False
@@ -47,7 +47,7 @@ class Interruption:
             raise
 
 
-def run_interruptible(main: Callable[[Interruption], Awaitable[int]], state: str = "nothing was sent") -> int:
+def run_interruptible(main: Callable[[Interruption], Awaitable[int]], state: str = "no servo was moved") -> int:
     """Run `main` until it returns the exit code or Ctrl-C comes."""
     interruption = Interruption(state)
 

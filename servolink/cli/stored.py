@@ -27,7 +27,6 @@ def run(args: argparse.Namespace) -> int:
     """Print the list, or one record."""
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        interruption.state = "the board was only asked questions"
         if args.id is None:
             described = await _list(board, args.command)
             show = _show_list

@@ -75,7 +75,7 @@ def _next_commands() -> list[str]:
     """Return commands that work when they are pasted, wherever this one was started from."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         place = f"127.0.0.1:{free.getsockname()[1]}"
-    servolink = _own_name()
+    servolink = own_name()
     return [
         f"{servolink} virtual --tcp {place}",
         f"{servolink} --url tcp://{place} servos",
@@ -83,7 +83,7 @@ def _next_commands() -> list[str]:
     ]
 
 
-def _own_name() -> str:
+def own_name() -> str:
     """Return how this program was called."""
     called = Path(sys.argv[0])
     if called.name == "__main__.py":

@@ -1,0 +1,207 @@
+"""The demo: each step checked from outside, and the whole of it as a person sees it."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import shlex
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from servolink.cli import demo
+from servolink.cli.demo import stage
+from servolink.cli.demo.line import FaultyLine
+from servolink.cli.demo.steps import STEPS
+from servolink.transports.memory import MemoryTransport
+from tests.cli.programs import GUARD, Said, call, environment, finished, in_terminal, program
+from tests.virtual_time import run
+
+NAMES = [name for name, _, _ in STEPS]
+
+
+@pytest.fixture(scope="module")
+def told() -> Said:
+    """What the fast demo says to programs."""
+    return program("demo", "--fast", "--json")
+
+
+@pytest.fixture(scope="module")
+def steps(told: Said) -> dict[str, Any]:
+    """Its objects by step."""
+    return {described["step"]: described for described in told.objects}
+
+
+def measured(steps: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return what a step measured."""
+    found = steps[name]["measured"]
+    assert isinstance(found, dict)
+    return found
+
+
+def test_every_step_went_well(told: Said, steps: dict[str, Any]) -> None:
+    assert (told.code, told.err) == (0, "")
+    assert list(steps) == [*NAMES, "end"]
+    assert all(described["ok"] for described in steps.values())
+    assert all(steps[name]["checks"] and all(steps[name]["checks"].values()) for name in NAMES)
+    assert (steps["end"]["failed"], steps["end"]["seconds"] < GUARD) == ([], True)
+
+
+def test_it_goes_through_a_real_serial_port(steps: dict[str, Any]) -> None:
+    assert measured(steps, "servos")["servos"] == 16
+    scheme = "tcp://" if sys.platform == "win32" else "serial:///dev/"
+    assert measured(steps, "servos")["url"].startswith(scheme)
+    assert steps["end"]["stats"]["bytes_received"] > 1000
+
+
+@pytest.mark.parametrize("name", ["pose", "action", "macro"])
+def test_movements_take_their_time(name: str, steps: dict[str, Any]) -> None:
+    assert 0.03 < measured(steps, name)["seconds"] < GUARD
+
+
+def test_the_button_was_pressed_and_released(steps: dict[str, Any]) -> None:
+    assert measured(steps, "button")["events"] == ["press", "up"]
+
+
+def test_one_reply_was_damaged(steps: dict[str, Any]) -> None:
+    counted = measured(steps, "damaged")
+    assert counted["damaged_replies"] == 1
+    assert counted["skipped_bytes"] >= 9 + 1 + 16 * 11, "the whole answer of 16 servos"
+    assert min(counted["timeouts"], counted["fences"], counted["retries"]) >= 1
+
+
+def test_one_reply_was_late(steps: dict[str, Any]) -> None:
+    counted = measured(steps, "late")
+    assert counted["delayed_replies"] == 1
+    assert min(counted["timeouts"], counted["fences"], counted["late_replies"]) >= 1
+    assert (counted["late_angle"] != 0, counted["angle"]) == (True, 0)
+
+
+def test_the_commands_to_try_next_work_as_they_are(steps: dict[str, Any]) -> None:
+    serve, *others = steps["end"]["next"]
+    server = subprocess.Popen(
+        shlex.split(serve), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment()
+    )
+    assert server.stdout is not None
+    try:
+        assert server.stdout.readline().startswith("listening tcp://")
+        ran = [
+            subprocess.run(["/bin/sh", "-c", command], check=False, capture_output=True, text=True, env=environment())
+            for command in others
+        ]
+    finally:
+        server.terminate()
+        finished(server)
+    assert [(one.returncode, one.stderr) for one in ran] == [(0, ""), (0, "")]
+    assert len(ran[0].stdout.splitlines()) == 17
+    assert re.search(r"^ +1 .* 60°$", ran[1].stdout, re.MULTILINE)
+
+
+def test_plain_text_has_no_escapes() -> None:
+    said = program("demo", "--fast")
+    assert (said.code, said.err) == (0, "")
+    assert all(character == "\n" or character.isprintable() for character in said.out)
+    assert [line[3:] for line in said.out.splitlines() if re.match(r"\d\. ", line)] == [title for _, title, _ in STEPS]
+    assert "FAILED" not in said.out
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")
+def test_a_terminal_sees_the_servos_move() -> None:
+    said = in_terminal("demo")
+    assert said.code == 0
+    assert said.out.count("\x1b[?25l") == said.out.count("\x1b[?25h") > 0, "the cursor is there again"
+    assert len(set(re.findall(r"servo 4 .*?(-?\d+)°", said.out))) > 10
+    assert "All of it worked" in said.out
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_check_that_fails_is_named(
+    as_json: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(FaultyLine, "damage_next", lambda line: None)
+    said = call(capsys, "demo", "--fast", *(["--json"] if as_json else []))
+    assert said.code == 1
+    if as_json:
+        assert said.objects[-1]["failed"] == ["damaged"]
+        assert [described["step"] for described in said.objects if not described["ok"]] == ["damaged", "end"]
+    else:
+        assert "FAILED: exactly one reply was damaged" in said.out
+        assert "FAILED: damaged." in said.out
+
+
+def test_an_error_ends_the_play(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    async def broken(scene: object) -> stage.Outcome:
+        raise TimeoutError
+
+    monkeypatch.setattr(demo, "STEPS", (("first", "First", broken), ("second", "Second", broken)))
+    said = call(capsys, "demo", "--fast", "--json")
+    assert said.code == 1
+    assert [described["step"] for described in said.objects] == ["first", "end"]
+    assert said.objects[0]["measured"] == {"error": "nothing came in time"}
+
+
+class Heard:
+    """Collects what comes through the line."""
+
+    def __init__(self) -> None:
+        self.chunks: list[bytes] = []
+
+    def data(self, chunk: bytes, /) -> None:
+        self.chunks.append(chunk)
+
+    def lost(self, error: Exception | None, /) -> None:
+        pass
+
+
+def test_the_line_does_one_thing_once() -> None:
+    async def main() -> None:
+        ours, theirs = MemoryTransport.pair()
+        line, heard = FaultyLine(ours), Heard()
+        await line.open(heard)
+        await theirs.open(Heard())
+
+        async def comes(chunk: bytes) -> list[bytes]:
+            heard.chunks.clear()
+            await theirs.send(chunk)
+            await asyncio.sleep(0.001)
+            return list(heard.chunks)
+
+        assert await comes(b"good") == [b"good"]
+        line.damage_next()
+        (damaged,) = await comes(b"bad!")
+        assert sum(one != other for one, other in zip(damaged, b"bad!", strict=True)) == 1
+        assert await comes(b"good") == [b"good"]
+        line.delay_next(1.0)
+        assert await comes(b"late") == []
+        assert await comes(b"behind") == []
+        await asyncio.sleep(1.0)
+        assert heard.chunks == [b"late", b"behind"]
+        assert await comes(b"good") == [b"good"]
+        assert (line.damaged, line.delayed) == (1, 1)
+        line.delay_next(1.0)
+        assert await comes(b"lost") == []
+        await line.close()
+        await theirs.close()
+        await asyncio.sleep(2.0)
+        assert heard.chunks == []
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("called", "found", "name"),
+    [
+        ("/opt/bin/servolink", "/opt/bin/servolink", "servolink"),
+        (".venv/bin/servolink", "/usr/bin/servolink", ".venv/bin/servolink"),
+        ("my venv/bin/servolink", None, "'my venv/bin/servolink'"),
+        ("/lib/servolink/__main__.py", "/usr/bin/servolink", f"{shlex.quote(sys.executable)} -m servolink"),
+    ],
+)
+def test_commands_are_named_as_this_one_was(
+    called: str, found: str | None, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", [called])
+    monkeypatch.setattr("shutil.which", lambda command: found)
+    assert demo.own_name() == name

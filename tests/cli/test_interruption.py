@@ -1,0 +1,83 @@
+"""Ctrl-C: at once, without a traceback, and with the truth about the servos."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from servolink.client.board import connect
+from tests.cli.conftest import Addresses
+from tests.cli.programs import GUARD, environment, finished, started
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of Unix")
+
+
+def test_a_move_is_finished_by_the_servos(served: Addresses) -> None:
+    moving = started("--url", served.terminal, "move", "1=90", "--duration", "60", "--start")
+
+    async def angle_when_moving() -> int:
+        async with connect(served.network) as board, asyncio.timeout(GUARD):
+            first = (await board.servo(1)).angle
+            while (angle := (await board.servo(1)).angle) == first:
+                await asyncio.sleep(0.02)
+            return angle
+
+    angle = asyncio.run(angle_when_moving())
+    said = finished(moving, signal.SIGINT)
+    assert (said.code, said.out) == (130, "")
+    assert said.err == "interrupted: the move was sent, and the servos finish it; `servolink stop` stops them\n"
+    assert asyncio.run(angle_when_moving()) > angle, "and so they do"
+
+
+def test_interrupted_events_have_ended_well(served: Addresses) -> None:
+    listening = started("--url", served.terminal, "events")
+    assert listening.stderr is not None
+    assert listening.stderr.readline() == "listening for button events until Ctrl-C\n"
+    said = finished(listening, signal.SIGINT)
+    assert (said.code, said.out, said.err) == (0, "", "interrupted: no more events are shown\n")
+
+
+def test_a_board_that_does_not_answer_is_left_at_once() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        asking = started("--url", f"tcp://127.0.0.1:{silent.getsockname()[1]}", "info")
+        connection, _ = silent.accept()
+        with connection:
+            assert connection.recv(1)
+            said = finished(asking, signal.SIGINT)
+    assert (said.code, said.out, said.err) == (130, "", "interrupted: no servo was moved\n")
+
+
+STUCK = """
+import asyncio, sys, threading
+from servolink.cli.session import run_interruptible
+async def main(interruption):
+    opening = asyncio.get_running_loop().run_in_executor(None, threading.Event().wait)
+    print("opening", flush=True)
+    await asyncio.shield(opening)
+sys.exit(run_interruptible(main))
+"""
+
+
+def test_a_thread_that_never_returns_does_not_hold_it_back() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", STUCK], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment()
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "opening\n"
+    said = finished(process, signal.SIGINT)
+    assert (said.code, said.err) == (130, "interrupted: no servo was moved\n")
+
+
+def test_the_demo_can_be_left() -> None:
+    playing = started("demo")
+    assert playing.stdout is not None
+    while "All servos move" not in playing.stdout.readline():
+        pass
+    said = finished(playing, signal.SIGINT)
+    assert said.code == 130
+    assert said.err == "interrupted: only the demo's own virtual board was moved\n"
