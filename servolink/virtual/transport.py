@@ -101,7 +101,6 @@ class VirtualTransport:
         self._pacemaker.stop()
         self._session.detach()
         receiver, self._receiver, self._session, self._pacemaker = self._receiver, None, None, None
-        self._said.clear()
         if cause is None:
             receiver.lost(None)
         else:

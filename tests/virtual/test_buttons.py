@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from servolink.errors import EncodeError
-from servolink.protocol.editing import MacroCommand
+from servolink.protocol.editing import ExecuteMacroRequest, MacroCommand
 from servolink.protocol.joystick import (
     LONG_PRESS,
     PRESS,
@@ -182,3 +182,11 @@ def test_macros_that_are_not_there_are_not_run(host: Host) -> None:
     host.board.release_button(7, LONG + 1)
     assert host.angle(1, START + 5) == 0
     assert events(host) == [(7, PRESS), (7, LONG_PRESS), (7, UP)]
+
+
+def test_a_macro_started_meanwhile_takes_the_place_of_the_one_that_waits(host: Host) -> None:
+    assign(host, long=3, up=2, uninterruptible=1)
+    host.board.press_button(7, START)
+    host.board.release_button(7, LONG + 0.1)
+    assert host.ask(ExecuteMacroRequest(1), LONG + 0.5).result == 1
+    assert host.angle(1, LONG + 10) == 10

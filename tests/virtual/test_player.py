@@ -148,6 +148,15 @@ def test_a_macro_used_twice_is_no_cycle(host: Host) -> None:
     assert ends(host) == pytest.approx(0.3)
 
 
+def test_macros_that_meet_again_and_again_are_looked_at_once(host: Host) -> None:
+    """Two calls on each of 32 levels: two billion paths."""
+    host.store_macro(1, MacroCommand(10, DELAY))
+    for macro_id in range(2, MAX_NESTING + 1):
+        host.store_macro(macro_id, *[MacroCommand(macro_id - 1, MACRO)] * 2)
+    assert execute(host, MAX_NESTING) == 1
+    assert host.board.player.macro_id == MAX_NESTING
+
+
 def test_nesting_has_a_limit(host: Host) -> None:
     host.store_macro(1, MacroCommand(10, DELAY))
     for macro_id in range(2, MAX_NESTING + 2):

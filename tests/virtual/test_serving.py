@@ -12,7 +12,7 @@ import pytest
 from servolink.errors import OpenError, TransportUnavailable
 from servolink.protocol.codec import Codec
 from servolink.protocol.joystick import PRESS, UP, ButtonEventResponse, SubscribeButtonEventRequest
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
 from servolink.transports.faults import Faults
 from servolink.transports.registry import create
 from servolink.virtual import bridge
@@ -138,6 +138,25 @@ def test_a_host_that_stops_sending_still_gets_its_answers() -> None:
             await writer.wait_closed()
 
     asyncio.run(main())
+
+
+def test_a_host_that_asks_a_lot_at_once_and_reads_slowly_gets_it_all() -> None:
+    async def main() -> int:
+        loop = asyncio.get_running_loop()
+        async with serve(VirtualBoard(servos=254), tcp=ANY_PORT) as (url,):
+            with socket.socket() as line:
+                line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+                line.connect(host_and_port(url.removeprefix("tcp://")))
+                line.setblocking(False)
+                await loop.sock_sendall(line, Codec().encode(QueryServoRequest(255)) * 1000)
+                line.shutdown(socket.SHUT_WR)
+                got = 0
+                async with asyncio.timeout(GUARD):
+                    while chunk := await loop.sock_recv(line, 65536):
+                        got += len(chunk)
+                return got
+
+    assert asyncio.run(main()) == 1000 * (9 + 1 + 11 * 254)
 
 
 def test_a_host_that_never_reads_is_left_behind_and_others_are_served(monkeypatch: pytest.MonkeyPatch) -> None:
