@@ -67,6 +67,7 @@ class Answers:
 
     def overtake(self, lane: Lane, sending: Pending) -> None:
         """Let `sending` go before everything: what waits on `lane` is over, and its outcome unknown."""
+        sending.ambiguous = bool(lane.pending or lane.owed)
         if (pending := lane.pending) is not None:
             self._over(lane, pending)
             _fail(pending, overtaken(pending.request))
@@ -116,8 +117,8 @@ class Answers:
         if isinstance(packet, ButtonEventResponse):
             self.stats.events_received += 1
             self.on_event(packet)
-        elif lane is not None and isinstance(packet, Response):
-            self._answer(lane, packet)
+        else:
+            self._answer(lane, packet)  # type: ignore[arg-type]  # what else is wanted is a response, on a lane
 
     def _wake(self) -> None:
         if not self._next_answer.done():
@@ -130,7 +131,8 @@ class Answers:
             self.stats.mismatched += 1
             return
         self._silent_since = None
-        self._lanes.answered(sending.number)
+        if not sending.ambiguous:
+            self._lanes.answered(sending.number)
         self._wake()
         if sending is not lane.pending:
             self.stats.late_replies += 1
@@ -161,8 +163,7 @@ class Answers:
 
     def _expire(self, now: float) -> None:
         due = [(lane, pending) for lane, pending in self._lanes.pending() if pending.deadline <= now]
-        arriving = [self._is_arriving(lane, pending, now) for lane, pending in due]
-        if due and not any(arriving):
+        while due and self._parser.begun and not any(self._is_arriving(lane, pending, now) for lane, pending in due):
             for frame in self._parser.give_up():
                 self._take(frame)
         for lane, pending in due:

@@ -37,6 +37,8 @@ class Pending:
     """Nobody waits any more; the turn is given back when the sending is over."""
     borrowed: bool = False
     """It uses its lane within the turn of another sending: it is a fence."""
+    ambiguous: bool = False
+    """Its answer may be that to an earlier sending on its lane, and so proves nothing."""
     received: int = 0
     """Bytes of the answer that had come when the deadline was last moved."""
 
@@ -60,7 +62,9 @@ class Lanes:
 
     by_response_id: dict[int, Lane] = field(
         default_factory=lambda: {
-            packet_id + 1: Lane(packet_id + 1) for packet_id, declared in PACKETS.items() if issubclass(declared, Request)
+            packet_id + 1: Lane(packet_id + 1)
+            for packet_id, declared in PACKETS.items()
+            if issubclass(declared, Request)
         }
     )
     sent: int = 0

@@ -143,8 +143,9 @@ class Link:
             self._refuse_if_stopped(packet, stops)
             tries += 1
             self.stats.retries += tries > 1
-            if isinstance(packet, Query):  # a change that is sent late still gets its whole time
-                timeout = min(timeout, until - self._loop.time())
+            left = until - self._loop.time()
+            if isinstance(packet, Query) and left > 0:  # a change, or what a stall delayed, gets its whole time
+                timeout = min(timeout, left)
             pending = await self._send_pending(packet, frame, lane, timeout)
             answer = await pending.answer
             if answer is not None:
@@ -197,7 +198,7 @@ class Link:
             elif not clean and self.answers.silent_for() >= _SILENCE * self._timeout:
                 self._break_off()
             else:
-                await self._wait(until, self.answers.next_answer())
+                await self._wait(until - self._loop.time(), self.answers.next_answer())
         return own.late if own is not None else None
 
     def _clean_fences(self, own: Lane | None) -> dict[Lane, Query[Any]]:
@@ -206,20 +207,21 @@ class Link:
         return {lane: query for lane, query in fences.items() if lane.owed is None and lane is not own}
 
     async def _send_fence(self, lane: Lane, query: Query[Any], own: Lane | None, until: float) -> None:
-        """Send a fence and wait until it is over, or is no longer needed, or `until` has passed."""
+        """Send a fence, which has time until `until`, and wait until it is over or is no longer needed."""
         self.stats.fences += 1
         try:
-            pending = await self._send_pending(query, self._codec.encode(query), lane, self._timeout)
-            while not pending.answer.done() and self._lanes.in_doubt(own) and self._loop.time() < until:
-                await self._wait(until, pending.answer, self.answers.next_answer())
+            patience = min(self._timeout, until - self._loop.time())
+            pending = await self._send_pending(query, self._codec.encode(query), lane, patience)
+            while not pending.answer.done() and self._lanes.in_doubt(own):
+                await self._wait(None, pending.answer, self.answers.next_answer())
         finally:
             if lane.pending is None:
                 self._turns.give_back_borrowed(lane)
             else:
                 lane.pending.abandoned = lane.pending.borrowed = True
 
-    async def _wait(self, until: float, *futures: asyncio.Future[Any]) -> None:
-        await asyncio.wait(futures, timeout=until - self._loop.time(), return_when=asyncio.FIRST_COMPLETED)
+    async def _wait(self, timeout: float | None, *futures: asyncio.Future[Any]) -> None:
+        await asyncio.wait(futures, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
         self._raise_if_ended()
 
     def _break_off(self) -> NoReturn:

@@ -84,6 +84,10 @@ class FakeBoard:
         """Deal `fates` to the next requests of this kind, one each."""
         self._plans[declared].extend(fates)
 
+    def forget_plans(self) -> None:
+        """Deal with all further requests as usual."""
+        self._plans.clear()
+
     def sent_of(self, declared: type[Packet]) -> list[float]:
         """Return when packets of this kind were sent."""
         return [at for at, packet in self.sent if isinstance(packet, declared)]

@@ -1,0 +1,333 @@
+"""Answers: what becomes of the bytes that come, and of the deadlines meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+
+from servolink.client.link import Link
+from servolink.errors import OutcomeUnknown, RequestTimeout
+from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
+from servolink.protocol.frame import HEADER
+from servolink.protocol.joystick import ButtonEventResponse
+from servolink.protocol.packet import Request
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    QueryServoListRequest,
+    QueryServoRequest,
+    QueryServoResponse,
+    SetServoParameterRequest,
+)
+from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
+from servolink.transports.base import Receiver
+from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, Fate, linked, now, turns_of_the_loop
+from tests.virtual_time import VirtualTimeLoop, run
+
+ALL = QueryServoRequest(ALL_SERVOS)
+
+
+def false_start(servos: int) -> bytes:
+    """Return the header of an answer with that many servos, of which nothing follows."""
+    return HEADER["little"].pack(b"\x13\x4c\x05\x1d", QueryServoResponse.packet_id, 1 + 11 * servos)
+
+
+class SlowLine(FakeBoard):
+    """Every answer comes in pieces, one every `pause` seconds, and no more than `pieces` of them."""
+
+    def __init__(self, *, size: int, pause: float, pieces: int = 1_000_000, servos: int = 200) -> None:
+        super().__init__(servos=servos)
+        self.size, self.pause, self.pieces = size, pause, pieces
+
+    def deliver(self, data: bytes) -> None:
+        loop = asyncio.get_running_loop()
+        for number, at in enumerate(range(0, len(data), self.size)):
+            if number < self.pieces:
+                loop.call_later(number * self.pause, super().deliver, data[at : at + self.size])
+
+
+class WiredBoard(FakeBoard):
+    """Answers come over a real line, `piece` bytes in a turn of the loop, which stalls as soon as one has arrived."""
+
+    def __init__(self, piece: int, stall: float) -> None:
+        super().__init__()
+        self.piece, self.stall = piece, stall
+        self.near, self.far = socket.socketpair()
+        self.near.setblocking(False)
+
+    async def open(self, receiver: Receiver) -> None:
+        await super().open(receiver)
+        asyncio.get_running_loop().add_reader(self.near, lambda: receiver.data(self.near.recv(self.piece)))
+
+    async def close(self) -> None:
+        asyncio.get_running_loop().remove_reader(self.near)
+        self.near.close()
+        self.far.close()
+        await super().close()
+
+    def deliver(self, data: bytes) -> None:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        self.far.sendall(data)
+        loop.stall(self.stall)
+
+
+@asynccontextmanager
+async def wired(piece: int, stall: float, **options: Any) -> AsyncIterator[tuple[WiredBoard, Link]]:
+    board = WiredBoard(piece, stall)
+    async with linked(board, **options) as link:
+        yield board, link
+
+
+# --- a stalled loop -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("piece", [1, 5, 4096])
+@pytest.mark.parametrize("packet", [QueryServoListRequest(), WriteProjectIDRequest(1), ClearAllDataRequest(), ALL])
+def test_an_answer_that_arrived_in_time_is_no_timeout_however_long_the_loop_was_busy(
+    piece: int, packet: Request[Any]
+) -> None:
+    async def main() -> None:
+        async with wired(piece, stall=60) as (board, link):
+            assert await link.request(packet)
+            assert now() > 1050
+            assert link.stats.timeouts == link.stats.fences == 0
+            assert len(board.sent) == 1
+
+    run(main())
+
+
+@pytest.mark.parametrize("piece", [1, 5, 4096])
+@pytest.mark.parametrize("packet", [QueryServoListRequest(), WriteProjectIDRequest(1)])
+def test_an_answer_to_a_fence_that_arrived_in_time_counts_however_long_the_loop_was_busy(
+    piece: int, packet: Request[Any]
+) -> None:
+    async def main() -> None:
+        async with wired(piece, stall=60) as (board, link):
+            board.plan(type(packet), LOST)
+            with pytest.raises((OutcomeUnknown, RequestTimeout)):
+                await link.request(packet, retries=0)
+            assert await link.request(packet)
+            assert link.stats.fences == 1
+            assert len(board.sent) == 3
+
+    run(main())
+
+
+def test_an_answer_that_comes_after_its_deadline_is_late_though_the_loop_was_busy() -> None:
+    async def main() -> None:
+        async with wired(4096, stall=0) as (board, link):
+            board.plan(WriteProjectIDRequest, SWALLOWED)
+            loop = asyncio.get_running_loop()
+            assert isinstance(loop, VirtualTimeLoop)
+            loop.call_later(0.5, loop.stall, 30)
+            with pytest.raises(OutcomeUnknown):
+                await link.request(WriteProjectIDRequest(1))
+
+    run(main())
+
+
+def test_a_flood_of_events_puts_no_deadline_off() -> None:
+    async def main() -> None:
+        async with wired(22, stall=0) as (board, link):
+            board.plan(WriteProjectIDRequest, SWALLOWED)
+            waiting = asyncio.create_task(link.request(WriteProjectIDRequest(1)))
+            await asyncio.sleep(0.999_999)
+            event = board.codec.encode(ButtonEventResponse(1, 1))
+            for _ in range(5_000):
+                board.far.send(event)
+                await asyncio.sleep(0 if now() >= 1001 else 1e-6)
+                if waiting.done():
+                    break
+            assert isinstance(waiting.exception(), OutcomeUnknown)
+            assert link.stats.events_received > 10
+
+    run(main())
+
+
+# --- partial frames -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("starts", [1, 2, 3])
+def test_false_starts_that_hold_a_good_answer_back_are_given_up_at_its_deadline(starts: int) -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        noise = b"".join(false_start(250 - number) for number in range(starts))
+        board.plan(QueryServoListRequest, Fate(mangle=lambda frame: noise + frame))
+        async with linked(board) as link:
+            begun = now()
+            assert (await link.request(QueryServoListRequest())).servo_id_list == (1, 2, 3, 4)
+            assert now() == begun + 1
+            assert link.stats.timeouts == link.stats.retries == 0
+            assert link.stats.skipped["incomplete"] > 0
+
+    run(main())
+
+
+def test_a_short_silence_gives_up_nothing() -> None:
+    async def main() -> None:
+        board = SlowLine(size=10, pause=0.9, servos=1)
+        async with linked(board) as link:
+            assert len((await link.request(ALL)).servos) == 1
+            assert sum(link.stats.skipped.values()) == 0
+
+    run(main())
+
+
+def test_a_long_answer_that_is_still_arriving_at_its_deadline_is_waited_for() -> None:
+    async def main() -> None:
+        board = SlowLine(size=22, pause=0.05)
+        async with linked(board) as link:
+            begun = now()
+            assert len((await link.request(ALL)).servos) == 200
+            assert 4 < now() - begun < 6
+            assert link.stats.timeouts == 0
+            assert len(board.sent) == 1
+
+    run(main())
+
+
+def test_who_is_cancelled_leaves_a_long_answer_time_to_arrive() -> None:
+    async def main() -> None:
+        board = SlowLine(size=22, pause=0.05)
+        async with linked(board) as link:
+            waiting = asyncio.create_task(link.request(ALL))
+            await asyncio.sleep(0.5)
+            waiting.cancel()
+            board.size = 4096
+            assert len((await link.request(QueryServoListRequest())).servo_id_list) == 200
+            assert link.stats.timeouts == link.stats.fences == 0
+
+    run(main())
+
+
+def test_an_answer_that_stops_arriving_is_given_up_at_the_next_deadline() -> None:
+    async def main() -> None:
+        board = SlowLine(size=220, pause=0.4, pieces=4)
+        async with linked(board, retries=0) as link:
+            begun = now()
+            with pytest.raises(RequestTimeout):
+                await link.request(ALL)
+            assert now() - begun == pytest.approx(3)  # pieces at 0, 0.4, 0.8, 1.2: seen at 1 and 2, not at 3
+
+    run(main())
+
+
+def test_a_trickle_is_not_waited_for_for_ever() -> None:
+    async def main() -> None:
+        board = SlowLine(size=8, pause=0.6)
+        async with linked(board, retries=0) as link:
+            begun = now()
+            with pytest.raises(RequestTimeout):
+                await link.request(ALL)
+            assert now() - begun < 3
+
+    run(main())
+
+
+def test_another_answer_that_is_arriving_moves_no_deadline() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        board.plan(WriteProjectIDRequest, Fate(mangle=lambda frame: false_start(200) + bytes(1000)))
+        async with linked(board) as link:
+            begun = now()
+            with pytest.raises(OutcomeUnknown):
+                await link.request(WriteProjectIDRequest(1))
+            assert now() == begun + 1
+
+    run(main())
+
+
+def test_each_of_several_on_the_line_has_its_own_deadline() -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=LOST)
+        async with linked(board, window=3, retries=0) as link:
+            begun = now()
+            ends: list[float] = []
+
+            async def ask(packet: Request[Any], timeout: float) -> None:
+                with pytest.raises((RequestTimeout, OutcomeUnknown)):
+                    await link.request(packet, timeout=timeout)
+                ends.append(now() - begun)
+
+            await asyncio.gather(
+                ask(QueryProjectIDRequest(), 0.75),
+                ask(WriteProjectIDRequest(1), 0.25),
+                ask(QueryMemorySizeRequest(), 0.5),
+            )
+            assert ends == [0.25, 0.5, 0.75]
+
+    run(main())
+
+
+# --- what nobody waits for ----------------------------------------------------------------------------------------
+
+
+def test_events_go_to_whoever_wants_them_and_noise_is_counted() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        async with linked(board) as link:
+            events: list[ButtonEventResponse] = []
+            board.speak(ButtonEventResponse(1, 1))
+            link.answers.on_event = events.append
+            board.speak(ButtonEventResponse(2, 4))
+            board.deliver(b"noise" + bytes(3))
+            assert events == [ButtonEventResponse(2, 4)]
+            assert link.stats.events_received == 2
+            assert link.stats.skipped["noise"] == 8
+
+    run(main())
+
+
+def test_bytes_after_the_end_change_nothing() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        async with linked(board) as link:
+            waiting = asyncio.create_task(link.request(QueryServoListRequest()))
+            await turns_of_the_loop(3)
+            board.vanish()
+            board.speak(QueryServoResponse())
+            link.answers.lost(OSError("again"))
+            await asyncio.wait((waiting,))
+            assert "device disconnected" in str(waiting.exception())
+
+    run(main())
+
+
+def test_a_stop_overtakes_what_waits_on_its_lane() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        board.plan(SetServoParameterRequest, Fate(after=0.5))
+        async with linked(board) as link:
+            waiting = asyncio.create_task(link.request(SetServoParameterRequest(1, 1, 1)))
+            await asyncio.sleep(0.1)
+            begun = now()
+            await link.send_stop(SetServoParameterRequest(ALL_SERVOS, 0, 1))
+            with pytest.raises(OutcomeUnknown, match="overtaken by a stop"):
+                await waiting
+            assert now() == begun
+
+    run(main())
+
+
+@pytest.mark.parametrize("start", [0, 1])
+def test_the_answer_to_what_a_stop_overtook_is_not_taken_for_the_answer_to_the_stop(start: int) -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        board.plan(SetServoParameterRequest, Fate(after=1.5), Fate(after=3.0))
+        async with linked(board) as link:
+            waiting = asyncio.create_task(link.request(SetServoParameterRequest(ALL_SERVOS, start, 1)))
+            await asyncio.sleep(0.1)
+            await link.send_stop(SetServoParameterRequest(ALL_SERVOS, 0, 1))
+            await asyncio.wait((waiting,))
+            await asyncio.sleep(2.4)
+            assert link.stats.late_replies == 1
+            following = SetServoParameterRequest(ALL_SERVOS, 1, 0)
+            assert (await link.request(following)).is_start == 1  # and not the stop's own answer, which comes at 3.1
+            assert link.stats.late_replies == 2
+
+    run(main())

@@ -1,0 +1,245 @@
+"""Link: whoever is cancelled, at whatever moment, leaves nothing behind that disturbs others."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any
+
+import pytest
+
+from servolink.client.board import Board, connect
+from servolink.client.link import Link
+from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
+from servolink.protocol.editing import (
+    AddActionRequest,
+    AddActionResponse,
+    QueryProjectIDRequest,
+    QueryProjectIDResponse,
+    WriteProjectIDRequest,
+    WriteProjectIDResponse,
+)
+from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, SetServoParameterRequest, Step
+from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
+from tests.client.fake_board import LATENCY, LOST, FakeBoard, Fate, late, linked, now, turns_of_the_loop
+from tests.virtual_time import run
+
+# Every moment at which something happens while nothing is lost, and turns of the loop after it.
+MOMENTS = [(number * LATENCY, turns) for number in range(5) for turns in range(8)]
+
+
+async def cancelled_at(moment: float, turns: int, call: Coroutine[Any, Any, object]) -> bool:
+    """Run `call`, cancel it that late, and tell whether it was still running."""
+    task = asyncio.create_task(call)
+    await asyncio.sleep(moment)
+    await turns_of_the_loop(turns)
+    running = not task.done()
+    task.cancel()
+    await asyncio.wait((task,))
+    assert task.cancelled() == running
+    return running
+
+
+async def assert_in_order(link: Link, board: FakeBoard) -> None:
+    """Check that what is asked now is answered rightly and that no lane or turn is stuck."""
+    wrong = board.executed_of(WriteProjectIDRequest)
+    assert len(wrong) <= 1
+    begun = now()
+    await link.request(WriteProjectIDRequest(4711))
+    assert (await link.request(QueryProjectIDRequest())).project_id == 4711
+    assert (await link.request(ClearAllDataRequest())).result == 1  # goes alone, so no turn is held any more
+    assert (await link.request(QueryServoListRequest())).servo_id_list == (1, 2, 3, 4)
+    await link.send(ExecuteActionRequest((Step(1, 5, 10),)))
+    assert now() - begun < 3
+    assert link._turns._active == 0
+    assert not link._turns._busy
+    assert not list(link._lanes.pending())
+
+
+CALLS: dict[str, Callable[[Link], Awaitable[object]]] = {
+    "query": lambda link: link.request(QueryProjectIDRequest()),
+    "change": lambda link: link.request(WriteProjectIDRequest(5)),
+    "clear": lambda link: link.request(ClearAllDataRequest()),
+    "move": lambda link: link.send(ExecuteActionRequest((Step(1, 5, 10),))),
+    "stop": lambda link: link.send_stop(SetServoParameterRequest(255, 0, 1)),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+@pytest.mark.parametrize(("window", "done_at_once"), [(1, {"stop"}), (3, {"stop", "move"})])
+def test_cancelled_at_any_moment(name: str, window: int, done_at_once: set[str]) -> None:
+    async def main(moment: tuple[float, int]) -> bool:
+        board = FakeBoard()
+        async with linked(board, window=window) as link:
+            before = asyncio.create_task(link.request(QueryMemorySizeRequest()))
+            running = await cancelled_at(*moment, coroutine(CALLS[name](link)))
+            await before
+            await assert_in_order(link, board)
+            return running
+
+    interrupted = {run(main(moment)) for moment in MOMENTS}
+    assert interrupted == ({False} if name in done_at_once else {True, False})
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_cancelled_at_any_moment_while_the_line_takes_no_bytes(name: str) -> None:
+    async def main(moment: tuple[float, int]) -> bool:
+        board = FakeBoard()
+        async with linked(board) as link:
+            board.taking = asyncio.Event()
+            asyncio.get_running_loop().call_later(2 * LATENCY, board.taking.set)
+            running = await cancelled_at(*moment, coroutine(CALLS[name](link)))
+            board.taking = None
+            await assert_in_order(link, board)
+            return running
+
+    assert {run(main(moment)) for moment in MOMENTS} == {True, False}
+
+
+@pytest.mark.parametrize("name", CALLS)
+@pytest.mark.parametrize("fate", [LOST, late(1.2)])
+def test_cancelled_at_any_moment_while_a_fence_is_needed_and_answered_late(name: str, fate: Fate) -> None:
+    async def main(moment: tuple[float, int]) -> bool:
+        board = FakeBoard()
+        for kind in (QueryProjectIDRequest, WriteProjectIDRequest, ClearAllDataRequest):
+            board.plan(kind, fate)
+        async with linked(board) as link:
+            with pytest.raises(OutcomeUnknown):
+                await link.request(ClearAllDataRequest(), timeout=0.1)
+            board.executed.clear()
+            running = await cancelled_at(*moment, coroutine(CALLS[name](link)))
+            await asyncio.sleep(3)
+            board.forget_plans()
+            await assert_in_order(link, board)
+            return running
+
+    moments = [(quarters / 4, turns) for quarters in range(17) for turns in (0, 2, 5, 9)]
+    assert {run(main(moment)) for moment in moments} == ({False} if name == "stop" else {True, False})
+
+
+async def coroutine(call: Awaitable[object]) -> object:
+    return await call
+
+
+def test_who_is_cancelled_as_the_answer_comes_gets_the_cancellation_and_the_lane_is_clean() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        async with linked(board) as link:
+            task = asyncio.create_task(link.request(QueryServoListRequest()))
+            await turns_of_the_loop(3)
+            asyncio.get_running_loop().call_later(LATENCY, task.cancel)
+            await asyncio.wait((task,))
+            assert task.cancelled()
+            await link.request(QueryServoListRequest())
+            assert link.stats.fences == 0
+
+    run(main())
+
+
+def test_the_answer_to_a_cancelled_request_is_never_given_to_the_next() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        board.plan(AddActionRequest, Fate(after=0.5, says=AddActionResponse(0)))
+        async with linked(board) as link:
+            await cancelled_at(0.1, 0, link.request(AddActionRequest(1, "a")))
+            assert (await link.request(AddActionRequest(2, "b"))).result == 1
+
+    run(main())
+
+
+@pytest.mark.parametrize("after", [0.5, 1.5, 2.5])
+def test_the_late_answer_to_a_cancelled_request_is_never_given_to_the_next(after: float) -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        board.plan(WriteProjectIDRequest, Fate(after=after, says=WriteProjectIDResponse(0)))
+        async with linked(board) as link:
+            await cancelled_at(0.1, 0, link.request(WriteProjectIDRequest(1)))
+            assert (await link.request(WriteProjectIDRequest(2))).result == 1
+
+    run(main())
+
+
+def test_a_cancelled_fence_ends_by_itself_and_still_proves_something() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        board.plan(WriteProjectIDRequest, LOST)
+        async with linked(board) as link:
+            with pytest.raises(OutcomeUnknown):
+                await link.request(WriteProjectIDRequest(1))
+            await cancelled_at(0, 3, link.request(WriteProjectIDRequest(2)))
+            await asyncio.sleep(1)
+            assert (await link.request(WriteProjectIDRequest(3))).result == 1
+            assert link.stats.fences == 1
+            assert len(board.executed_of(WriteProjectIDRequest)) == 1
+
+    run(main())
+
+
+def test_a_cancelled_request_that_is_never_answered_gives_its_turn_back_at_its_deadline() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        board.plan(QueryServoListRequest, LOST)
+        async with linked(board) as link:
+            begun = now()
+            await cancelled_at(0.1, 0, link.request(QueryServoListRequest()))
+            await link.request(QueryProjectIDRequest())
+            assert now() == pytest.approx(begun + 1 + LATENCY)
+
+    run(main())
+
+
+def test_the_end_of_the_link_finds_a_cancelled_request() -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=LOST)
+        async with linked(board) as link:
+            await cancelled_at(0.1, 0, link.request(QueryServoListRequest()))
+            waiting = asyncio.create_task(link.request(QueryProjectIDRequest()))
+            await turns_of_the_loop(2)
+            board.vanish()
+            with pytest.raises(ConnectionLost):
+                await waiting
+
+    run(main())
+
+
+def test_a_time_limit_of_the_caller_is_a_cancellation_like_any_other() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        board.plan(QueryProjectIDRequest, Fate(after=0.5, says=QueryProjectIDResponse(1)))
+        async with linked(board) as link:
+            with pytest.raises(TimeoutError) as caught:
+                async with asyncio.timeout(0.1):
+                    await link.request(QueryProjectIDRequest())
+            assert not isinstance(caught.value, RequestTimeout)
+            assert (await link.request(QueryProjectIDRequest())).project_id == 0
+
+    run(main())
+
+
+BOARD_CALLS: dict[str, Callable[[Board], Awaitable[object]]] = {
+    "servos": lambda board: board.servos(),
+    "move by speed": lambda board: board.move({1: 90, 2: 45}, speed=90),
+    "move and wait": lambda board: board.move({1: 90}, duration=0.02, wait=True),
+    "set_servo": lambda board: board.set_servo(1, start=True, hold=True),
+    "stop": lambda board: board.stop(),
+    "events": lambda board: board.button_events().__aenter__(),
+}
+
+
+@pytest.mark.parametrize("name", BOARD_CALLS)
+def test_calls_of_several_requests_cancelled_at_any_moment(name: str) -> None:
+    async def main(moment: tuple[float, int]) -> bool:
+        board = FakeBoard()
+        async with connect(board) as servo_board:
+            running = await cancelled_at(*moment, coroutine(BOARD_CALLS[name](servo_board)))
+            await asyncio.sleep(0.1)
+            await servo_board.set_servo(255, start=True, hold=True)
+            await servo_board.move({2: 10}, duration=0.1)
+            await asyncio.sleep(0.2)
+            assert (await servo_board.servo(2)).angle == 10
+            assert not list(servo_board._link._lanes.pending())
+            assert servo_board._link._turns._active == 0
+            return running
+
+    moments = [(number * LATENCY, turns) for number in range(8) for turns in range(0, 12, 2)]
+    assert {run(main(moment)) for moment in moments} == {True, False}
