@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from struct import Struct
+from typing import Literal
 from zlib import adler32
 
 from servolink.protocol.frame import (
@@ -23,12 +24,11 @@ from servolink.protocol.frame import (
     OVERHEAD,
     ByteOrder,
     Frame,
-    content_sum,
     encode_frame,
-    piecewise,
 )
 from servolink.protocol.layout import layout
 from servolink.protocol.registry import PACKETS
+from servolink.protocol.sums import BlockSums, content_sum, piecewise
 
 PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE = (
     "padding",
@@ -45,8 +45,9 @@ _ZEROS = re.compile(rb"\0*")
 _MAX_KNOWN_HEADERS = 4096  # more would be a stream made to fill memory
 _LONG = 4096  # contents above are summed in blocks that are remembered, so that overlapping claims stay cheap
 
-_Entry = tuple[int, int, int, Struct | None]
-"""What a header implies: frame size, packet id, the header's share of the sum, how to cut the content."""
+_Entry = tuple[int, int, int, Struct | Literal[False] | None]
+"""What a header implies: where the checksum stands, packet id, the header's share of the sum, and how to cut the
+content to sum it: not at all, into pieces, or (False) into blocks that are remembered."""
 
 
 class FrameParser:
@@ -71,7 +72,7 @@ class FrameParser:
         self._wary = 0  # so many more frames are searched for whole frames inside
         self._looks_back = True
         self._replay = 0  # so many bytes at the front of the buffer belong to a frame that was believed already
-        self._blocks = _BlockSums()
+        self._blocks = BlockSums()
         self._kept: list[tuple[int, bytes, str]] | None = [] if keep_skipped else None
 
     def feed(self, chunk: bytes | bytearray | memoryview) -> list[Frame]:
@@ -112,7 +113,7 @@ class FrameParser:
     def begun(self) -> tuple[int, int, int] | None:
         """Packet id, bytes here and bytes wanted of the frame that is being received; None between frames."""
         entry = self._entries.get(bytes(self._held[:HEADER_SIZE]))
-        return (entry[1], len(self._held), entry[0]) if entry else None
+        return (entry[1], len(self._held), entry[0] + 1) if entry else None
 
     def take_skipped(self) -> list[tuple[int, bytes, str]]:
         """Return (frames of the last call before it, bytes, reason) of each span skipped since the last call."""
@@ -129,24 +130,24 @@ class FrameParser:
         while True:
             entry = known(data[at : at + HEADER_SIZE])
             if entry is not None:
-                size, packet_id, total, pieces = entry
-                end = at + size
-                if end > length:
-                    needed = size
+                last, packet_id, total, pieces = entry
+                end = at + last
+                if end >= length:
+                    needed = last + 1
                     break
-                content = data[at + HEADER_SIZE : end - 1]
-                if size <= _SMALL:
+                content = data[at + HEADER_SIZE : end]
+                if pieces is None:
                     total += adler32(content)
-                elif size <= _LONG:
+                elif pieces:
                     total += content_sum(content, pieces)
                 else:
-                    total += self._blocks.sum(data, at + HEADER_SIZE, end - 1)
-                if total & 0xFF == data[end - 1]:
+                    total += self._blocks.sum(data, at + HEADER_SIZE, end)
+                if total & 0xFF == data[end]:
                     frames.append((packet_id, content))
-                    at = end
+                    at = end + 1
                     if wary:
                         wary -= 1
-                        if size >= _ROOMY and MAGIC in content:
+                        if last >= _ROOMY and MAGIC in content:
                             self._believed(frames[-1], at)
                             frames += self._swallowed()
                             settled = len(frames)
@@ -269,10 +270,9 @@ class FrameParser:
             return LENGTH
         if len(self._entries) >= _MAX_KNOWN_HEADERS:
             self._entries.clear()
-        size, total = length + OVERHEAD, sum(header)
-        if size <= _SMALL:
-            total -= 1  # adler32 begins at one
-        self._entries[header] = size, packet_id, total, piecewise(length) if size <= _LONG else None
+        pieces: Struct | Literal[False] | None = piecewise(length) if length <= _LONG else False
+        total = sum(header) - (pieces is None)  # adler32, which sums what is in one piece, begins at one
+        self._entries[header] = length + HEADER_SIZE, packet_id, total, pieces
         return ""
 
     def _skip(self, data: bytes, start: int, end: int, frames: list[Frame]) -> None:
@@ -286,8 +286,7 @@ class FrameParser:
             self._kept.append((len(frames), data[start:end], self._reason))
 
 
-_SMALL = 256 + OVERHEAD  # frames whose content one adler32 sums
-_ROOMY = HEADER_SIZE + OVERHEAD  # frames that have room for another
+_ROOMY = 2 * HEADER_SIZE  # where the checksum of a frame stands that has room for another
 _WARY = 256
 
 
@@ -300,31 +299,3 @@ def _next_magic(data: bytes, start: int) -> int:
         if data.endswith(MAGIC[:size], start):
             return len(data) - size
     return len(data)
-
-
-class _BlockSums:
-    """Sums of long spans of a moving buffer, from sums of 256-byte blocks that are computed once."""
-
-    def __init__(self) -> None:
-        self._origin = 0  # stream offset of the buffer's first byte
-        self._sums: dict[int, int] = {}
-
-    def move(self, by: int) -> None:
-        """Note that the buffer now begins `by` bytes further on in the stream."""
-        self._origin += by
-        if len(self._sums) > 1024:
-            self._sums.clear()
-
-    def sum(self, data: bytes, start: int, end: int) -> int:
-        """Return the sum of `data[start:end]`, right in its low 8 bits."""
-        first = -(-(self._origin + start) // 256)
-        last = (self._origin + end) // 256
-        total = 0
-        sums = self._sums
-        for block in range(first, last):
-            if (known := sums.get(block)) is None:
-                offset = block * 256 - self._origin
-                known = sums[block] = adler32(data[offset : offset + 256]) - 1
-            total += known
-        total += adler32(data[start : first * 256 - self._origin]) - 1
-        return total + adler32(data[last * 256 - self._origin : end]) - 1

@@ -10,10 +10,11 @@ from zlib import adler32
 import pytest
 
 from benchmarks.streams import chunks, hostile
-from servolink.protocol import frame as frame_module
 from servolink.protocol import parser as parser_module
+from servolink.protocol import sums as sums_module
 from servolink.protocol.frame import Frame, encode_frame
-from servolink.protocol.parser import _MAX_KNOWN_HEADERS, FrameParser, _BlockSums
+from servolink.protocol.parser import _MAX_KNOWN_HEADERS, FrameParser
+from servolink.protocol.sums import _MOST_BLOCKS, BlockSums
 
 _LARGEST_FRAME = 65_544
 _NAMES = [name for name, _ in hostile(0)]
@@ -30,7 +31,7 @@ class Work:
     @contextmanager
     def counted(self) -> Iterator[None]:
         """Count what parsers do meanwhile."""
-        scan, recover, sum_blocks = FrameParser._scan, FrameParser._recover, _BlockSums.sum
+        scan, recover, sum_blocks = FrameParser._scan, FrameParser._recover, BlockSums.sum
 
         def counted_adler32(data: bytes) -> int:
             self.bytes += len(data)
@@ -40,7 +41,7 @@ class Work:
             self.bytes += len(data)
             return scan(parser, data, at)
 
-        def counted_sum(sums: _BlockSums, data: bytes, start: int, end: int) -> int:
+        def counted_sum(sums: BlockSums, data: bytes, start: int, end: int) -> int:
             self.sums += (end - start) // 256
             return sum_blocks(sums, data, start, end)
 
@@ -50,10 +51,10 @@ class Work:
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(parser_module, "adler32", counted_adler32)
-            patch.setattr(frame_module, "adler32", counted_adler32)
+            patch.setattr(sums_module, "adler32", counted_adler32)
             patch.setattr(FrameParser, "_scan", counted_scan)
             patch.setattr(FrameParser, "_recover", counted_recover)
-            patch.setattr(_BlockSums, "sum", counted_sum)
+            patch.setattr(BlockSums, "sum", counted_sum)
             yield
 
 
@@ -100,9 +101,9 @@ def test_headers_are_remembered_up_to_a_number_and_all_are_read() -> None:
 
 def test_sums_of_blocks_are_forgotten() -> None:
     parser, frame = FrameParser(), encode_frame(10050, b"\xff" * 65_535, "little")
-    for _ in range(6):
-        assert len(parser.feed(frame)) == 1
-        assert len(parser._blocks._sums) <= 1024 + 256
+    for _ in range(40):
+        assert parser.feed(frame) == [(10050, b"\xff" * 65_535)]
+        assert len(parser._blocks._running) <= _MOST_BLOCKS + 256
 
 
 def test_the_longest_frame_is_not_looked_at_for_each_of_its_bytes() -> None:
