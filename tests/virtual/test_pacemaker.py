@@ -23,7 +23,7 @@ class EarlyLoop(VirtualTimeLoop):
     timers = 0
 
     def call_at(
-        self, when: float, callback: Callable[..., Any], *args: Any, context: Any = None
+        self, when: float, callback: Callable[[*Ts], object], *args: *Ts, context: Context | None = None
     ) -> asyncio.TimerHandle:
         self.timers += 1
         assert self.timers < 100, "it sets timers without end"
