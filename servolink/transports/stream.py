@@ -7,11 +7,11 @@ from abc import ABC, abstractmethod
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.printable import printable
-from servolink.transports.base import STALL_LIMIT, Receiver
+from servolink.transports.base import Receiver
+from servolink.transports.stall import StallWatch
 
 _DRAIN_LIMIT = 0.5  # seconds that close() gives what was sent to leave
 _DRAIN_STEP = 0.01
-_STALL_STEP = STALL_LIMIT / 8
 
 
 class StreamTransport(asyncio.Protocol, ABC):
@@ -28,7 +28,7 @@ class StreamTransport(asyncio.Protocol, ABC):
         self._senders: list[asyncio.Future[bool]] = []  # told whether the system took their bytes
         self._full = False
         self._sent = 0
-        self._watch: asyncio.TimerHandle | None = None
+        self._watch = StallWatch(lambda: self._full, self._taken, self._end)
 
     @property
     def url(self) -> str:
@@ -66,7 +66,7 @@ class StreamTransport(asyncio.Protocol, ABC):
         if self._full:
             taken = asyncio.get_running_loop().create_future()
             self._senders.append(taken)
-            self._start_watch()
+            self._watch.start()
             if not await taken:
                 raise self._lost()
 
@@ -105,8 +105,7 @@ class StreamTransport(asyncio.Protocol, ABC):
             return  # open did not succeed, and says so itself
         self._cause = self._cause or exc
         self._wake_senders(taken=False)
-        if self._watch:
-            self._watch.cancel()
+        self._watch.stop()
         self._receiver.lost(None if self._cause is None else self._lost())
 
     def pause_writing(self) -> None:
@@ -143,24 +142,6 @@ class StreamTransport(asyncio.Protocol, ABC):
         for sender in senders:
             if not sender.done():
                 sender.set_result(taken)
-
-    def _start_watch(self) -> None:
-        """Look now and then whether the system still takes bytes, with one timer for all sends."""
-        if self._watch is None:
-            loop = asyncio.get_running_loop()
-            self._watch = loop.call_later(_STALL_STEP, self._look, self._taken(), loop.time())
-
-    def _look(self, taken: int, since: float) -> None:
-        self._watch = None
-        if not self._full:
-            return  # the next send that has to wait starts it again
-        loop = asyncio.get_running_loop()
-        if self._taken() != taken:
-            taken, since = self._taken(), loop.time()
-        elif loop.time() - since >= STALL_LIMIT:
-            self._end(TimeoutError(f"it has taken no byte for {STALL_LIMIT:g} s"))
-            return
-        self._watch = loop.call_later(_STALL_STEP, self._look, taken, since)
 
     def _taken(self) -> int:
         return self._sent - (self._pipe.get_write_buffer_size() if self._pipe else 0)

@@ -17,7 +17,7 @@ import pytest
 import serial  # type: ignore[import-untyped]
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.transports import stream
+from servolink.transports import stall
 from servolink.transports.registry import create
 from servolink.transports.serial import SerialTransport
 from tests.transports.wires import FLOOD, Ear, PtyWire, on_loop
@@ -255,12 +255,12 @@ async def test_a_port_closed_while_it_opens_is_closed_after_all(monkeypatch: pyt
 
 @on_loop
 async def test_a_drained_port_no_longer_waits_for_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stream, "_STALL_STEP", 0.001)
+    monkeypatch.setattr(stall, "_STALL_STEP", 0.001)
     async with PtyWire() as wire:
         await wire.open()
         await wire.transport.send(bytes(FLOOD))
         assert isinstance(wire.transport, SerialTransport)
-        while wire.transport._watch is not None:  # it ends, as a timer that nobody needs costs power
+        while wire.transport._watch.running:  # it ends, as a timer that nobody needs costs power
             await asyncio.sleep(0)
         port = next(fd for fd in _descriptors() if fd != wire.slave and _is(fd, wire.path))
         assert asyncio.get_running_loop().remove_writer(port) is False
