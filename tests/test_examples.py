@@ -98,7 +98,7 @@ class Reader:
         }
         self.addresses: dict[str, str] = {}
         self.status = 0
-        self.serving: list[subprocess.Popen[str]] = []
+        self.started: list[subprocess.Popen[str]] = []
 
     def follow(self, page: list[Block]) -> None:
         """Do what the page says; AssertionError names the example that is not true."""
@@ -139,10 +139,10 @@ class Reader:
             text=True,
             process_group=0,
         )
+        self.started.append(process)
         before, interrupted, _ = shown.partition("^C")
-        if serves := command[-1].startswith("servolink virtual"):
-            self.serving.append(process)
-        output = read(process, until=before if interrupted or serves else None)
+        serves = command[-1].startswith("servolink virtual")
+        output = read(process, until=_LISTENING.sub("listening ...", before) if interrupted or serves else None)
         self.addresses |= dict(zip(_LISTENING.findall(before), _LISTENING.findall(output), strict=False))
         if interrupted:
             os.killpg(process.pid, signal.SIGINT)
@@ -160,12 +160,12 @@ class Reader:
 
     def leave(self) -> None:
         """End what still serves."""
-        for process in self.serving:
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGINT)
-            assert process.wait(PATIENCE) in {0, 130}
+        for process in self.started:
             if process.stdout is not None:
                 process.stdout.close()
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGINT)
+                assert process.wait(PATIENCE) in {0, 130}
 
 
 def read(process: subprocess.Popen[str], until: str | None = None) -> str:
@@ -176,11 +176,11 @@ def read(process: subprocess.Popen[str], until: str | None = None) -> str:
     while until is None or not output or not is_as_shown(output.decode(), until):
         ready, _, _ = select.select([pipe], [], [], max(0.0, deadline - time.monotonic()))
         chunk = os.read(pipe.fileno(), 4096) if ready else b""
-        output += chunk
         if not chunk:
+            assert until is None, f"this is all that was printed:\n{output.decode()}"
+            pipe.close()
             break
-    if until is None:
-        pipe.close()
+        output += chunk
     return output.decode()
 
 
