@@ -61,9 +61,10 @@ class FrameParser:
         self.skipped: dict[str, int] = dict.fromkeys((PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE), 0)
         """Bytes skipped so far, by reason."""
         self._entries: dict[bytes, _Entry] = {}
-        self._held = bytearray()  # the incomplete rest
+        self._held: bytes | bytearray = b""  # the incomplete rest; a bytearray while it grows in small steps
         self._needed = 0  # how long it must get before another look is worth it
         self._reason = PADDING
+        self._in_sync = True  # nothing has been skipped since the last frame
         self._last: Frame | None = None  # the frame that ended here, but for `_zeros` zero bytes
         self._rest: bytes | None = None  # what is left to search of `_last`; None: all but its first byte
         self._zeros = 0
@@ -81,6 +82,8 @@ class FrameParser:
         if not held:
             return self._scan(bytes(chunk), 0)
         if len(held) + len(chunk) < self._needed:
+            if isinstance(held, bytes):
+                held = self._held = bytearray(held)
             held += chunk
             return []
         return self._scan(b"".join((held, chunk)), 0)
@@ -90,7 +93,7 @@ class FrameParser:
         if len(self._held) < HEADER_SIZE:
             return []  # it has claimed no length yet, so it holds nothing back
         data = bytes(self._held)
-        self._reason, self._last = INCOMPLETE, None
+        self._reason, self._last, self._in_sync = INCOMPLETE, None, False
         self._skip(data, 0, len(MAGIC), [])
         return self._scan(data, len(MAGIC))
 
@@ -106,7 +109,7 @@ class FrameParser:
         if self._held:
             self._reason = INCOMPLETE
             self._skip(bytes(self._held), 0, len(self._held), frames)
-        self._held.clear()
+        self._held = b""
         return frames
 
     @property
@@ -152,6 +155,9 @@ class FrameParser:
                             frames += self._swallowed()
                             settled = len(frames)
                     continue
+            if at == length:
+                needed = 1
+                break
             if len(frames) > settled:
                 settled = len(frames)
                 self._believed(frames[-1], at)
@@ -170,15 +176,18 @@ class FrameParser:
 
     def _believed(self, frame: Frame, end: int) -> None:
         """Note that `frame` ends at `end`, in sync."""
-        looked_back = end - OVERHEAD - len(frame[1]) < self._replay
+        looked_back = self._replay and end - OVERHEAD - len(frame[1]) < self._replay
         self._last = frame if self._looks_back and not looked_back else None  # once is enough
+        if self._in_sync:
+            return
+        self._in_sync = True
         self._rest = None
         self._shadow = None
         self._zeros = 0
         self._reason = PADDING
 
     def _hold(self, data: bytes, at: int, needed: int) -> None:
-        self._held = bytearray(data[at:])
+        self._held = data[at:]
         self._needed = needed
         if self._replay:
             self._replay = max(0, self._replay - at)
@@ -189,6 +198,7 @@ class FrameParser:
         head = data[at : at + HEADER_SIZE]
         if len(head) < HEADER_SIZE and MAGIC.startswith(head[: len(MAGIC)]):
             return data, at, HEADER_SIZE if len(head) >= len(MAGIC) else len(head) + 1
+        self._in_sync = False
         if head.startswith(MAGIC):
             reason = CHECKSUM if damaged else self._admit(head)
             if not reason:
@@ -232,6 +242,7 @@ class FrameParser:
             return []
         shadow, found = self._look_inside(self._last)
         self._last, self._rest = (self._last, bytes(shadow._held)) if shadow._held else (None, None)
+        self._in_sync = False
         return found
 
     def _shadow_last(self, last: Frame) -> None:
