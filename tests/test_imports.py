@@ -49,7 +49,7 @@ OUTSIDE_WORLD = {
     "time",
 }
 """What a part that is told bytes and times, and tells bytes, has no use for."""
-SERVING = {"bridge", "network", "pacemaker", "serving", "terminal", "transport"}
+SERVING = {"bridge", "network", "pacemaker", "serving", "terminal", "transport", "usbip.server"}
 """The files of `virtual` that connect the board to the world; the others are the board."""
 
 

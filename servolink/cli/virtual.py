@@ -34,6 +34,9 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
         "--pty", action="store_true", help="serve a pseudo-terminal (what is done when nothing is said)"
     )
     parser.add_argument("--tcp", metavar="HOST:PORT", type=_listening, help="serve TCP; port 0 takes a free one")
+    parser.add_argument(
+        "--usbip", metavar="HOST:PORT", type=_listening, help="export a USB device over USB/IP; its usual port is 3240"
+    )
     parser.add_argument("--servos", type=_number(0, MOST_SERVOS), default=16, metavar="N", help="how many servos (16)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="makes small differences repeat (0)")
     parser.add_argument(
@@ -44,7 +47,10 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
         help=f"for what is stored ({MEMORY})",
     )
     parser.add_argument(
-        "--faults", type=_faults, metavar="NAME=VALUE,...", help="a bad line: drop=0.01,delay=0.1 and more"
+        "--faults",
+        type=_faults,
+        metavar="NAME=VALUE,...",
+        help="a bad line, but for --usbip: drop=0.01,delay=0.1 and more",
     )
     parser.add_argument(
         "--state", type=Path, metavar="FILE", help="load what is stored from it, and save it at the end"
@@ -69,9 +75,10 @@ def run(args: argparse.Namespace) -> int:
 
 async def _serve(board: VirtualBoard, args: argparse.Namespace) -> None:
     stop = _stop_on_signals()
-    pty = args.pty or (AVAILABLE and args.tcp is None)
-    tcp = args.tcp or (None if pty else "127.0.0.1:0")
-    async with serve(board, pty=pty, tcp=tcp, faults=args.faults, seed=args.seed) as urls:
+    said = args.pty or args.tcp or args.usbip
+    pty = args.pty or (AVAILABLE and not said)
+    tcp = args.tcp or (None if pty or said else "127.0.0.1:0")
+    async with serve(board, pty=pty, tcp=tcp, usbip=args.usbip, faults=args.faults, seed=args.seed) as urls:
         for url in urls:
             print(json.dumps({"listening": url}) if args.json else f"listening {url}", flush=True)
         with _playing(board, args.script), _keyboard(board):

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
+from typing import Any, TypeAlias
 
 from servolink.errors import OpenError, TransportUnavailable
 from servolink.printable import printable
 from servolink.transports.address import Address
 from servolink.virtual.bridge import Connect, bridge
+
+Converse: TypeAlias = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any, None]]
+"""Serves one connection, and returns when it has ended."""
 
 _HIGHEST_PORT = 65535
 
@@ -27,10 +31,17 @@ def host_and_port(text: str) -> tuple[str, int]:
 @asynccontextmanager
 async def serve_network(connect: Connect, host: str, port: int) -> AsyncIterator[str]:
     """Serve a conversation to each host that connects to `host` and `port`, and give the URL."""
+    async with listen(lambda reader, writer: bridge(reader, writer, connect), host, port) as place:
+        yield f"tcp://{place}"
+
+
+@asynccontextmanager
+async def listen(converse: Converse, host: str, port: int) -> AsyncIterator[str]:
+    """Let each host that connects to `host` and `port` `converse`, and give the place as HOST:PORT."""
     conversations: set[asyncio.Task[None]] = set()
 
     def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        conversation = asyncio.ensure_future(bridge(reader, writer, connect))
+        conversation = asyncio.ensure_future(converse(reader, writer))
         conversations.add(conversation)
         conversation.add_done_callback(conversations.discard)
 
@@ -40,7 +51,7 @@ async def serve_network(connect: Connect, host: str, port: int) -> AsyncIterator
         raise OpenError(f"cannot listen at {host}:{port}: {printable(str(error))}; try another port, or 0") from error
     try:
         name, number = server.sockets[0].getsockname()[:2]
-        yield f"tcp://[{name}]:{number}" if ":" in name else f"tcp://{name}:{number}"
+        yield f"[{name}]:{number}" if ":" in name else f"{name}:{number}"
     finally:
         server.close()
         for conversation in conversations:

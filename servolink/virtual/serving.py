@@ -14,16 +14,23 @@ from servolink.virtual.network import host_and_port, serve_network
 from servolink.virtual.pacemaker import Pacemaker
 from servolink.virtual.terminal import serve_terminal
 from servolink.virtual.transport import VirtualTransport
+from servolink.virtual.usbip.server import serve_usbip
 
 
 @asynccontextmanager
 async def serve(
-    board: VirtualBoard, *, pty: bool = False, tcp: str | None = None, faults: Faults | None = None, seed: int = 0
+    board: VirtualBoard,
+    *,
+    pty: bool = False,
+    tcp: str | None = None,
+    usbip: str | None = None,
+    faults: Faults | None = None,
+    seed: int = 0,
 ) -> AsyncIterator[list[str]]:
-    """Serve `board` over a pseudo-terminal, at `HOST:PORT`, or both, and give the URLs in this order.
+    """Serve `board` over a pseudo-terminal, TCP and USB/IP, both at a `HOST:PORT`; give the URLs in this order.
 
-    Each connection draws its own `faults` from `seed`. TransportUnavailable where there are no
-    pseudo-terminals, OpenError if the port cannot be had.
+    Each connection draws its own `faults` from `seed`; the USB device has none, and `seed` in its serial number.
+    TransportUnavailable where there are no pseudo-terminals, OpenError if a port cannot be had.
     """
     seeds = count(seed)
 
@@ -38,4 +45,8 @@ async def serve(
             urls.append(await stack.enter_async_context(serve_terminal(connect)))
         if tcp is not None:
             urls.append(await stack.enter_async_context(serve_network(connect, *host_and_port(tcp))))
+        if usbip is not None:
+            export = serve_usbip(board, f"virtual-{seed}", *host_and_port(usbip))
+            place, _ = await stack.enter_async_context(export)
+            urls.append(f"usbip://{place}")
         yield urls

@@ -1,0 +1,1 @@
+"""The virtual board as a USB device, exported over USB/IP."""
