@@ -5,6 +5,7 @@ from servolink.client.board import Board, connect
 from servolink.client.events import ButtonEvent, ButtonEvents
 from servolink.client.servos import Servo
 from servolink.client.stats import Stats
+from servolink.discovery.search import discover
 from servolink.errors import (
     ConnectionLost,
     DecodeError,
@@ -25,6 +26,7 @@ from servolink.protocol.editing import Action, ActionEntry, Macro, MacroCommand,
 from servolink.protocol.joystick import Button, JoystickTable, JoystickTableEntry
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.servos import ALL_SERVOS, Step
+from servolink.transports.candidate import Candidate
 
 __all__ = [
     "ALL_SERVOS",
@@ -36,6 +38,7 @@ __all__ = [
     "Button",
     "ButtonEvent",
     "ButtonEvents",
+    "Candidate",
     "Codec",
     "ConnectionLost",
     "DecodeError",
@@ -62,4 +65,5 @@ __all__ = [
     "TransportError",
     "TransportUnavailable",
     "connect",
+    "discover",
 ]

@@ -25,10 +25,12 @@ MAY_IMPORT = {
     "protocol": {"errors", "printable"},
     "transports": {"errors", "printable"},
     "virtual": {"errors", "printable", "protocol", "transports"},
-    "client": {"errors", "printable", "protocol", "transports"},
-    "cli": {"errors", "printable", "protocol", "transports", "virtual", "client"},
+    "discovery": {"errors", "printable", "transports"},
+    "client": {"errors", "printable", "protocol", "transports", "discovery"},
+    "doctor": {"errors", "printable", "protocol", "transports", "discovery", "client"},
+    "cli": {"errors", "printable", "protocol", "transports", "virtual", "discovery", "client", "doctor"},
     "__main__": {"cli"},
-    "api": {"errors", "protocol", "client"},
+    "api": {"errors", "protocol", "transports", "discovery", "client"},
     "": {"api"},
 }
 """What each part of the package may import besides itself; "" is the package's own file, with the public names."""

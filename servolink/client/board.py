@@ -13,6 +13,7 @@ from servolink.client.read_back import ReadBack
 from servolink.client.servos import Servos
 from servolink.client.settings import Settings
 from servolink.client.stats import Stats
+from servolink.discovery.resolve import resolved
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport
@@ -43,7 +44,8 @@ class Board(Settings, Servos, ReadBack):
 class connect:  # noqa: N801 - reads as the function it stands for
     """`async with connect(url) as board:` opens a board and closes it again; `await connect(url)` only opens it.
 
-    `url` is an address (`serial:///dev/ttyACM0`, `tcp://host:port`, `virtual://`), a device path or a transport.
+    `url` is an address (`serial:///dev/ttyACM0`, `tcp://host:port`, `virtual://`), a device path, a name given by
+    `servolink use`, or a transport; without one it is the only board that `discover` finds.
     `timeout` is the time in seconds for one answer, `retries` how often a query is repeated, `window` how many
     requests may be on the line at once (1 unless the board queues). `angle_unit` is set on all servos before the
     first command with an angle; None leaves them alone. `angle_limits` (degrees) and `speed_cap` (degrees per
@@ -52,7 +54,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
 
     def __init__(
         self,
-        url: str | Transport,
+        url: str | Transport | None = None,
         *,
         byte_order: ByteOrder = "little",
         caption_encoding: str = "utf-8",
@@ -76,7 +78,8 @@ class connect:  # noqa: N801 - reads as the function it stands for
 
     async def open(self) -> Board:
         """Open the board."""
-        transport = create(self._url) if isinstance(self._url, str) else self._url
+        url = self._url
+        transport = create(await resolved(url)) if url is None or isinstance(url, str) else url
         link = Link(transport, self._codec, timeout=self._timeout, retries=self._retries, window=self._window)
         await link.open()
         return Board(link, self._angle_unit, self._limits)

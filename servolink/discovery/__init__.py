@@ -1,0 +1,1 @@
+"""Which boards are here, and which of them is meant."""

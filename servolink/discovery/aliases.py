@@ -1,0 +1,93 @@
+"""The user's own names for boards, in a file of TOML."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+import platformdirs
+
+from servolink.errors import TransportUnavailable
+from servolink.printable import printable
+
+_NAME = re.compile(r"(?!com\d+$)[a-z0-9][a-z0-9_-]{0,63}", re.IGNORECASE | re.ASCII)
+_ESCAPED = re.compile(r'["\\\x00-\x1f\x7f]')
+
+
+class Alias(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a name stands for."""
+
+    url: str
+    """The board's address when it got its name; the options in it still count."""
+    serial_number: str = ""
+    """That of the board on a serial port, whose address changes with the port; otherwise empty."""
+
+
+class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    boards: dict[str, Alias] = {}
+
+
+def is_name(text: str) -> bool:
+    """Tell whether `text` can be a board's name: letters, digits, - and _; nothing like an address."""
+    return _NAME.fullmatch(text) is not None
+
+
+def aliases_path() -> Path:
+    """Return where the names are kept."""
+    return platformdirs.user_config_path("servolink", appauthor=False) / "boards.toml"
+
+
+def load_aliases() -> dict[str, Alias]:
+    """Return the names; TransportUnavailable says what is wrong with the file."""
+    path = aliases_path()
+    try:
+        return _parsed(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, RecursionError) as error:  # what TOML and types have against it is a ValueError
+        raise TransportUnavailable(
+            f"{printable(str(path))} cannot be used: {printable(str(error))}; correct it or remove it"
+        ) from error
+
+
+def save_alias(name: str, alias: Alias) -> None:
+    """Let `name` stand for `alias` from now on; the file is replaced as a whole or not at all."""
+    aliases = load_aliases() | {name: alias}
+    path = aliases_path()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    number, temporary = tempfile.mkstemp(dir=path.parent)
+    try:
+        with open(number, "w", encoding="utf-8") as file:
+            file.write(_toml(aliases))
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _parsed(text: str) -> dict[str, Alias]:
+    aliases = msgspec.convert(tomllib.loads(text), _File).boards
+    for name in aliases:
+        if not is_name(name):
+            raise ValueError(f"{name!r} is no name, which has letters, digits, - and _ only")
+    return aliases
+
+
+def _toml(aliases: Mapping[str, Alias]) -> str:
+    tables = ["# Names for boards, as given by `servolink use NAME URL`, which writes this file anew.\n"]
+    for name, alias in sorted(aliases.items()):
+        tables.append(f"\n[boards.{name}]\nurl = {_string(alias.url)}\n")
+        if alias.serial_number:
+            tables.append(f"serial_number = {_string(alias.serial_number)}\n")
+    return "".join(tables)
+
+
+def _string(text: str) -> str:
+    return '"' + _ESCAPED.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + '"'

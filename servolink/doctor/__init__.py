@@ -1,0 +1,1 @@
+"""Why a board cannot be reached, and what to type."""
