@@ -26,24 +26,25 @@ _WIDEST = 120.0
 
 
 async def follow(board: Board, targets: Mapping[int, int], seconds: float, draw: Draw) -> tuple[Servo, ...]:
-    """Read the servos for `seconds` and until they are at `targets`; RequestTimeout if a second later they are not."""
+    """Read the servos for `seconds` and until they rest at `targets`; RequestTimeout if a second later they do not."""
     loop = asyncio.get_running_loop()
-    start = loop.time()
+    start, before = loop.time(), dict[int, int]()
     while True:
         servos = await board.servos()
         elapsed = loop.time() - start
         draw(elapsed, servos)
-        away = [
-            servo for servo in servos if abs(int(servo.angle) - targets.get(servo.servo_id, servo.angle)) > _ARRIVED
-        ]
-        if elapsed >= seconds and not away:
+        here = {servo.servo_id: servo.angle for servo in servos if servo.servo_id in targets}
+        away = [servo_id for servo_id, angle in here.items() if abs(angle - targets[servo_id]) > _ARRIVED]
+        too_late = elapsed >= seconds + _GRACE
+        if elapsed >= seconds and not away and (here == before or too_late):
             return servos
-        if elapsed >= seconds + _GRACE:
-            servo = away[0]
+        if too_late:
+            one = away[0]
             raise RequestTimeout(
-                f"servo {servo.servo_id} is at {int(servo.angle)}, not at {targets[servo.servo_id]}, {_GRACE:.0f} s "
-                "after it should have arrived: it may have been stopped or released, or be blocked or overloaded"
+                f"servo {one} is at {here[one]}, not at {targets[one]}, {_GRACE:.0f} s after it should have arrived: "
+                "it may have been stopped or released, or be blocked or overloaded"
             )
+        before = here
         await asyncio.sleep(_PAUSE)
 
 

@@ -12,26 +12,54 @@ import pytest
 
 from servolink.client.board import connect
 from tests.cli.conftest import Addresses
-from tests.cli.programs import GUARD, environment, finished, started
+from tests.cli.programs import GUARD, call, environment, finished, program, started
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of Unix")
 
 
-def test_a_move_is_finished_by_the_servos(served: Addresses) -> None:
-    moving = started("--url", served.terminal, "move", "1=90", "--duration", "60", "--start")
+def angle_when_moving(served: Addresses) -> int:
+    """Wait until servo 1 moves and return where it then is."""
 
-    async def angle_when_moving() -> int:
+    async def watch() -> int:
         async with connect(served.network) as board, asyncio.timeout(GUARD):
             first = (await board.servo(1)).angle
             while (angle := (await board.servo(1)).angle) == first:
                 await asyncio.sleep(0.02)
             return angle
 
-    angle = asyncio.run(angle_when_moving())
+    return asyncio.run(watch())
+
+
+def test_a_move_is_finished_by_the_servos(served: Addresses) -> None:
+    moving = started("--url", served.terminal, "move", "1=90", "--duration", "60", "--start")
+    angle = angle_when_moving(served)
     said = finished(moving, signal.SIGINT)
     assert (said.code, said.out) == (130, "")
     assert said.err == "interrupted: the move was sent, and the servos finish it; `servolink stop` stops them\n"
-    assert asyncio.run(angle_when_moving()) > angle, "and so they do"
+    assert angle_when_moving(served) > angle, "and so they do"
+
+
+def test_a_move_that_another_program_stops_has_failed(served: Addresses) -> None:
+    moving = started("--url", served.terminal, "move", "1=-90", "--duration", "1.5", "--start")
+    angle_when_moving(served)
+    assert program("--url", served.network, "stop").code == 0
+    said = finished(moving)
+    assert (said.code, said.out) == (1, "")
+    assert "not at -90°, 1 s after it should have arrived: it may have been stopped" in said.err
+
+
+def test_a_question_is_not_answered(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    class Person:
+        def isatty(self) -> bool:
+            return True
+
+        def readline(self) -> str:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "stdin", Person())
+    said = call(capsys, "--url", "virtual://", "release")
+    assert (said.code, said.out) == (130, "")
+    assert said.err.endswith("\ninterrupted: nothing was sent\n")
 
 
 def test_interrupted_events_have_ended_well(served: Addresses) -> None:

@@ -21,7 +21,7 @@ from servolink.virtual.player import ACTION, DELAY
 
 _BOW, _RISE, _WAVE, _PAD, _BUTTON = 1, 2, 1, 1, 3  # ids on the board
 _IMPATIENT = 0.3  # seconds for an answer on the bad line
-_TOO_LATE = 0.45
+_TOO_LATE = 0.6
 _REACTION = 2.0  # seconds in which a button event must have come
 
 
@@ -143,10 +143,10 @@ async def press_button(scene: Scene) -> Outcome:
     async with scene.board.button_events() as events:
         pressed = loop.time()
         scene.virtual.press_button(_BUTTON, pressed)
+        started = scene.virtual.player.macro_id == _WAVE
         async with asyncio.timeout(_REACTION):
             event = await anext(events)
         latency = loop.time() - pressed
-        started = scene.virtual.player.macro_id == _WAVE
         scene.virtual.release_button(_BUTTON, loop.time())
         async with asyncio.timeout(_REACTION):
             released = await anext(events)
