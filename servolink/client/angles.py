@@ -28,6 +28,12 @@ class Angle(int):
         self._same_unit(other)
         return type(self)(int(self) - int(other))
 
+    __radd__ = __add__
+
+    def __rsub__(self, other: int, /) -> Self:
+        """Return the difference, in this unit."""
+        return -self + other
+
     def __neg__(self) -> Self:
         """Return the opposite angle."""
         return type(self)(-int(self))
@@ -57,6 +63,10 @@ class Angle(int):
         if isinstance(other, Angle) and type(other) is not type(self):
             return False
         return int(self) == other
+
+    def __ne__(self, other: object, /) -> bool:
+        """Compare; `int` has an operator of its own, which knows no units."""
+        return not self == other
 
     def __hash__(self) -> int:
         """Hash as the number, to which it is equal."""

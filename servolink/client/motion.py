@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TypeGuard
 
 from servolink.client.angles import AngleUnit, wire_angle
 from servolink.errors import EncodeError
@@ -28,6 +29,9 @@ class MotionLimits:
         """Raise EncodeError for limits that allow nothing."""
         if self.speed_cap is not None and not self.speed_cap > 0:
             raise EncodeError(f"speed_cap: {self.speed_cap!r} degrees per second is not above 0")
+        for low, high in [self.angles] if isinstance(self.angles, tuple) else (self.angles or {}).values():
+            if not low <= high:
+                raise EncodeError(f"angle_limits: no angle is within {low!r}..{high!r}")
 
     def of(self, servo_id: int) -> tuple[float, float] | None:
         """Return lowest and highest angle of a servo, None if it has no limits."""
@@ -44,12 +48,20 @@ def wire_angles(targets: Mapping[int, float], unit_of: Callable[[int], AngleUnit
     return {servo_id: wire_angle(value, unit_of(servo_id), servo_id) for servo_id, value in targets.items()}
 
 
-def check_limits(angles: Mapping[int, int], unit_of: Callable[[int], AngleUnit | None], limits: MotionLimits) -> None:
-    """Raise EncodeError for an angle outside its limits, or one that cannot be held against them."""
+def check_limits(
+    angles: Mapping[int, int],
+    unit_of: Callable[[int], AngleUnit | None],
+    limits: MotionLimits,
+    speed: float | None = None,
+) -> None:
+    """Raise EncodeError for an angle outside its limits, or in a unit other than that of its limits and `speed`."""
     for servo_id, angle in angles.items():
         allowed = limits.of(servo_id)
-        if (allowed or limits.speed_cap is not None) and unit_of(servo_id) != "degree":
-            raise EncodeError(f"servo {servo_id}: limits are in degrees, and this servo is not set to degrees")
+        in_degrees = allowed is not None or limits.speed_cap is not None or speed is not None
+        if in_degrees and unit_of(servo_id) != "degree":
+            raise EncodeError(
+                f"servo {servo_id}: limits and speeds are in degrees, and this servo is not set to degrees"
+            )
         if allowed and not allowed[0] <= angle <= allowed[1]:
             raise EncodeError(f"servo {servo_id}: {angle} degrees is outside its limits {allowed[0]}..{allowed[1]}")
 
@@ -66,10 +78,12 @@ def intervals_for(
     intervals = {}
     for servo_id, angle in angles.items():
         distance = abs(angle - here[servo_id]) if here else 0
-        seconds = _seconds(distance, duration, speed)
+        seconds = seconds_for(distance, duration, speed)
         interval = max(1, math.ceil(round(seconds * _INTERVALS_PER_SECOND, 6)))
         if interval > _LONGEST:
-            raise EncodeError(f"servo {servo_id}: {seconds:.2f} s is outside 0.01..{_LONGEST / _INTERVALS_PER_SECOND} s")
+            raise EncodeError(
+                f"servo {servo_id}: {seconds:.2f} s is outside 0.01..{_LONGEST / _INTERVALS_PER_SECOND} s"
+            )
         cap = limits.speed_cap
         if cap is not None and distance > cap * interval / _INTERVALS_PER_SECOND:
             asked = distance * _INTERVALS_PER_SECOND / interval
@@ -81,11 +95,18 @@ def intervals_for(
     return intervals
 
 
-def _seconds(distance: int, duration: float | None, speed: float | None) -> float:
+def seconds_for(distance: int, duration: float | None, speed: float | None) -> float:
+    """Return how long a way of so many degrees takes; EncodeError for a duration or speed that is not possible."""
+    if (duration is None) == (speed is None):
+        raise EncodeError("move: give either duration or speed")
     if speed is not None:
-        if not (isinstance(speed, (int, float)) and 0 < speed < math.inf):
+        if not (_is_number(speed) and 0 < speed < math.inf):
             raise EncodeError(f"move: speed {speed!r} is not above 0 degrees per second")
         return distance / speed
-    if not (isinstance(duration, (int, float)) and 0.01 <= duration <= _LONGEST / _INTERVALS_PER_SECOND):
+    if not (_is_number(duration) and 0.01 <= duration <= _LONGEST / _INTERVALS_PER_SECOND):
         raise EncodeError(f"move: duration {duration!r} is outside 0.01..{_LONGEST / _INTERVALS_PER_SECOND} s")
     return duration
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)

@@ -10,7 +10,7 @@ from msgspec import Struct
 from servolink.client.angles import AngleUnit, in_unit
 from servolink.client.chapter import Chapter
 from servolink.client.link import Link
-from servolink.client.motion import MotionLimits, check_limits, intervals_for, wire_angles
+from servolink.client.motion import MotionLimits, check_limits, intervals_for, seconds_for, wire_angles
 from servolink.errors import DecodeError, EncodeError, NotFound, OutcomeUnknown, Rejected, RequestTimeout
 from servolink.protocol.servos import (
     ALL_SERVOS,
@@ -72,7 +72,8 @@ class Servos(Chapter):
         await self._ensure_unit()
         request = QueryServoRequest(servo_id)
         for state in (await self.request(request)).servos:
-            return self._servo(state)
+            if state.servo_id == servo_id:
+                return self._servo(state)
         raise NotFound(f"the board has no servo {servo_id}", request)
 
     async def set_servo(self, servo_id: int, *, start: bool, hold: bool) -> None:
@@ -93,7 +94,12 @@ class Servos(Chapter):
         if servo_id != ALL_SERVOS:
             await self._ensure_unit()
         request = SetAngleUnitRequest(servo_id, int(unit == "adc"))
-        answer = await self.request(request)
+        try:
+            answer = await self.request(request)
+        except BaseException:  # it may have been done: all are set again before the next angle
+            self._units.clear()
+            self._unit_is_set = self._unit is None
+            raise
         if (answer.servo_id, answer.unit_type) != (servo_id, request.unit_type):
             raise Rejected(
                 f"servo {servo_id} was asked for angle unit {request.unit_type}; the board answered "
@@ -122,11 +128,10 @@ class Servos(Chapter):
         names a servo that has not arrived a second after it should have.
         """
         stops = self._link.stops
-        if (duration is None) == (speed is None):
-            raise EncodeError("move: give either duration or speed")
-        await self._ensure_unit()
+        seconds_for(0, duration, speed)  # refuses what is not possible before anything is sent
         angles = wire_angles(targets, self.unit_of)
-        check_limits(angles, self.unit_of, self._limits)
+        check_limits(angles, self.unit_of, self._limits, speed)
+        await self._ensure_unit()
         here: dict[int, int] = {}
         if speed is not None or self._limits.speed_cap is not None:
             here = await self._angles_now(angles)
@@ -158,9 +163,9 @@ class Servos(Chapter):
                 doubt = str(error)
                 continue
             going = [state.servo_id for state in states.servos if state.is_start or not state.is_hold]
-            if not going:
+            if states.servos and not going:
                 return
-            doubt = f"servos {going} report that they may still move or are not held"
+            doubt = f"servos {going} report that they may still move or are not held" if going else "none is reported"
         raise OutcomeUnknown(f"a stop was sent {_STOP_TRIES} times and could not be confirmed: {doubt}", request)
 
     async def release(self, servo_id: int = ALL_SERVOS) -> None:
@@ -188,6 +193,14 @@ class Servos(Chapter):
                 if not self._unit_is_set and self._unit is not None:
                     await self.set_angle_unit(self._unit)
 
+    async def _restore_units(self, link: Link) -> None:
+        """Set on a new link the units that were set on the one before it."""
+        if self._unit is None or not self._unit_is_set:
+            return
+        units: dict[int, AngleUnit] = {ALL_SERVOS: self._unit, **self._units}
+        for servo_id, unit in units.items():
+            await link.request(SetAngleUnitRequest(servo_id, int(unit == "adc")))
+
     async def _angles_now(self, targets: Mapping[int, int]) -> dict[int, int]:
         request = QueryServoRequest(ALL_SERVOS)
         here = {state.servo_id: state.angle for state in (await self.request(request)).servos}
@@ -201,7 +214,11 @@ class Servos(Chapter):
         late = loop.time() + _GRACE
         while True:
             here = await self._angles_now(targets)
-            away = {servo_id: here[servo_id] for servo_id, angle in targets.items() if abs(here[servo_id] - angle) > _ARRIVED}
+            away = {
+                servo_id: here[servo_id]
+                for servo_id, angle in targets.items()
+                if abs(here[servo_id] - angle) > _ARRIVED
+            }
             if not away:
                 return
             if loop.time() >= late:
@@ -211,5 +228,3 @@ class Servos(Chapter):
                     "arrived: it may be stopped or released (then start it with set_servo), blocked or overloaded"
                 )
             await asyncio.sleep(0.05)
-
-

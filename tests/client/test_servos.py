@@ -1,0 +1,353 @@
+"""Servos: reading, moving, units, start and hold."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from servolink.client.angles import Adc, Degrees
+from servolink.client.board import connect
+from servolink.errors import EncodeError, NotFound, OutcomeUnknown, Rejected, RequestTimeout
+from servolink.protocol.servos import (
+    ExecuteActionRequest,
+    QueryServoRequest,
+    QueryServoResponse,
+    ServoState,
+    SetAngleUnitRequest,
+    SetAngleUnitResponse,
+    SetServoParameterRequest,
+    SetServoParameterResponse,
+    Step,
+)
+from tests.client.fake_board import LOST, FakeBoard, late, lie, now, turns_of_the_loop
+from tests.virtual_time import run
+
+
+def states(*angles: int) -> QueryServoResponse:
+    return QueryServoResponse(tuple(ServoState(1 + at, angle, 0, 0, 0, 1, 1) for at, angle in enumerate(angles)))
+
+
+# --- reading ------------------------------------------------------------------------------------------------------
+
+
+def test_servos_are_reported_with_angles_in_degrees() -> None:
+    async def main() -> None:
+        fake = FakeBoard(servos=2)
+        async with connect(fake) as board:
+            assert await board.servo_ids() == (1, 2)
+            servos = await board.servos()
+            assert [servo.servo_id for servo in servos] == [1, 2]
+            assert {type(servo.angle) for servo in servos} == {Degrees}
+            assert [(servo.is_start, servo.is_hold) for servo in servos] == [(True, True)] * 2
+            assert await board.servo(2) == servos[1]
+
+    run(main())
+
+
+@pytest.mark.parametrize("servo_id", [9, 255])
+def test_a_servo_that_does_not_exist_is_not_found(servo_id: int) -> None:
+    async def main() -> None:
+        async with connect(FakeBoard()) as board:
+            with pytest.raises(NotFound, match=f"no servo {servo_id}"):
+                await board.servo(servo_id)
+
+    run(main())
+
+
+def test_the_state_of_another_servo_is_never_returned() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(QueryServoRequest, lie(states(10)))
+        async with connect(fake) as board:
+            assert (await board.servo(2)).servo_id == 2
+            assert board.stats.mismatched == 1
+
+    run(main())
+
+
+# --- units --------------------------------------------------------------------------------------------------------
+
+
+def test_the_unit_is_set_once_and_only_before_the_first_command_with_an_angle() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.servo_ids()
+            assert fake.sent_of(SetAngleUnitRequest) == []
+            await asyncio.gather(*(board.servos() for _ in range(5)), board.move({1: 5}, duration=1), board.servo(1))
+            assert fake.executed_of(SetAngleUnitRequest) == [SetAngleUnitRequest(255, 0)]
+            with_angles = (SetAngleUnitRequest, QueryServoRequest, ExecuteActionRequest)
+            assert isinstance(
+                next(packet for _, packet in fake.sent if isinstance(packet, with_angles)), with_angles[0]
+            )
+
+    run(main())
+
+
+def test_the_unit_is_set_by_the_next_command_when_the_first_was_cancelled_or_failed() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(SetAngleUnitRequest, LOST, lie(SetAngleUnitResponse(255, 1)))
+        async with connect(fake) as board:
+            cancelled = asyncio.create_task(board.servos())
+            await turns_of_the_loop(3)
+            cancelled.cancel()
+            with pytest.raises(Rejected, match="angle unit 0; the board answered servo 255, unit 1"):
+                await board.servos()
+            assert len(await board.servos()) == 4
+
+    run(main())
+
+
+def test_units_are_left_alone_if_so_asked_and_angles_are_then_plain_numbers() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake, angle_unit=None) as board:
+            assert type((await board.servo(1)).angle) is int
+            await board.move({1: 90}, duration=1)
+            with pytest.raises(EncodeError, match="an unknown unit"):
+                await board.move({1: Degrees(90)}, duration=1)
+            assert fake.sent_of(SetAngleUnitRequest) == []
+
+    run(main())
+
+
+def test_each_servo_has_its_own_unit_and_they_do_not_mix() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.set_angle_unit("adc", 2)
+            assert fake.executed_of(SetAngleUnitRequest) == [SetAngleUnitRequest(255, 0), SetAngleUnitRequest(2, 1)]
+            await board.move({1: Degrees(10), 2: Adc(2048)}, duration=1)
+            for wrong in ({1: Adc(10)}, {2: Degrees(10)}, {2: 10}):
+                with pytest.raises(EncodeError, match=r"servo \d: .* this servo is set to"):
+                    await board.move(wrong, duration=1)
+            assert [type(servo.angle) for servo in (await board.servos())[:3]] == [Degrees, Adc, Degrees]
+            await board.set_angle_unit("adc")
+            assert type((await board.servo(1)).angle) is Adc
+            assert len(fake.executed_of(ExecuteActionRequest)) == 1
+
+    run(main())
+
+
+def test_a_speed_in_degrees_says_nothing_about_a_servo_in_another_unit() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake, angle_unit="adc") as board:
+            with pytest.raises(EncodeError, match="not set to degrees"):
+                await board.move({1: Adc(2048)}, speed=90)
+            assert fake.sent == []
+
+    run(main())
+
+
+@pytest.mark.parametrize("servo_id", [2, 255])
+def test_a_unit_of_which_it_is_not_known_whether_it_was_set_is_set_again_before_an_angle(servo_id: int) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake, retries=2) as board:
+            await board.servos()
+            fake.plan(SetAngleUnitRequest, late(30))  # done, and not answered in time
+            with pytest.raises(OutcomeUnknown):
+                await board.set_angle_unit("adc", servo_id)
+            await asyncio.sleep(60)
+            await board.move({1: 50, 2: 50}, duration=1)
+            assert fake.executed_of(SetAngleUnitRequest)[-1] == SetAngleUnitRequest(255, 0)
+            await asyncio.sleep(1)
+            assert [servo.angle for servo in (await board.servos())[:2]] == [50, 50]
+
+    run(main())
+
+
+def test_a_unit_that_does_not_exist_is_refused() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        unit: Any = "radian"
+        async with connect(fake) as board:
+            with pytest.raises(EncodeError, match="'radian' is neither"):
+                await board.set_angle_unit(unit)
+            assert fake.sent == []
+
+    run(main())
+
+
+# --- start and hold -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("start", "hold"), [(True, True), (True, False), (False, True), (False, False)])
+def test_start_and_hold_are_set(start: bool, hold: bool) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.set_servo(2, start=start, hold=hold)
+            servo = await board.servo(2)
+            assert (servo.is_start, servo.is_hold) == (start, hold)
+
+    run(main())
+
+
+@pytest.mark.parametrize("echo", [(2, 0, 1), (2, 1, 0), (0, 1, 1)])
+def test_an_echo_of_something_else_is_a_refusal(echo: tuple[int, int, int]) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(SetServoParameterRequest, lie(SetServoParameterResponse(*echo)))
+        async with connect(fake) as board:
+            with pytest.raises(Rejected, match=r"servo 2 was asked for start 1, hold 1; the board answered") as caught:
+                await board.set_servo(2, start=True, hold=True)
+            assert caught.value.request == SetServoParameterRequest(2, 1, 1)
+
+    run(main())
+
+
+def test_release_lets_all_go_limp() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.release()
+            assert {(servo.is_start, servo.is_hold) for servo in await board.servos()} == {(False, False)}
+            await board.set_servo(1, start=True, hold=True)
+            await board.release(1)
+            assert not (await board.servo(1)).is_hold
+
+    run(main())
+
+
+# --- moving -------------------------------------------------------------------------------------------------------
+
+
+def test_move_sends_all_targets_in_one_movement_and_returns_when_sent() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.servos()
+            begun = now()
+            assert await board.move({1: 50, 3: -20}, duration=0.5) == 0.5
+            assert now() == begun
+            assert fake.executed_of(ExecuteActionRequest) == [ExecuteActionRequest((Step(1, 50, 50), Step(3, -20, 50)))]
+
+    run(main())
+
+
+def test_move_by_speed_reads_the_angles_first_and_returns_the_longest_time() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(QueryServoRequest, lie(states(0, 30)))
+        async with connect(fake) as board:
+            assert await board.move({1: 90, 2: 0}, speed=45) == 2.0
+            assert fake.executed_of(ExecuteActionRequest) == [ExecuteActionRequest((Step(1, 90, 200), Step(2, 0, 67)))]
+
+    run(main())
+
+
+def test_a_speed_cap_holds_for_a_duration_too() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(QueryServoRequest, lie(states(0)))
+        async with connect(fake, speed_cap=100) as board:
+            with pytest.raises(EncodeError, match="its cap is 100"):
+                await board.move({1: 90}, duration=0.5)
+            assert fake.sent_of(ExecuteActionRequest) == []
+
+    run(main())
+
+
+@pytest.mark.parametrize("pace", [{"speed": 45}, {"duration": 1, "wait": True}])
+def test_moving_a_servo_that_does_not_exist_is_not_found_where_angles_are_read(pace: dict[str, Any]) -> None:
+    async def main() -> None:
+        async with connect(FakeBoard()) as board:
+            with pytest.raises(NotFound, match="no servo 99"):
+                await board.move({1: 0, 99: 0}, **pace)
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("targets", "pace"),
+    [
+        ({1: 91}, {"duration": 1}),
+        ({}, {"duration": 1}),
+        ({255: 0}, {"duration": 1}),
+        ({1: 0.5}, {"duration": 1}),
+        ({1: float("nan")}, {"speed": 10}),
+        ({1: 0}, {}),
+        ({1: 0}, {"duration": 1, "speed": 1}),
+        ({1: 0}, {"duration": float("nan")}),
+        ({1: 0}, {"duration": 400}),
+        ({1: 0}, {"speed": -3}),
+        ({1: 0}, {"speed": float("inf")}),
+    ],
+)
+def test_nothing_at_all_is_sent_for_a_movement_that_cannot_be(targets: dict[int, float], pace: dict[str, Any]) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake, angle_limits=(-90, 90)) as board:
+            with pytest.raises(EncodeError):
+                await board.move(targets, **pace)
+            assert fake.sent == []
+
+    run(main())
+
+
+def test_an_angle_too_large_for_the_protocol_is_refused_before_anything_moves() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            with pytest.raises(EncodeError, match="degree"):
+                await board.move({1: 40_000}, duration=1)
+            assert fake.sent_of(ExecuteActionRequest) == []
+
+    run(main())
+
+
+def test_the_same_servo_twice_in_one_movement_is_refused() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            with pytest.raises(EncodeError, match="servo 2 is in it twice"):
+                await board.send(ExecuteActionRequest((Step(2, 0, 1), Step(1, 0, 1), Step(2, 5, 1))))
+            assert fake.sent == []
+
+    run(main())
+
+
+def test_move_can_wait_until_all_have_arrived() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.servos()
+            begun = now()
+            await board.move({1: 100, 2: -100}, duration=2, wait=True)
+            assert 2 <= now() - begun < 2.2
+            assert [servo.angle for servo in (await board.servos())[:2]] == [100, -100]
+
+    run(main())
+
+
+def test_move_looks_again_when_a_servo_is_a_little_late() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.servos()
+            fake.plan(QueryServoRequest, lie(states(40, 0)), lie(states(97, 0)))
+            begun = now()
+            await board.move({1: 100}, duration=2, wait=True)
+            assert len(fake.sent_of(QueryServoRequest)) == 4
+            assert now() - begun < 2.3
+
+    run(main())
+
+
+def test_move_says_which_servo_has_not_arrived() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.set_servo(2, start=False, hold=True)
+            at = int((await board.servo(2)).angle)
+            begun = now()
+            with pytest.raises(RequestTimeout, match=rf"servo 2 is at {at}, not at 100, 1 s after .* set_servo"):
+                await board.move({1: 100, 2: 100}, duration=2, wait=True)
+            assert 3 <= now() - begun < 3.2
+
+    run(main())

@@ -1,0 +1,328 @@
+"""Stop: before everything else, confirmed, and nothing that was asked for before it moves afterwards."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+import pytest
+
+from servolink.client.board import Board, connect
+from servolink.client.link import FENCES
+from servolink.errors import ConnectionLost, OutcomeUnknown, RequestError, RequestTimeout
+from servolink.protocol.editing import (
+    AddMacroRequest,
+    ExecuteMacroRequest,
+    Macro,
+    QueryActionListRequest,
+    QueryProjectIDRequest,
+    WriteProjectIDRequest,
+)
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    QueryServoListRequest,
+    QueryServoRequest,
+    QueryServoResponse,
+    ServoState,
+    SetAngleUnitRequest,
+    SetServoParameterRequest,
+)
+from servolink.protocol.settings import ClearAllDataRequest
+from tests.client.fake_board import LATENCY, LOST, SWALLOWED, FakeBoard, Fate, late, lie, now, turns_of_the_loop
+from tests.virtual_time import run
+
+STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
+MOTION = (ExecuteActionRequest, ExecuteActionExRequest, ExecuteMacroRequest)
+
+
+def reported(is_start: int, is_hold: int) -> QueryServoResponse:
+    return QueryServoResponse((ServoState(1, 0, 0, 0, 0, 0, 1), ServoState(2, 0, 0, 0, 0, is_start, is_hold)))
+
+
+def test_stop_stops_and_holds_all_and_reads_that_back() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.move({1: 170}, duration=10)
+            await asyncio.sleep(5)
+            await board.stop()
+            assert fake.executed_of(SetServoParameterRequest) == [STOP]
+            assert {(servo.is_start, servo.is_hold) for servo in await board.servos()} == {(False, True)}
+            stopped_at = (await board.servo(1)).angle
+            await asyncio.sleep(5)
+            assert (await board.servo(1)).angle == stopped_at
+            assert 60 < stopped_at < 110
+
+    run(main())
+
+
+@pytest.mark.parametrize("window", [1, 2])
+def test_stop_goes_before_all_who_wait_and_before_who_has_the_turn(window: int) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(QueryServoListRequest, late(0.9))
+        async with connect(fake, window=window) as board:
+            ahead = asyncio.create_task(board.servo_ids())
+            waiting = [asyncio.create_task(board.project_id()) for _ in range(20)]
+            await asyncio.sleep(0.1)
+            begun = now()
+            stopping = asyncio.create_task(board.stop())
+            await turns_of_the_loop(2)
+            assert fake.sent_of(SetServoParameterRequest) == [begun]
+            await stopping
+            assert len(fake.sent_of(QueryProjectIDRequest)) <= window  # the read-back, too, went before the others
+            await asyncio.gather(ahead, *waiting)
+
+    run(main())
+
+
+def test_stop_goes_while_all_data_is_being_cleared() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(ClearAllDataRequest, late(0.5))
+        async with connect(fake) as board:
+            clearing = asyncio.create_task(board.clear_all_data())
+            await asyncio.sleep(0.1)
+            begun = now()
+            await board.stop()
+            assert fake.sent_of(SetServoParameterRequest) == [begun]
+            await clearing
+
+    run(main())
+
+
+def test_stop_overtakes_a_set_servo_that_waits_for_its_answer() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(SetServoParameterRequest, late(0.5))
+        async with connect(fake) as board:
+            setting = asyncio.create_task(board.set_servo(2, start=True, hold=True))
+            await asyncio.sleep(0.1)
+            begun = now()
+            stopping = asyncio.create_task(board.stop())
+            with pytest.raises(OutcomeUnknown, match="overtaken by a stop"):
+                await setting
+            assert now() == begun
+            await stopping
+            assert {servo.is_start for servo in await board.servos()} == {False}
+
+    run(main())
+
+
+def test_a_cancelled_set_servo_that_waits_for_its_answer_is_overtaken_too() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(SetServoParameterRequest, SWALLOWED)
+        async with connect(fake) as board:
+            setting = asyncio.create_task(board.set_servo(2, start=True, hold=True))
+            await turns_of_the_loop(3)
+            setting.cancel()
+            await turns_of_the_loop(3)
+            begun = now()
+            await board.stop()
+            assert now() - begun == pytest.approx(LATENCY)
+            await board.release()
+
+    run(main())
+
+
+MOVES: dict[str, Callable[[Board], Awaitable[object]]] = {
+    "move": lambda board: board.move({1: 90}, duration=1),
+    "by speed": lambda board: board.move({1: 90}, speed=90),
+    "action": lambda board: board.run_action(1),
+    "macro": lambda board: board.run_macro(1),
+    "start": lambda board: board.set_servo(1, start=True, hold=True),
+}
+
+
+async def attempt(call: Awaitable[object]) -> object:
+    return await call
+
+
+@pytest.mark.parametrize("name", MOVES)
+def test_what_was_asked_for_before_a_stop_and_waits_for_its_turn_does_not_move_after_it(name: str) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(QueryActionListRequest, late(0.5))
+        async with connect(fake) as board:
+            await board.servos()
+            blocking = asyncio.create_task(board.actions())
+            await turns_of_the_loop(3)
+            moving = asyncio.create_task(attempt(MOVES[name](board)))
+            await turns_of_the_loop(3)
+            await board.stop()
+            with pytest.raises(RequestError, match="was not sent: a stop came first"):
+                await moving
+            await blocking
+            assert [packet for _, packet in fake.sent if isinstance(packet, MOTION)] == []
+            assert fake.executed_of(SetServoParameterRequest) == [STOP]
+
+    run(main())
+
+
+def test_a_movement_that_is_reading_the_angles_or_setting_the_unit_does_not_move_after_a_stop() -> None:
+    async def main(kind: type[QueryServoRequest | SetAngleUnitRequest]) -> None:
+        fake = FakeBoard()
+        fake.plan(kind, late(0.5))
+        async with connect(fake) as board:
+            moving = asyncio.create_task(board.move({1: 90}, speed=90))
+            await asyncio.sleep(0.1)
+            stopping = asyncio.create_task(board.stop())
+            with pytest.raises(RequestError, match="ExecuteActionRequest was not sent: a stop came first"):
+                await moving
+            await stopping
+            assert fake.sent_of(ExecuteActionRequest) == []
+
+    run(main(QueryServoRequest))
+    run(main(SetAngleUnitRequest))
+
+
+@pytest.mark.parametrize("name", ["macro", "start", "move"])
+def test_what_is_waiting_for_a_fence_does_not_move_after_a_stop(name: str) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.servos()
+            fake.plan(ClearAllDataRequest, LOST)
+            with pytest.raises(OutcomeUnknown):
+                await board.clear_all_data()
+            for fence in FENCES:
+                fake.plan(type(fence), late(0.5))
+            moving = asyncio.create_task(attempt(MOVES[name](board)))
+            await asyncio.sleep(0.1)
+            stopping = asyncio.create_task(board.stop())
+            with pytest.raises(RequestError, match="a stop came first"):
+                await moving
+            await stopping
+            assert [packet for _, packet in fake.sent if isinstance(packet, MOTION)] == []
+
+    run(main())
+
+
+def test_what_is_asked_for_after_a_stop_moves() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.stop()
+            await board.set_servo(1, start=True, hold=True)
+            await board.move({1: 90}, duration=1)
+            await board.add_macro(Macro(1, "m"))
+            await board.run_macro(1)
+            assert len(fake.executed_of(ExecuteActionRequest)) == 1
+            assert len(fake.executed_of(AddMacroRequest)) == len(fake.executed_of(ExecuteMacroRequest)) == 1
+
+    run(main())
+
+
+def test_stopping_and_releasing_wait_for_no_stop() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(QueryActionListRequest, late(0.5))
+        async with connect(fake) as board:
+            blocking = asyncio.create_task(board.actions())
+            await turns_of_the_loop(3)
+            releasing = asyncio.create_task(board.release())
+            await turns_of_the_loop(3)
+            await board.stop()
+            await releasing
+            await blocking
+            assert fake.executed_of(SetServoParameterRequest) == [STOP, SetServoParameterRequest(ALL_SERVOS, 0, 0)]
+
+    run(main())
+
+
+@pytest.mark.parametrize("doubt", [reported(1, 1), reported(0, 0), QueryServoResponse()])
+def test_a_stop_that_is_not_confirmed_is_sent_again(doubt: QueryServoResponse) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(QueryServoRequest, lie(doubt), lie(doubt))
+        async with connect(fake) as board:
+            await board.stop()
+            assert fake.executed_of(SetServoParameterRequest) == [STOP] * 3
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("doubt", "words"),
+    [
+        (lie(reported(1, 1)), r"servos \[2\] report that they may still move"),
+        (lie(reported(0, 0)), r"servos \[2\] report .* or are not held"),
+        (lie(QueryServoResponse()), "none is reported"),
+        (LOST, "QueryServoRequest.* was not answered"),
+    ],
+)
+def test_a_stop_that_cannot_be_confirmed_three_times_is_unknown(doubt: Fate, words: str) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(QueryServoRequest, *[doubt] * 3)
+        async with connect(fake) as board:
+            with pytest.raises(OutcomeUnknown, match=r"sent 3 times and could not be confirmed: .*" + words) as caught:
+                await board.stop()
+            assert caught.value.request == STOP
+            assert fake.executed_of(SetServoParameterRequest) == [STOP] * 3
+
+    run(main())
+
+
+def test_a_stop_that_was_lost_is_sent_again() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            fake.plan(SetServoParameterRequest, LOST, LOST)
+            await board.stop()
+            assert {servo.is_start for servo in await board.servos()} == {False}
+
+    run(main())
+
+
+def test_a_damaged_read_back_is_none() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+
+        def one_more(frame: bytes) -> bytes:
+            body = frame[:8] + bytes((frame[8] + 1,)) + frame[9:-1]
+            return body + bytes((sum(body) & 0xFF,))
+
+        fake.plan(QueryServoRequest, *[Fate(mangle=one_more)] * 3)
+        async with connect(fake) as board:
+            with pytest.raises(OutcomeUnknown, match="QueryServoResponse: 5 servos take"):
+                await board.stop()
+
+    run(main())
+
+
+@pytest.mark.parametrize("silence", [0.5, 2.0])
+def test_stop_is_sent_though_every_lane_owes_an_answer(silence: float) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake, timeout=1.0) as board:
+            await board.servos()
+            fake.usual = Fate(after=4.0)
+            asked = (*FENCES, QueryServoRequest(1), SetServoParameterRequest(1, 1, 1), WriteProjectIDRequest(1))
+            for request in asked:
+                with pytest.raises((RequestTimeout, OutcomeUnknown)):
+                    await board.request(request, timeout=0.01, retries=0)
+            fake.usual = Fate()
+            await asyncio.sleep(silence)
+            begun = now()
+            stopping = asyncio.create_task(board.stop())
+            await turns_of_the_loop(2)
+            assert fake.sent_of(SetServoParameterRequest)[-1] == begun
+            await stopping
+            assert {servo.is_start for servo in await board.servos()} == {False}
+
+    run(main())
+
+
+def test_stop_says_when_the_connection_is_gone() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            fake.vanish()
+            with pytest.raises(ConnectionLost, match="device disconnected"):
+                await board.stop()
+
+    run(main())
