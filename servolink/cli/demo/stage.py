@@ -80,6 +80,7 @@ class TextStage:
             with live_bars() as draw:
                 yield draw
             return
+        print_text("   time, then the angle of each servo")
         samples = _Samples()
         yield samples.draw
         samples.end()

@@ -19,7 +19,7 @@ from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest, Step
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.player import ACTION, DELAY
 
-_BOW, _RISE, _WAVE, _PAD, _BUTTON = 1, 2, 1, 1, 3  # ids on the board
+_BOW, _LEAN, _RISE, _WAVE, _PAD, _BUTTON = 1, 2, 3, 1, 1, 3  # ids on the board
 _IMPATIENT = 0.3  # seconds for an answer on the bad line
 _TOO_LATE = 0.6
 _REACTION = 2.0  # seconds in which a button event must have come
@@ -69,6 +69,7 @@ class Scene:
 async def show_servos(scene: Scene) -> Outcome:
     """List the servos."""
     servos = await scene.board.servos()
+    scene.stage.say(f"connected to {scene.board.url}")
     rows = [(servo.servo_id, servo.angle, servo.current, servo.temperature) for servo in servos]
     scene.stage.table(Table(("servo", "angle", "current (raw)", "temperature (raw)"), rows))
     return Outcome(
@@ -116,13 +117,15 @@ async def run_action(scene: Scene) -> Outcome:
 
 async def run_macro(scene: Scene) -> Outcome:
     """Store a macro of two actions and run it."""
+    lean = _pose(scene, _LEAN, "Lean", lambda servo_id: round(75 * math.cos(servo_id / 16 * 2 * math.pi)))
     rise = _pose(scene, _RISE, "Rise", lambda servo_id: -servo_id * 5)
     pause = MacroCommand(10 * scene.interval(0.1), DELAY)
-    wave = Macro(_WAVE, "Wave", (MacroCommand(_BOW, ACTION), pause, MacroCommand(_RISE, ACTION, ratio=80)))
+    wave = Macro(_WAVE, "Wave", (MacroCommand(_LEAN, ACTION), pause, MacroCommand(_RISE, ACTION, ratio=80)))
+    await scene.board.add_action(lean)
     await scene.board.add_action(rise)
     await scene.board.add_macro(wave)
     stored = await scene.board.macro(_WAVE)
-    scene.stage.say(f"stored and read back: macro {_WAVE} 'Wave': action 1, a pause, action 2 at 80 % speed")
+    scene.stage.say(f"stored and read back: macro {_WAVE} 'Wave': lean, wait, rise at 80 % speed")
     await scene.board.run_macro(_WAVE)
     seconds = await scene.watch(_targets(rise), _wave_seconds(scene))
     return Outcome(
