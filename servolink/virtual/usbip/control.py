@@ -103,7 +103,7 @@ class Control:
         known = self._of_class.get(asked.index, {}) if of_class else self._standard
         answer = known.get((asked.kind & ~_KIND if of_class else asked.kind, asked.request))
         brought = STALL if answer is None else answer(asked, data)
-        return STALL if brought is STALL else brought[: asked.length]
+        return None if brought is None else brought[: asked.length]
 
     def _endpoint_status(self, setup: Setup, _: bytes) -> bytes | None:
         endpoint = self._endpoints.get(setup.index)

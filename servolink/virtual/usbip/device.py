@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from servolink.virtual.usbip.control import STALL, Control
+from servolink.virtual.usbip.control import Control
 from servolink.virtual.usbip.descriptors import (
     BULK_IN,
     BULK_OUT,
@@ -93,7 +93,7 @@ class UsbDevice:
 
     def _transfer_control(self, urb: Urb) -> None:
         brought = self._control.answer(urb.setup, urb.data)
-        if brought is STALL:
+        if brought is None:
             self._finish(urb, STALLED)
             return
         urb.received += brought[: urb.length]
