@@ -1,7 +1,8 @@
 """The public names, which `servolink` itself offers."""
 
 from servolink.client.angles import Adc, Angle, Degrees
-from servolink.client.board import Board, connect
+from servolink.client.board import Board
+from servolink.client.connect import connect, reconnecting
 from servolink.client.events import ButtonEvent, ButtonEvents
 from servolink.client.servos import Servo
 from servolink.client.stats import Stats
@@ -65,5 +66,6 @@ __all__ = [
     "TransportError",
     "TransportUnavailable",
     "connect",
+    "reconnecting",
     "discover",
 ]

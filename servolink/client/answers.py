@@ -26,9 +26,11 @@ from servolink.protocol.settings import ClearAllDataRequest
 class Answers:
     """The receiver of a link's transport."""
 
-    def __init__(self, url: str, codec: Codec, lanes: Lanes, turns: Turns, now: Callable[[], float]) -> None:
-        """Give what comes from `url` to `lanes`, and their turns back to `turns`."""
-        self.stats = Stats()
+    def __init__(
+        self, url: str, codec: Codec, lanes: Lanes, turns: Turns, now: Callable[[], float], stats: Stats
+    ) -> None:
+        """Give what comes from `url` to `lanes`, and their turns back to `turns`; go on counting in `stats`."""
+        self.stats = stats
         self.ended: ConnectionLost | None = None
         """What ended the link; None while it is up."""
         self.on_event: Callable[[ButtonEventResponse], None] = lambda event: None
@@ -41,7 +43,7 @@ class Answers:
         self._silent_since: float | None = None
         self._next_answer: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._parser = FrameParser(codec.byte_order)
-        self.stats.skipped = self._parser.skipped
+        self._parser.skipped = stats.skipped
         self._deadlines = Deadlines(self._expire, lambda: self.stats.bytes_received)
 
     # --- from the transport -------------------------------------------------------------------------------------

@@ -1,27 +1,38 @@
-"""Board: the 32 commands of the protocol as a person would say them, and `connect`, which gives one."""
+"""Board: the 32 commands of the protocol as a person would say them."""
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from types import TracebackType
-from typing import Any
+from collections.abc import AsyncIterator, Awaitable, Callable
 
 from servolink.client.angles import AngleUnit
+from servolink.client.explain import lost, same
 from servolink.client.link import Link
-from servolink.client.motion import AngleLimits, MotionLimits
+from servolink.client.motion import MotionLimits
 from servolink.client.read_back import ReadBack
+from servolink.client.reconnect import ConnectionState, Reconnector, States
 from servolink.client.servos import Servos
 from servolink.client.settings import Settings
 from servolink.client.stats import Stats
-from servolink.discovery.resolve import resolved
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import ByteOrder
-from servolink.transports.base import Transport
-from servolink.transports.registry import create
+from servolink.errors import ConnectionLost
 
 
 class Board(Settings, Servos, ReadBack):
     """A connected board; one file per chapter of the document holds its commands."""
+
+    def __init__(
+        self,
+        link: Link,
+        angle_unit: AngleUnit | None,
+        limits: MotionLimits,
+        reopen: Callable[[], Awaitable[Link]] | None = None,
+    ) -> None:
+        """Use `connect`; with `reopen`, which opens a new link to the same board, a lost link is replaced."""
+        super().__init__(link, angle_unit, limits)
+        self._states = States()
+        self._reconnector: Reconnector | None = None
+        if reopen is not None:
+            self._reconnector = Reconnector(lambda: self._open_again(reopen), self._resume)
+        link.answers.on_end = self._link_ended
 
     @property
     def url(self) -> str:
@@ -33,69 +44,40 @@ class Board(Settings, Servos, ReadBack):
         """What the link has seen: frames, bytes, noise, late answers, round trips."""
         return self._link.stats
 
+    def states(self) -> AsyncIterator[ConnectionState]:
+        """Yield `connected`, `lost` or `closed`: the state as it is, and then each change up to `closed`."""
+        return self._states.read()
+
     async def close(self) -> None:
         """End the button events and free the port; may be called again."""
         try:
+            if self._reconnector is not None:
+                await self._reconnector.stop()
             await self._events.close()
         finally:
+            self._link.answers.on_end = self._events.end
             await self._link.close()
+            self._events.end(lost(self.url, None))
+            self._states.become("closed")
 
+    def _link_ended(self, error: ConnectionLost) -> None:
+        self._states.become("lost")
+        if self._reconnector is None or not self._reconnector.start():
+            self._events.end(error)
 
-class connect:  # noqa: N801 - reads as the function it stands for
-    """`async with connect(url) as board:` opens a board and closes it again; `await connect(url)` only opens it.
+    async def _open_again(self, reopen: Callable[[], Awaitable[Link]]) -> Link:
+        await self._link.close()  # it may have ended by silence and still hold the port
+        return await reopen()
 
-    `url` is an address (`serial:///dev/ttyACM0`, `tcp://host:port`, `virtual://`), a device path, a name given by
-    `servolink use`, or a transport; without one it is the only board that `discover` finds.
-    `timeout` is the time in seconds for one answer, `retries` how often a query is repeated, `window` how many
-    requests may be on the line at once (1 unless the board queues). `angle_unit` is set on all servos before the
-    first command with an angle; None leaves them alone. `angle_limits` (degrees) and `speed_cap` (degrees per
-    second) are checked before anything moves. Raises OpenError or TransportUnavailable, which say what to do.
-    """
-
-    def __init__(
-        self,
-        url: str | Transport | None = None,
-        *,
-        byte_order: ByteOrder = "little",
-        caption_encoding: str = "utf-8",
-        timeout: float = 1.0,
-        retries: int = 2,
-        window: int = 1,
-        angle_unit: AngleUnit | None = "degree",
-        angle_limits: AngleLimits | None = None,
-        speed_cap: float | None = None,
-    ) -> None:
-        """Check the arguments; nothing is opened yet."""
-        for name, value, least in (("timeout", timeout, 0.001), ("retries", retries, 0), ("window", window, 1)):
-            if not value >= least:
-                raise ValueError(f"{name}: {value!r} is below {least}")
-        self._url = url
-        self._codec = Codec(byte_order, caption_encoding)
-        self._timeout, self._retries, self._window = timeout, retries, window
-        self._angle_unit: AngleUnit | None = angle_unit
-        self._limits = MotionLimits(angle_limits, speed_cap)
-        self._board: Board | None = None
-
-    async def open(self) -> Board:
-        """Open the board."""
-        url = self._url
-        transport = create(await resolved(url)) if url is None or isinstance(url, str) else url
-        link = Link(transport, self._codec, timeout=self._timeout, retries=self._retries, window=self._window)
-        await link.open()
-        return Board(link, self._angle_unit, self._limits)
-
-    def __await__(self) -> Generator[Any, None, Board]:
-        """Open the board; close it yourself."""
-        return self.open().__await__()
-
-    async def __aenter__(self) -> Board:
-        """Open the board."""
-        self._board = await self.open()
-        return self._board
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Close the board."""
-        if self._board is not None:
-            await self._board.close()
+    async def _resume(self, link: Link) -> None:
+        """Restore the session on a new link and use it from then on; raises what keeps it from being restored."""
+        link.answers.on_end = self._link_ended
+        await self._restore_mode(link)
+        await self._check_project_id(link)  # any answer also proves that nothing is owed
+        await self._restore_units(link)
+        self._link = link
+        await self._events.move(link)
+        if link.answers.ended is not None:
+            raise same(link.answers.ended)
+        self.stats.reconnects += 1
+        self._states.become("connected")

@@ -20,6 +20,7 @@ class Chapter:
     def __init__(self, link: Link) -> None:
         """Speak through `link`."""
         self._link = link
+        self._known_project_id: int | None = None  # by which the board is known again after a loss
 
     async def request(self, packet: Request[R], *, timeout: float | None = None, retries: int | None = None) -> R:
         """Send any packet that is answered and return its answer, whatever that says.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
@@ -14,6 +15,9 @@ from servolink.protocol.joystick import ButtonEventResponse, SubscribeButtonEven
 
 ButtonEvent = ButtonEventResponse
 """A button event: `button_id`, `event` (1 press, 2 long press, 4 up) and `kind`, the event in words."""
+
+
+_PARTING = 0.5  # seconds that a closing board gets to end the subscription
 
 
 class _Queue:
@@ -35,15 +39,32 @@ class Subscription:
         self._link = link
         self._loop = asyncio.get_running_loop()
         self._queues: set[_Queue] = set()
-        self._subscribed = False
+        self._subscribed: bool | None = False
+        """Whether the board pushes events; None when it was asked to change that and has not answered."""
         self._changing = asyncio.Lock()
         self._leaving: set[asyncio.Task[None]] = set()
         link.answers.on_event = self._deliver
-        link.answers.on_end = self._end
+
+    async def move(self, link: Link) -> None:
+        """Go on with another link, and subscribe there if anybody reads."""
+        async with self._changing:
+            self._link = link
+            self._subscribed = False
+            link.answers.on_event = self._deliver
+        await self._settle()
+
+    def end(self, error: ConnectionLost) -> None:
+        """End every reader: by `error`, or quietly if that was asked for."""
+        for queue in self._queues:
+            queue.error = error
+            queue.ended = True
+            queue.news.set()
+        self._queues.clear()
 
     async def join(self, queue: _Queue) -> None:
         """Deliver to `queue` from now on; Rejected or ConnectionLost if the board does not."""
         if self._link.answers.ended is not None:
+            queue.ended = True
             raise same(self._link.answers.ended)
         self._queues.add(queue)
         try:
@@ -67,27 +88,28 @@ class Subscription:
             task.add_done_callback(self._leaving.discard)
 
     async def close(self) -> None:
-        """End the subscription and every reader, as far as the link still allows."""
+        """End the subscription and every reader, as far as the link allows within half a second."""
         for queue in list(self._queues):
             self.leave_soon(queue)
-        while self._leaving:
-            await asyncio.wait(self._leaving)
+        if self._leaving:
+            _, late = await asyncio.wait(self._leaving, timeout=_PARTING)
+            for task in late:
+                task.cancel()
 
     async def _leave_quietly(self, queue: _Queue) -> None:
-        try:
+        with suppress(ServolinkError):  # the reader has gone; pushes that still come are counted and dropped
             await self.leave(queue)
-        except ServolinkError:
-            pass  # the reader has gone; pushes that still come are counted and dropped
 
     async def _settle(self) -> None:
         async with self._changing:
             wanted = bool(self._queues)
             if wanted == self._subscribed or self._link.answers.ended is not None:
                 return
-            self._subscribed = False  # until proven: after an unanswered request the next reader asks again
+            before, self._subscribed = self._subscribed, None  # an unanswered request is followed by another
             request = SubscribeButtonEventRequest(subscribe=int(wanted))
             response = await self._link.request(request)
             if not response.result:
+                self._subscribed = before
                 raise Rejected(f"the board refused to {'start' if wanted else 'end'} button events", request)
             self._subscribed = wanted
 
@@ -99,13 +121,6 @@ class Subscription:
             queue.events.append(event)
             queue.news.set()
 
-    def _end(self, error: ConnectionLost) -> None:
-        for queue in self._queues:
-            queue.error = error
-            queue.ended = True
-            queue.news.set()
-        self._queues.clear()
-
 
 class ButtonEvents:
     """Button events as an async iterator; `async with`, or simply `async for`, subscribes and unsubscribes.
@@ -116,11 +131,11 @@ class ButtonEvents:
 
     def __init__(self, subscription: Subscription, limit: int) -> None:
         """Keep at most `limit` events that have not been read."""
+        self._joined = False  # first, as __del__ is called even if the limit is refused
         if limit < 1:
             raise ValueError(f"limit: {limit} is outside 1..")
         self._subscription = subscription
         self._queue = _Queue(limit)
-        self._joined = False
 
     @property
     def dropped(self) -> int:

@@ -19,14 +19,15 @@ def described(packet: Packet) -> str:
 def timed_out(packet: Packet, url: str, tries: int, waited: float, stats: Stats) -> RequestTimeout:
     """Return the error for a request that was never answered, with the likely causes in order."""
     asked = f"{described(packet)} was not answered by {printable(url)}"
-    how = f"in {waited:.1f} s ({tries} {'try' if tries == 1 else 'tries'})" if tries else f"and not sent in {waited:.1f} s"
+    times = "1 try" if tries == 1 else f"{tries} tries"
+    how = f"in {waited:.1f} s ({times})" if tries else f"and not sent in {waited:.1f} s"
     skipped = sum(stats.skipped.values())
     if stats.frames_received:
         causes = "the board has answered before, so it is busy or has lost power, or the line is bad"
     elif skipped:
         causes = "bytes come but no frame: the byte order or baud rate may be wrong, or this is another device"
     else:
-        causes = "nothing came at all: is the board on, is this its port, is the cable a data cable, is the baud rate right"
+        causes = "nothing came at all: is the board on, is this its port, is it a data cable, is the baud rate right"
     noise = f"; {skipped} received bytes were part of no frame" if skipped else ""
     return RequestTimeout(f"{asked} {how}: {causes}{noise}", packet)
 
@@ -61,4 +62,3 @@ def same(error: ConnectionLost) -> ConnectionLost:
     twin = ConnectionLost(*error.args)
     twin.__cause__ = error.__cause__
     return twin
-

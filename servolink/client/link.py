@@ -43,9 +43,16 @@ class Link:
     """Asks one board, and never takes one answer for another (docs/design/matching.md)."""
 
     def __init__(
-        self, transport: Transport, codec: Codec, *, timeout: float = 1.0, retries: int = 2, window: int = 1
+        self,
+        transport: Transport,
+        codec: Codec,
+        *,
+        timeout: float = 1.0,
+        retries: int = 2,
+        window: int = 1,
+        stats: Stats | None = None,
     ) -> None:
-        """Wait `timeout` seconds for each answer, repeat queries `retries` times, keep `window` requests on the line."""
+        """Wait `timeout` seconds for an answer, repeat queries `retries` times, keep `window` requests on the line."""
         self.transport = transport
         self.stops = 0
         """How many times everything was stopped; a movement asked for before a stop is not sent after it."""
@@ -57,7 +64,7 @@ class Link:
         self._turns = Turns(window)
         self._fences = deque(FENCES)
         self._patience = timeout
-        self.answers = Answers(transport.url, codec, self._lanes, self._turns, self._loop.time)
+        self.answers = Answers(transport.url, codec, self._lanes, self._turns, self._loop.time, stats or Stats())
 
     @property
     def stats(self) -> Stats:

@@ -88,7 +88,7 @@ class Servos(Chapter):
             )
 
     async def set_angle_unit(self, unit: AngleUnit, servo_id: int = ALL_SERVOS) -> None:
-        """Give and report angles of a servo (255: all) in degrees or raw ADC (3.2.4); Rejected if the board does not."""
+        """Give and report angles of a servo (255: all) in degrees or raw ADC (3.2.4); Rejected if it is refused."""
         if unit not in ("degree", "adc"):
             raise EncodeError(f"unit: {unit!r} is neither 'degree' nor 'adc'")
         if servo_id != ALL_SERVOS:

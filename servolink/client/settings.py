@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from servolink.client.chapter import Chapter
+from servolink.client.link import Link
 from servolink.errors import Rejected
 from servolink.protocol.settings import (
     ClearAllDataRequest,
@@ -17,14 +18,23 @@ from servolink.protocol.settings import (
 class Settings(Chapter):
     """What concerns the whole board."""
 
+    _mode: int | None = None  # the transmission mode that was set on this connection
+
     async def set_transmission_mode(self, mode: int) -> None:
-        """Set mode 1, this protocol, or 0, the old one, after which this library no longer understands the board (3.1.1)."""
+        """Set mode 1, this protocol, or 0, the old one, which this library does not speak (3.1.1)."""
         request = TransmissionModeSettingRequest(mode)
         if (answer := await self.request(request)).result != mode:
-            raise Rejected(f"the board was asked for transmission mode {mode} and is in mode {answer.result}", request)
+            raise Rejected(f"the board was asked for mode {mode} and is in mode {answer.result}", request)
+        self._mode = mode
+
+    async def _restore_mode(self, link: Link) -> None:
+        """Set on a new link the transmission mode that was set on the one before it."""
+        if self._mode is not None:
+            await link.request(TransmissionModeSettingRequest(self._mode))
 
     async def clear_all_data(self) -> None:
         """Delete everything stored on the board (3.1.2); nothing else is sent before it is answered."""
+        self._known_project_id = None
         await self._do(ClearAllDataRequest(), "its data was not deleted")
 
     async def memory(self) -> QueryMemorySizeResponse:

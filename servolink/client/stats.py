@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
+
+from servolink.protocol.parser import REASONS
 
 
 @dataclass(slots=True)
@@ -16,7 +17,7 @@ class Stats:
     bytes_received: int = 0
     frames_sent: int = 0
     frames_received: int = 0
-    skipped: Mapping[str, int] = field(default_factory=dict)
+    skipped: dict[str, int] = field(default_factory=lambda: dict.fromkeys(REASONS, 0))
     """Bytes that were part of no frame, by reason (see `servolink.protocol.parser`)."""
     undecodable: int = 0
     """Intact frames whose content contradicts itself."""
@@ -32,6 +33,7 @@ class Stats:
     """Sendings that were not answered in time."""
     retries: int = 0
     """Queries sent again."""
+    reconnects: int = 0
     fences: int = 0
     """Queries sent to prove that no late answer is still to come."""
     events_received: int = 0
@@ -41,7 +43,7 @@ class Stats:
     """The latest times from sending to answer, seconds."""
 
     def round_trip(self, percent: float) -> float | None:
-        """Return the round-trip time, in seconds, that `percent` (0..100) of the latest answers kept; None before the first."""
+        """Return the time, in seconds, that `percent` (0..100) of the latest answers kept; None before the first."""
         ordered = sorted(self.round_trips)
         return ordered[min(len(ordered) - 1, int(len(ordered) * percent / 100))] if ordered else None
 

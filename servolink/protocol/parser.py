@@ -30,14 +30,8 @@ from servolink.protocol.layout import layout
 from servolink.protocol.registry import PACKETS
 from servolink.protocol.sums import BlockSums, content_sum, piecewise
 
-PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE = (
-    "padding",
-    "noise",
-    "unknown id",
-    "length",
-    "checksum",
-    "incomplete",
-)
+REASONS = ("padding", "noise", "unknown id", "length", "checksum", "incomplete")
+PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE = REASONS
 """Why bytes were skipped: zeros after a frame; no frame start; a frame start whose id, length or sum is wrong;
 a frame that never ended."""
 
@@ -58,7 +52,7 @@ class FrameParser:
         self.byte_order: ByteOrder = byte_order
         self.frames = 0
         """Frames believed so far."""
-        self.skipped: dict[str, int] = dict.fromkeys((PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE), 0)
+        self.skipped: dict[str, int] = dict.fromkeys(REASONS, 0)
         """Bytes skipped so far, by reason."""
         self._entries: dict[bytes, _Entry] = {}
         self._held: bytes | bytearray = b""  # the incomplete rest; a bytearray while it grows in small steps

@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from servolink.client.board import connect
+from servolink.client.connect import connect
 from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
 from servolink.protocol.joystick import Button, JoystickTable
 from servolink.protocol.servos import Step

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from servolink.client.board import connect
+from servolink.client.connect import connect
 from tests.cli.conftest import Addresses
 from tests.cli.programs import GUARD, call, environment, finished, program, started
 

@@ -16,7 +16,7 @@ import servolink
 from servolink import api
 from servolink.cli import session
 from servolink.cli.main import COMMANDS, EXIT_CODES
-from servolink.client.board import connect
+from servolink.client.connect import connect
 from tests.cli.programs import COMMAND, call, environment, program
 
 HEAVY = {

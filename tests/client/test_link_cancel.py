@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from servolink.client.board import Board, connect
+from servolink.client.board import Board
+from servolink.client.connect import connect
 from servolink.client.link import Link
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
 from servolink.protocol.editing import (

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from servolink.client.angles import Adc, Degrees
-from servolink.client.board import connect
+from servolink.client.connect import connect
 from servolink.errors import EncodeError, NotFound, OutcomeUnknown, Rejected, RequestTimeout
 from servolink.protocol.servos import (
     ExecuteActionRequest,

@@ -7,7 +7,8 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from servolink.client.board import Board, connect
+from servolink.client.board import Board
+from servolink.client.connect import connect
 from servolink.client.link import FENCES
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestError, RequestTimeout
 from servolink.protocol.editing import (
