@@ -103,7 +103,7 @@ def in_unit(value: int, unit: AngleUnit | None) -> int:
 
 
 def wire_angle(value: float, unit: AngleUnit | None, servo_id: int) -> int:
-    """Return the number to send for `value` to a servo that is set to `unit`; EncodeError if they do not go together."""
+    """Return the number to send for `value` to a servo that is set to `unit`; EncodeError if that is another unit."""
     where = f"servo {servo_id}"
     if isinstance(value, Angle):
         if value.unit != unit:

@@ -88,8 +88,8 @@ def intervals_for(
         if cap is not None and distance > cap * interval / _INTERVALS_PER_SECOND:
             asked = distance * _INTERVALS_PER_SECOND / interval
             raise EncodeError(
-                f"servo {servo_id}: {distance} degrees in {interval / _INTERVALS_PER_SECOND} s is {asked:.0f} degrees/s; "
-                f"its cap is {cap:g}"
+                f"servo {servo_id}: {distance} degrees in {interval / _INTERVALS_PER_SECOND} s "
+                f"is {asked:.0f} degrees/s; its cap is {cap:g}"
             )
         intervals[servo_id] = interval
     return intervals

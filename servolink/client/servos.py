@@ -174,7 +174,7 @@ class Servos(Chapter):
 
     def unit_of(self, servo_id: int) -> AngleUnit | None:
         """Return the unit in which a servo's angle is given and reported; None if it is not known."""
-        return self._units[servo_id] if servo_id in self._units else self._unit
+        return self._units.get(servo_id) or self._unit
 
     def _servo(self, state: ServoState) -> Servo:
         return Servo(
