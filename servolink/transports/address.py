@@ -16,6 +16,7 @@ _AUTHORITY = re.compile(r"(?:\[(?P<v6>[^\[\]]*)\]|(?P<host>[^\[\]:]*))(?::(?P<po
 _BAD_ESCAPE = re.compile(r"%(?![0-9a-f]{2})", re.IGNORECASE)
 _CONTROL = re.compile(r"[\x00-\x1f\x7f]")
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}", re.ASCII)
+_HEXADECIMAL = re.compile(r"0x[0-9a-f]{1,15}", re.ASCII | re.IGNORECASE)
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?", re.ASCII | re.IGNORECASE)
 _FORMS = "write it as serial:///dev/ttyACM0, serial://COM3, tcp://host:port or virtual://"
 _SHOWN = 200  # characters of an address in an error text
@@ -75,13 +76,14 @@ class Address:
         return int(self.port)
 
     def integer(self, name: str, default: int, low: int, high: int) -> int:
-        """Read a whole number from `low` to `high`."""
+        """Read a whole number from `low` to `high`, decimal or, as in 0x81, hexadecimal."""
         text = self._option(name)
         if text is None:
             return default
-        if not _INTEGER.fullmatch(text) or not low <= int(text) <= high:
+        value = int(text, 16) if _HEXADECIMAL.fullmatch(text) else int(text) if _INTEGER.fullmatch(text) else None
+        if value is None or not low <= value <= high:
             raise self._bad(name, text, f"a whole number from {low} to {high}")
-        return int(text)
+        return value
 
     def number(self, name: str, default: float, low: float, high: float) -> float:
         """Read a number from `low` to `high`."""

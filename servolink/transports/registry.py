@@ -27,6 +27,8 @@ class _Kind(NamedTuple):
 _KINDS = {
     "serial": _Kind("servolink.transports.serial", "from_address", "pyserial-asyncio"),
     "tcp": _Kind("servolink.transports.tcp", "from_address"),
+    "hid": _Kind("servolink.transports.hid", "from_address", "hidapi"),
+    "usb": _Kind("servolink.transports.usb", "from_address", "pyusb libusb-package"),
     "memory": _Kind("servolink.transports.memory", "from_address"),
     "replay": _Kind("servolink.transports.replay", "from_address"),
     "virtual": _Kind("servolink.virtual.transport", "from_address"),

@@ -1,0 +1,174 @@
+"""A board on an HID interface, through hidapi."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+
+from servolink.errors import OpenError
+from servolink.printable import printable
+from servolink.transports.address import Address
+from servolink.transports.device import DeviceTransport
+from servolink.transports.hid_devices import LIBRARY_LOCK, Handle, HidApi, HidInterface, boards, load
+from servolink.transports.permission import UDEV_CURE
+from servolink.transports.reports import VENDOR_PAGES, Report, Way, cut, declared
+from servolink.transports.usb_id import UsbId, only
+
+_READ_LIMIT = 100  # milliseconds; without a limit nothing but the device ends a read
+_USUAL_SIZE = 64
+
+
+class HidDevice:
+    """An HID interface whose reports, one after the other, are a stream of bytes."""
+
+    def __init__(
+        self,
+        api: HidApi,
+        url: str,
+        wanted: UsbId,
+        *,
+        usage_page: int | None = None,
+        report_id: int | None = None,
+        report_size: int | None = None,
+    ) -> None:
+        """Lead to the only interface that fits; what is None is as its descriptor says."""
+        self._api = api
+        self._url = url
+        self._wanted = wanted
+        self._usage_page = usage_page
+        self._report_id = report_id
+        self._report_size = report_size
+
+    def open(self) -> OpenHid:
+        """Find and open it, or raise OpenError."""
+        found = boards(self._api, self._wanted, self._usage_page)
+        kind = f"HID device {self._wanted}"
+        if self._usage_page is not None:
+            kind += f" of usage page {self._usage_page:#06x}"
+        interface = only(self._url, kind, found, [] if found else boards(self._api))
+        with ExitStack() as undo:
+            _claim(self._url, os.fsdecode(interface.path), undo)
+            handle = self._open_path(interface)
+            undo.callback(handle.close)
+            reports = self._reports(handle)
+            return OpenHid(handle, self._report(reports, Way.IN), self._report(reports, Way.OUT), undo.pop_all())
+
+    def _open_path(self, interface: HidInterface) -> Handle:
+        with LIBRARY_LOCK:
+            handle = self._api.device()
+            try:
+                handle.open_path(interface.path)
+            except OSError as error:
+                raise OpenError(
+                    f"{printable(self._url)}: cannot open {printable(os.fsdecode(interface.path))}: "
+                    f"{printable(str(error))}; close the program that has it, or plug the board in again"
+                ) from error
+        return handle
+
+    def _reports(self, handle: Handle) -> list[Report]:
+        """Return what the descriptor declares on the wanted pages, nothing if it cannot be read."""
+        try:
+            descriptor = bytes(handle.get_report_descriptor())
+        except (OSError, AttributeError):
+            return []
+        pages = VENDOR_PAGES if self._usage_page is None else [self._usage_page]
+        return [report for report in declared(descriptor) if report.usage_page in pages]
+
+    def _report(self, reports: list[Report], way: Way) -> Report:
+        """Choose the report to use in one direction."""
+        fitting = [report for report in reports if report.way is way and self._report_id in {None, report.report_id}]
+        if not fitting and reports and self._report_size is None:
+            ids = sorted({f"{report.way.name.lower()} {report.report_id}" for report in reports})
+            raise OpenError(
+                f"{printable(self._url)}: the device has no {way.name.lower()}put report"
+                f"{'' if self._report_id is None else f' with the id {self._report_id}'}; it has: {', '.join(ids)}"
+            )
+        report = fitting[0] if fitting else Report(way, self._report_id or 0, 0, _USUAL_SIZE)
+        return Report(way, report.report_id, report.usage_page, self._report_size or report.size)
+
+
+class OpenHid:
+    """An open HID interface."""
+
+    def __init__(self, handle: Handle, incoming: Report, outgoing: Report, undo: ExitStack) -> None:
+        """Use `handle`; `undo` closes it."""
+        self._handle = handle
+        self._incoming = incoming
+        self._outgoing = outgoing
+        self._undo = undo
+
+    def read(self) -> bytes:
+        """Return the next report without its id, or nothing."""
+        report_id, size = self._incoming.report_id, self._incoming.size
+        try:
+            report = bytes(self._handle.read(size + 1 if report_id else size, _READ_LIMIT))
+        except (OSError, ValueError) as error:
+            raise _gone(printable(str(error))) from error
+        if not report_id:
+            return report
+        return report[1:] if report[:1] == bytes([report_id]) else b""
+
+    def pieces(self, frame: bytes) -> Iterator[bytes]:
+        """Cut `frame` into reports."""
+        return cut(frame, self._outgoing.report_id, self._outgoing.size)
+
+    def write(self, piece: bytes) -> None:
+        """Send one report; Linux waits up to 5 s for the device to take it."""
+        if self._handle.write(piece) < 0:  # otherwise what it returns differs between systems
+            raise _gone(printable(self._handle.error()))
+
+    def close(self) -> None:
+        """Close it, and let other programs have it."""
+        self._undo.close()
+
+
+def _gone(reason: str) -> ConnectionResetError:
+    return ConnectionResetError(f"the device is gone: {reason}; is it unplugged or switched off?")
+
+
+if sys.platform == "linux":
+    import fcntl
+
+    def _claim(url: str, path: str, undo: ExitStack) -> None:
+        """Keep other servolinks out: Linux lets in everyone, and gives everyone every report."""
+        try:
+            claim = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NONBLOCK)
+            undo.callback(os.close, claim)
+            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise OpenError(f"{printable(url)}: {_reason(error, printable(path))}") from error
+
+    def _reason(error: OSError, path: str) -> str:
+        if error.errno == errno.EWOULDBLOCK:
+            return f"{path} is in use by another servolink; close that"
+        if error.errno in {errno.EACCES, errno.EPERM}:
+            return f"no permission for {path}; {UDEV_CURE}"
+        if error.errno in {errno.ENOENT, errno.ENODEV, errno.ENXIO}:
+            return f"{path} has just vanished; plug the board in again"
+        return f"cannot open {path}: {printable(str(error))}"
+
+else:
+
+    def _claim(url: str, path: str, undo: ExitStack) -> None:
+        """Leave it to the system."""
+
+
+def from_address(address: Address) -> DeviceTransport:
+    """Make the transport for `hid://VID:PID/SERIAL?report_size=64&report_id=0&usage_page=0xFF00`."""
+    wanted = UsbId.of(address)
+    report_size = address.integer("report_size", 0, 1, 4096) or None
+    report_id = address.integer("report_id", -1, 0, 255)
+    usage_page = address.integer("usage_page", -1, 0, 0xFFFF)
+    address.refuse_unknown()
+    device = HidDevice(
+        load(),
+        address.url,
+        wanted,
+        usage_page=None if usage_page < 0 else usage_page,
+        report_id=None if report_id < 0 else report_id,
+        report_size=report_size,
+    )
+    return DeviceTransport(address.url, device)

@@ -1,0 +1,168 @@
+"""The threads of one device whose library blocks.
+
+One thread opens the device, reads from it as long as it is open, and closes it; a second one, which lives inside
+the first one's life, writes. So a write never waits for a read that waits for the board, and nothing is in use
+when it is closed. Reading and writing at the same time is what hidapi (from 0.15 on) and libusb allow; closing during
+either is what they do not.
+
+Nobody can break off a call that is stuck in the operating system. Both threads are daemons: such a one is left
+behind, and closes the device by itself when the call returns.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from enum import Enum
+from queue import SimpleQueue
+from typing import NamedTuple, Protocol, TypeAlias
+
+_EXIT_LIMIT = 1.0  # seconds that the end of the program waits for a device to be closed
+
+
+class OpenDevice(Protocol):
+    """A device whose calls block; any error a call raises ends the connection."""
+
+    def read(self) -> bytes:
+        """Wait for bytes for a quarter of a second at most, and return none if none came."""
+        ...
+
+    def pieces(self, frame: bytes) -> Iterable[bytes]:
+        """Cut `frame` into what is offered to the device at once."""
+        ...
+
+    def write(self, piece: bytes) -> bytes | None:
+        """Offer `piece` for a short while; return the rest that was not taken, or None when all was."""
+        ...
+
+    def close(self) -> None:
+        """Free it; called once, when neither `read` nor `write` is under way."""
+        ...
+
+
+class Device(Protocol):
+    """A device that can be opened."""
+
+    def open(self) -> OpenDevice:
+        """Open it, or raise OpenError, which says what to do, and leave nothing open."""
+        ...
+
+
+class Stage(Enum):
+    """What the owning thread tells of itself."""
+
+    OPENED = "opened"
+    ENDED = "ended"  # the last news: the device is closed
+
+
+News: TypeAlias = "bytes | asyncio.Future[bool] | Exception | Stage"
+"""What the device brought, the future of a frame that it took, what went wrong, or a stage."""
+
+
+class _Frame(NamedTuple):
+    data: bytes
+    taken: asyncio.Future[bool]
+
+
+class Owner:
+    """Owns a device, and brings its news to the event loop: one wake-up for as much as there is by then."""
+
+    def __init__(self, device: Device, loop: asyncio.AbstractEventLoop, hear: Callable[[Iterator[News]], None]) -> None:
+        """Own `device`; `hear` is called on `loop` whenever there is news, with what there is by then, in order."""
+        self._device = device
+        self._loop = loop
+        self._hear = hear
+        self._news: deque[News] = deque()
+        self._told = False  # whether `_bring` is on its way
+        self._frames: SimpleQueue[_Frame | None] = SimpleQueue()
+        self._stopping = False
+        self._thread = threading.Thread(target=self._own, name="servolink device", daemon=True)
+        self.steps = 0
+        """How often the device has taken something."""
+
+    def start(self) -> None:
+        """Start opening the device."""
+        # Python kills daemons at its end, perhaps in the middle of a read, and then hidapi closes what it left open.
+        atexit.register(self._end_with_program)
+        self._thread.start()
+
+    def send(self, frame: bytes, taken: asyncio.Future[bool]) -> None:
+        """Send `frame` after those before it; `taken` comes back as news when the device has it."""
+        self._frames.put(_Frame(frame, taken))
+
+    def stop(self) -> None:
+        """Close the device as soon as it lets go, whatever is still unsent; may be called again, from any thread."""
+        self._stopping = True
+        self._frames.put(None)
+
+    def _own(self) -> None:
+        try:
+            device = self._device.open()
+        except Exception as error:  # noqa: BLE001 - libraries raise what they like
+            self._tell(error)
+        else:
+            self._tell(Stage.OPENED)
+            self._use(device)
+        finally:
+            atexit.unregister(self._end_with_program)
+            self._tell(Stage.ENDED)
+
+    def _use(self, device: OpenDevice) -> None:
+        writer = threading.Thread(target=self._write, args=[device], name="servolink device writer", daemon=True)
+        writer.start()
+        try:
+            self._read(device)
+        except Exception as error:  # noqa: BLE001 - told before the device is closed, which can take long
+            self._tell(error)
+        self.stop()
+        writer.join()
+        with suppress(Exception):  # nothing more can be done for a device that fails to close
+            device.close()
+
+    def _read(self, device: OpenDevice) -> None:
+        while not self._stopping and not self._loop.is_closed():
+            if chunk := device.read():
+                self._tell(chunk)
+
+    def _write(self, device: OpenDevice) -> None:
+        try:
+            while (frame := self._frames.get()) is not None:
+                for piece in device.pieces(frame.data):
+                    self._write_piece(device, piece)
+                if self._stopping:
+                    return
+                self._tell(frame.taken)
+        except Exception as error:  # noqa: BLE001 - see _use
+            self._tell(error)
+
+    def _write_piece(self, device: OpenDevice, piece: bytes) -> None:
+        rest: bytes | None = piece
+        while rest is not None and not self._stopping:
+            offered = len(rest)
+            rest = device.write(rest)
+            self.steps += rest is None or len(rest) < offered
+
+    def _bring(self) -> None:
+        self._told = False  # before looking: what comes while we look calls again
+        self._hear(self._take())
+
+    def _take(self) -> Iterator[News]:
+        while self._news:
+            yield self._news.popleft()
+
+    def _tell(self, news: News) -> None:
+        self._news.append(news)
+        if not self._told:
+            self._told = True
+            try:
+                self._loop.call_soon_threadsafe(self._bring)
+            except RuntimeError:  # the loop is closed: nobody wants the device any more
+                self.stop()
+
+    def _end_with_program(self) -> None:
+        self.stop()
+        self._thread.join(_EXIT_LIMIT)

@@ -1,0 +1,203 @@
+"""A board on a pair of USB bulk endpoints, through pyusb and libusb."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
+from time import monotonic
+from typing import Any
+
+import usb.core  # type: ignore[import-untyped]
+import usb.util  # type: ignore[import-untyped]
+
+from servolink.errors import OpenError
+from servolink.printable import printable
+from servolink.transports.address import Address
+from servolink.transports.device import DeviceTransport
+from servolink.transports.permission import UDEV_CURE
+from servolink.transports.usb_devices import Endpoints, UsbInterface, backend, boards
+from servolink.transports.usb_id import UsbId, only
+
+_TRANSFER_LIMIT = 250  # milliseconds; transfers that are broken off sooner have lost packets on some systems
+_WRITE_SIZE = 16384
+_STALE_LIMIT = 1.0  # seconds for which a device may bring what somebody else asked for
+_HALTS = 10  # so many in a row, with nothing in between, are no disturbance any more
+
+
+class UsbDevice:
+    """A vendor-defined interface with a pair of bulk endpoints."""
+
+    def __init__(
+        self,
+        url: str,
+        wanted: UsbId,
+        *,
+        interface: int | None = None,
+        incoming: int | None = None,
+        outgoing: int | None = None,
+        library: Any = None,
+    ) -> None:
+        """Lead to the only interface that fits; what is None is as described; `library` is pyusb's backend."""
+        self._url = url
+        self._wanted = wanted
+        self._interface = interface
+        self._incoming = incoming
+        self._outgoing = outgoing
+        self._library = library
+
+    def open(self) -> OpenUsb:
+        """Find and open it, or raise OpenError; what it brings without being asked is dropped."""
+        library = self._library or backend()
+        found = boards(library, self._wanted, self._interface)
+        kind = f"USB device {self._wanted}"
+        if self._interface is not None:
+            kind += f" with a pair of bulk endpoints on interface {self._interface}"
+        board = only(self._url, kind, found, [] if found else boards(library))
+        endpoints = board.endpoints(self._incoming, self._outgoing)
+        if endpoints is None:
+            present = ", ".join(f"{each.bEndpointAddress:#04x}" for each in board.interface)
+            raise OpenError(f"{printable(self._url)}: the interface has no such endpoints; it has {present}")
+        undo = ExitStack()
+        try:
+            _claim(board, undo)
+            opened = OpenUsb(board.device, endpoints, undo)
+            opened.drop_stale()
+        except Exception as error:
+            undo.close()
+            raise OpenError(f"{printable(self._url)}: {_reason(error)}") from error
+        return opened
+
+
+class OpenUsb:
+    """A claimed interface."""
+
+    def __init__(self, device: Any, endpoints: Endpoints, undo: ExitStack) -> None:
+        """Use `device`, pyusb's; `undo` gives it back."""
+        self._device = device
+        self._endpoints = endpoints
+        self._undo = undo
+        self._halts = 0
+
+    def drop_stale(self) -> None:
+        """Drop what an earlier program has asked for and not read, as it would answer our first question."""
+        until = monotonic() + _STALE_LIMIT
+        while self._packet() is not None and monotonic() < until:
+            pass
+
+    def read(self) -> bytes:
+        """Return the next packet, or nothing."""
+        return self._packet() or b""
+
+    def pieces(self, frame: bytes) -> Iterator[bytes]:
+        """Cut `frame` into transfers; an empty packet shows the end that a full one does not."""
+        for start in range(0, len(frame), _WRITE_SIZE):
+            yield frame[start : start + _WRITE_SIZE]
+        if len(frame) % self._endpoints.outgoing_size == 0:
+            yield b""
+
+    def write(self, piece: bytes) -> bytes | None:
+        """Offer `piece`; return what was not taken in time."""
+        try:
+            taken = self._device.write(self._endpoints.outgoing, piece, _TRANSFER_LIMIT)
+        except usb.core.USBTimeoutError:
+            return piece
+        except usb.core.USBError as error:
+            self._recover(self._endpoints.outgoing, error)
+            return None  # nobody knows how much was taken, and what is sent again could be done twice
+        return piece[taken:] if taken < len(piece) else None
+
+    def close(self) -> None:
+        """Give it back, to the kernel's driver if that had it."""
+        self._undo.close()
+
+    def _packet(self) -> bytes | None:
+        """Return the next packet, which may be empty, or None if none came in time."""
+        # One packet at a time: a longer transfer waits for more after a full packet that no empty one follows.
+        try:
+            packet = bytes(self._device.read(self._endpoints.incoming, self._endpoints.incoming_size, _TRANSFER_LIMIT))
+        except usb.core.USBTimeoutError:
+            return None
+        except usb.core.USBError as error:
+            self._recover(self._endpoints.incoming, error)
+            return b""
+        self._halts = 0
+        return packet
+
+    def _recover(self, endpoint: int, error: Exception) -> None:
+        """Clear a halt; any other error is the end."""
+        self._halts += 1
+        if getattr(error, "errno", None) != errno.EPIPE or self._halts > _HALTS:
+            raise _gone(error) from error
+        try:
+            self._device.clear_halt(endpoint)
+        except usb.core.USBError as failure:
+            raise _gone(failure) from failure
+
+
+def _claim(board: UsbInterface, undo: ExitStack) -> None:
+    """Take the interface; `undo` gets what gives it back, in every state."""
+    device, number = board.device, board.number
+    undo.callback(_quietly, usb.util.dispose_resources, device)
+    _configure(device, board.configuration.bConfigurationValue)
+    with suppress(NotImplementedError):  # a system on which drivers cannot be detached
+        if device.is_kernel_driver_active(number):
+            device.detach_kernel_driver(number)
+            undo.callback(_quietly, device.attach_kernel_driver, number)
+    usb.util.claim_interface(device, number)
+    undo.callback(_quietly, usb.util.release_interface, device, number)
+    if board.interface.bAlternateSetting:
+        device.set_interface_altsetting(board.interface)
+
+
+def _configure(device: Any, wanted: int) -> None:
+    """Set the configuration, but not again: that would reset the whole device."""
+    try:
+        if device.get_active_configuration().bConfigurationValue == wanted:
+            return
+    except usb.core.USBError as error:
+        if error.errno is not None:  # pyusb's own "not configured" has no number
+            raise
+    device.set_configuration(wanted)
+
+
+def _quietly(free: Callable[..., object], *arguments: object) -> None:
+    """Free something of a device that may be gone."""
+    with suppress(usb.core.USBError, NotImplementedError):
+        free(*arguments)
+
+
+def _reason(error: Exception) -> str:
+    code = getattr(error, "errno", None)
+    if code in {errno.EACCES, errno.EPERM}:
+        return f"no permission for the USB device; {UDEV_CURE}"
+    if code == errno.EBUSY:
+        return "it is in use; close the program that has it (another servolink, a virtual machine)"
+    if code in {errno.ENODEV, errno.ENOENT, errno.EIO, errno.ENXIO}:
+        return "it has just vanished; plug the board in again"
+    if isinstance(error, NotImplementedError):
+        return "Windows has no driver for it that lets programs use it; give it WinUSB, with the program Zadig"
+    return f"cannot open it: {printable(str(error))}; plug the board in again"
+
+
+def _gone(error: Exception) -> ConnectionResetError:
+    return ConnectionResetError(f"the device is gone: {printable(str(error))}; is it unplugged or switched off?")
+
+
+def from_address(address: Address) -> DeviceTransport:
+    """Make the transport for `usb://VID:PID/SERIAL?interface=0&in=0x81&out=0x01`."""
+    wanted = UsbId.of(address)
+    interface = address.integer("interface", -1, 0, 255)
+    incoming = address.integer("in", 0, 0x81, 0x8F) or None
+    outgoing = address.integer("out", 0, 0x01, 0x0F) or None
+    address.refuse_unknown()
+    return DeviceTransport(
+        address.url,
+        UsbDevice(
+            address.url,
+            wanted,
+            interface=None if interface < 0 else interface,
+            incoming=incoming,
+            outgoing=outgoing,
+        ),
+    )
