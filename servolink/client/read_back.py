@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 from servolink.client.editing import Editing
 from servolink.client.joystick import Joystick
 from servolink.errors import NotFound
@@ -22,8 +24,11 @@ from servolink.protocol.joystick import (
     SetActiveJoystickTableRequest,
 )
 from servolink.protocol.packet import Packet
-from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest, SetServoParameterRequest
+from servolink.protocol.servos import QueryServoRequest, SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest
+
+_Adding: TypeAlias = AddActionRequest | AddMacroRequest | AddJoystickTableRequest
+_Deleting: TypeAlias = DeleteActionRequest | DeleteMacroRequest | DeleteJoystickTableRequest
 
 
 class ReadBack(Editing, Joystick):
@@ -52,32 +57,29 @@ class ReadBack(Editing, Joystick):
             case _:
                 return None
 
-    async def _stored(self, request: Packet) -> Action | Macro | JoystickTable | None:
+    async def _stored(self, request: _Adding | _Deleting) -> Action | Macro | JoystickTable | None:
         try:
             match request:
                 case AddActionRequest() | DeleteActionRequest():
                     return await self.action(request.action_id)
                 case AddMacroRequest() | DeleteMacroRequest():
                     return await self.macro(request.macro_id)
-                case AddJoystickTableRequest() | DeleteJoystickTableRequest():
+                case _:
                     return await self.joystick_table(request.table_id)
         except NotFound:
-            pass
-        return None
+            return None
 
     async def _is_set(self, request: SetServoParameterRequest) -> bool:
         states = (await self.request(QueryServoRequest(request.servo_id))).servos
         wanted = (request.is_start, request.is_hold)
-        there = bool(states) or request.servo_id == ALL_SERVOS
-        return there and all((state.is_start, state.is_hold) == wanted for state in states)
+        return bool(states) and all((state.is_start, state.is_hold) == wanted for state in states)
 
 
-def _described(request: Packet) -> Action | Macro | JoystickTable | None:
+def _described(request: _Adding) -> Action | Macro | JoystickTable:
     match request:
         case AddActionRequest():
             return Action(request.action_id, request.action_caption, request.steps)
         case AddMacroRequest():
             return Macro(request.macro_id, request.macro_caption, request.commands)
-        case AddJoystickTableRequest():
+        case _:
             return JoystickTable(request.table_id, request.table_caption, request.buttons)
-    return None

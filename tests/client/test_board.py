@@ -1,0 +1,434 @@
+"""Board: every command of the protocol, against a virtual board; and how a board is opened and closed."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from servolink.client.board import Board
+from servolink.client.connect import connect
+from servolink.errors import (
+    ConnectionLost,
+    EncodeError,
+    NotFound,
+    OpenError,
+    OutcomeUnknown,
+    Rejected,
+    RequestTimeout,
+    TransportUnavailable,
+)
+from servolink.protocol.editing import (
+    Action,
+    ActionEntry,
+    Macro,
+    MacroCommand,
+    MacroEntry,
+    QueryProjectIDRequest,
+    QueryProjectIDResponse,
+    ServoParameter,
+)
+from servolink.protocol.joystick import (
+    Button,
+    JoystickTable,
+    JoystickTableEntry,
+    SubscribeButtonEventRequest,
+)
+from servolink.protocol.packet import Command, Packet, Request
+from servolink.protocol.registry import PACKETS
+from servolink.protocol.servos import ExecuteActionRequest, QueryServoRequest, Step
+from servolink.protocol.settings import (
+    QueryMemorySizeRequest,
+    QueryMemorySizeResponse,
+    TransmissionModeSettingRequest,
+    TransmissionModeSettingResponse,
+)
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.storage import Kind
+from servolink.virtual.transport import VirtualTransport
+from tests.client.fake_board import LOST, FakeBoard, Fate, lie, now
+from tests.virtual_time import run
+
+ACTION = Action(7, "wave", (Step(1, 30, 50), Step(2, -30, 100)))
+MACRO = Macro(3, "greet", (MacroCommand(7, total_interval=1000), MacroCommand(500, type=1, total_interval=500)))
+TABLE = JoystickTable(5, "walk", (Button(2**32 - 1, "A", 3, 0, 3, 1), Button(2, "B")))
+
+
+# --- the 32 commands ----------------------------------------------------------------------------------------------
+
+
+async def use_settings(board: Board) -> None:
+    await board.set_transmission_mode(1)
+    memory = await board.memory()
+    assert 0 < memory.size <= (memory.total_size or 0)
+    assert 0 < await board.battery() <= 100
+    await board.send_dummy_data(bytes(range(256)) * 255)
+    await board.write_project_id(9)
+    await board.add_action(ACTION)
+    await board.clear_all_data()
+    assert await board.actions() == ()
+
+
+async def use_servos(board: Board) -> None:
+    assert await board.servo_ids() == (1, 2, 3)
+    assert [servo.servo_id for servo in await board.servos()] == [1, 2, 3]
+    assert (await board.servo(3)).servo_id == 3
+    await board.set_servo(1, start=False, hold=True)
+    assert not (await board.servo(1)).is_start
+    await board.set_servo(255, start=True, hold=True)
+    await board.set_angle_unit("degree")
+    assert await board.move({1: 40}, duration=0.5, wait=True) == 0.5
+    assert (await board.servo(1)).angle == 40
+    assert await board.move({1: -50}, speed=90, wait=True) == 1.0
+    await board.stop()
+    await board.release()
+    assert not (await board.servo(1)).is_hold
+
+
+async def use_actions(board: Board) -> None:
+    await board.add_action(ACTION)
+    assert await board.actions() == (ActionEntry(7, "wave"),)
+    assert await board.action(7) == ACTION
+    await board.run_action(7)
+    await asyncio.sleep(1.1)
+    assert [servo.angle for servo in (await board.servos())[:2]] == [30, -30]
+    with pytest.raises(NotFound, match="no action 8"):
+        await board.action(8)
+    with pytest.raises(NotFound, match="no action 0"):
+        await board.action(0)
+    await board.delete_action(7)
+    assert await board.actions() == ()
+    with pytest.raises(Rejected, match=r"refused DeleteActionRequest\(action_id=7\): it may have no such action"):
+        await board.delete_action(7)
+
+
+async def use_macros(board: Board) -> None:
+    await board.add_action(ACTION)
+    await board.add_macro(MACRO)
+    assert await board.macros() == (MacroEntry(3, "greet"),)
+    assert await board.macro(3) == MACRO
+    await board.run_macro(3)
+    await asyncio.sleep(2)
+    assert (await board.servo(1)).angle == 30
+    with pytest.raises(NotFound, match="no macro 4"):
+        await board.macro(4)
+    await board.delete_macro(3)
+    for refused in (board.delete_macro(3), board.run_macro(3)):
+        with pytest.raises(Rejected, match="may have no such macro"):
+            await refused
+
+
+async def use_parameters(board: Board) -> None:
+    assert await board.servo_parameters() == ()
+    parameters = (ServoParameter(1, -5, "hip"), ServoParameter(2, 5, "knee"))
+    await board.add_servo_parameters(list(parameters))
+    assert await board.servo_parameters() == parameters
+    with pytest.raises(Rejected, match="no such servo"):
+        await board.add_servo_parameters([ServoParameter(200)])
+    assert await board.project_id() == 0
+    await board.write_project_id(-4711)
+    assert await board.project_id() == -4711
+
+
+async def use_joystick(board: Board) -> None:
+    assert await board.active_joystick_table() is None
+    await board.add_joystick_table(TABLE)
+    assert await board.joystick_tables() == (JoystickTableEntry(5, "walk"),)
+    assert await board.joystick_table(5) == TABLE
+    await board.set_active_joystick_table(5)
+    assert await board.active_joystick_table() == 5
+    with pytest.raises(NotFound, match="no joystick table 6"):
+        await board.joystick_table(6)
+    with pytest.raises(Rejected, match="no such table"):
+        await board.set_active_joystick_table(6)
+    async with board.button_events():
+        pass
+    await board.delete_joystick_table(5)
+    with pytest.raises(Rejected, match="no such table"):
+        await board.delete_joystick_table(5)
+
+
+CHAPTERS = (use_settings, use_servos, use_actions, use_macros, use_parameters, use_joystick)
+
+
+@pytest.mark.parametrize("byte_order", ["little", "big"])
+@pytest.mark.parametrize("use", CHAPTERS)
+def test_each_command_does_what_it_says(use: Any, byte_order: Any) -> None:
+    async def main() -> None:
+        url = f"virtual://?servos=3&byte_order={byte_order}"
+        async with connect(url, byte_order=byte_order) as board:
+            await use(board)
+            assert board.url == url
+            assert board.stats.timeouts == board.stats.undecodable == board.stats.unsolicited == 0
+
+    run(main())
+
+
+def test_every_request_and_command_of_the_document_has_been_sent_by_these_tests() -> None:
+    async def main() -> set[type[Packet]]:
+        sent: set[type[Packet]] = set()
+        for use in CHAPTERS:
+            fake = FakeBoard(servos=3)
+            async with connect(fake) as board:
+                await use(board)
+            sent |= {type(packet) for _, packet in fake.sent}
+        return sent
+
+    sent = run(main())
+    assert sent == {declared for declared in PACKETS.values() if issubclass(declared, (Request, Command))}
+    assert len(sent) == 31
+
+
+def test_a_button_press_on_the_board_arrives_as_an_event() -> None:
+    async def main() -> None:
+        virtual = VirtualBoard(2)
+        async with connect(VirtualTransport(virtual)) as board, board.button_events() as events:
+            virtual.press_button(4, now())
+            event = await anext(events)
+            assert (event.button_id, event.kind) == (4, "press")
+
+    run(main())
+
+
+def test_several_commands_at_once_give_each_its_own_answer() -> None:
+    async def main() -> None:
+        async with connect("virtual://?servos=5") as board:
+            await board.write_project_id(12)
+            servo_ids, project_id, battery, servos = await asyncio.gather(
+                board.servo_ids(), board.project_id(), board.battery(), board.servos()
+            )
+            assert (len(servo_ids), project_id, len(servos)) == (5, 12, 5)
+            assert battery > 0
+
+    run(main())
+
+
+def test_a_bad_line_costs_time_and_not_rightness() -> None:
+    async def main() -> None:
+        # Up to six retries: the point is what is answered, not how often a line this bad can be asked in vain.
+        async with connect("virtual://?servos=5&seed=3&flip=0.003&drop=0.003&delay=0.05", retries=6) as board:
+            for _ in range(100):
+                assert await board.servo_ids() == (1, 2, 3, 4, 5)
+                assert [servo.servo_id for servo in (await board.request(QueryServoRequest(255))).servos] == [
+                    1,
+                    2,
+                    3,
+                    4,
+                    5,
+                ]
+            assert board.stats.retries > 0
+            assert board.stats.fences > 0
+
+    run(main())
+
+
+def test_any_packet_can_be_sent() -> None:
+    async def main() -> None:
+        async with connect("virtual://?servos=2") as board:
+            assert await board.request(QueryProjectIDRequest(), timeout=0.5, retries=0) == QueryProjectIDResponse(0)
+            await board.send(ExecuteActionRequest((Step(1, 20, 10),)))
+            await asyncio.sleep(0.2)
+            assert (await board.request(QueryServoRequest(1))).servos[0].angle == 20
+
+    run(main())
+
+
+def test_a_board_that_tells_only_its_free_memory() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(QueryMemorySizeRequest, lie(QueryMemorySizeResponse(100)))
+        async with connect(fake) as board:
+            memory = await board.memory()
+            assert (memory.size, memory.total_size) == (100, None)
+
+    run(main())
+
+
+def test_a_mode_that_the_board_does_not_take_is_rejected() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(TransmissionModeSettingRequest, lie(TransmissionModeSettingResponse(0)))
+        async with connect(fake) as board:
+            with pytest.raises(Rejected, match=r"asked for .*mode 1 and is in mode 0"):
+                await board.set_transmission_mode(1)
+
+    run(main())
+
+
+def test_too_much_is_refused_before_anything_is_sent() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            with pytest.raises(EncodeError, match=r"65536 bytes are outside 0\.\.65535"):
+                await board.send_dummy_data(bytes(65536))
+            with pytest.raises(EncodeError, match="action_caption"):
+                await board.add_action(Action(1, "x" * 33))
+            assert fake.sent == []
+
+    run(main())
+
+
+# --- opening and closing ------------------------------------------------------------------------------------------
+
+
+def test_await_opens_and_the_caller_closes_once_or_twice() -> None:
+    async def main() -> None:
+        board = await connect("virtual://?servos=1")
+        assert await board.servo_ids() == (1,)
+        await board.close()
+        await board.close()
+        with pytest.raises(ConnectionLost, match="closed by this program"):
+            await board.servo_ids()
+
+    run(main())
+
+
+def test_async_with_closes_also_after_an_error() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        with pytest.raises(KeyError):
+            async with connect(fake):
+                raise KeyError
+        assert fake.closed == 1
+
+    run(main())
+
+
+def test_the_end_of_async_with_fails_what_still_waits() -> None:
+    async def main() -> None:
+        fake = FakeBoard(usual=LOST)
+        async with connect(fake) as board:
+            waiting = asyncio.create_task(board.servo_ids())
+            await asyncio.sleep(0.1)
+        with pytest.raises(ConnectionLost, match="closed by this program"):
+            await waiting
+
+    run(main())
+
+
+def test_closing_takes_no_longer_than_a_second_though_the_board_is_silent() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        board = await connect(fake, timeout=5)
+        await board.button_events().__aenter__()
+        events = board.button_events()
+        await events.__aenter__()
+        fake.usual = LOST
+        waiting = asyncio.create_task(board.servo_ids())
+        await asyncio.sleep(0.1)
+        begun = now()
+        await board.close()
+        assert now() - begun <= 1
+        await asyncio.wait((waiting,))
+        assert isinstance(waiting.exception(), ConnectionLost)
+
+    run(main())
+
+
+def test_who_is_cancelled_while_closing_has_closed() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        board = await connect(fake)
+        events = board.button_events()
+        await events.__aenter__()
+        fake.plan(SubscribeButtonEventRequest, LOST)
+        closing = asyncio.create_task(board.close())
+        await asyncio.sleep(0.1)
+        closing.cancel()
+        await asyncio.wait((closing,))
+        assert closing.cancelled()
+        assert fake.closed == 1
+
+    run(main())
+
+
+def test_a_board_that_vanishes_while_idle_is_gone_for_the_next_who_asks() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.servo_ids()
+            fake.vanish()
+            with pytest.raises(ConnectionLost, match="device disconnected"):
+                await board.move({1: 0}, duration=1)
+        assert fake.closed == 1
+
+    run(main())
+
+
+def test_a_board_that_cannot_be_opened_says_so_and_leaves_nothing_open() -> None:
+    class Busy(FakeBoard):
+        async def open(self, receiver: Any) -> None:
+            raise OpenError("fake://board: in use by another program; close it")
+
+    async def main() -> None:
+        with pytest.raises(OpenError, match="in use"):
+            async with connect(Busy()):
+                pytest.fail("it was opened")
+        with pytest.raises(TransportUnavailable, match="unknown kind of address"):
+            await connect("carrier-pigeon://roof")
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"timeout": 0}, "timeout: 0 is below"),
+        ({"timeout": -1}, "timeout"),
+        ({"timeout": float("nan")}, "timeout: nan"),
+        ({"retries": -1}, "retries: -1 is below 0"),
+        ({"window": 0}, "window: 0 is below 1"),
+        ({"byte_order": "middle"}, "byte order 'middle'"),
+        ({"caption_encoding": "klingon"}, "klingon"),
+        ({"speed_cap": 0}, "speed_cap"),
+        ({"angle_limits": (10, -10)}, "angle_limits"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused_at_once(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        connect("virtual://", **options)
+
+
+def test_options_hold_for_all_requests() -> None:
+    async def main() -> None:
+        fake = FakeBoard(usual=LOST)
+        async with connect(fake, timeout=0.25, retries=1) as board:
+            begun = now()
+            with pytest.raises(RequestTimeout):
+                await board.servo_ids()
+            assert now() - begun == pytest.approx(0.5)
+            with pytest.raises((OutcomeUnknown, RequestTimeout)):
+                await board.write_project_id(1)
+
+    run(main())
+
+
+def test_captions_are_written_and_read_in_the_encoding_asked_for() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake, caption_encoding="big5") as board:
+            await board.add_action(Action(1, "揮手"))
+            assert (await board.action(1)).action_caption == "揮手"
+            assert "揮手".encode("big5") in (fake.virtual.storage.get(Kind.ACTION, 1) or b"")
+
+    run(main())
+
+
+# --- counters -----------------------------------------------------------------------------------------------------
+
+
+def test_stats_count_what_went_over_the_line() -> None:
+    async def main() -> None:
+        fake = FakeBoard(servos=2, usual=Fate(after=0.010))
+        async with connect(fake) as board:
+            await board.servo_ids()
+            await board.project_id()
+            stats = board.stats.as_dict()
+        assert stats["frames_sent"] == stats["frames_received"] == 2
+        assert stats["bytes_sent"] == 9 + 9
+        assert stats["bytes_received"] == 9 + 3 + 9 + 4
+        assert stats["round_trip_ms"] == {"p50": 10.0, "p90": 10.0, "p99": 10.0}
+        assert stats["skipped"] == {}
+
+    run(main())

@@ -1,0 +1,135 @@
+"""Read-back: whether a command whose answer was lost took effect."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from servolink.client.connect import connect
+from servolink.errors import OutcomeUnknown
+from servolink.protocol.editing import (
+    AddActionRequest,
+    AddMacroRequest,
+    AddServoParameterRequest,
+    DeleteActionRequest,
+    DeleteMacroRequest,
+    ExecuteMacroRequest,
+    MacroCommand,
+    ServoParameter,
+    WriteProjectIDRequest,
+)
+from servolink.protocol.joystick import (
+    AddJoystickTableRequest,
+    Button,
+    DeleteJoystickTableRequest,
+    SetActiveJoystickTableRequest,
+    SubscribeButtonEventRequest,
+)
+from servolink.protocol.packet import Packet, Request
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    ExecuteActionRequest,
+    QueryServoRequest,
+    QueryServoResponse,
+    SetAngleUnitRequest,
+    SetServoParameterRequest,
+    Step,
+)
+from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
+from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, lie
+from tests.virtual_time import run
+
+ACTION = AddActionRequest(1, "a", (Step(1, 10, 20),))
+MACRO = AddMacroRequest(2, "m", (MacroCommand(1),))
+TABLE = AddJoystickTableRequest(3, "t", (Button(1, "A", 2),))
+PARAMETERS = AddServoParameterRequest((ServoParameter(1, 5, "hip"),))
+
+CASES: list[tuple[tuple[Request[Any], ...], Request[Any]]] = [
+    ((), ACTION),
+    ((), MACRO),
+    ((), TABLE),
+    ((ACTION,), DeleteActionRequest(1)),
+    ((MACRO,), DeleteMacroRequest(2)),
+    ((TABLE,), DeleteJoystickTableRequest(3)),
+    ((AddServoParameterRequest((ServoParameter(2),)),), PARAMETERS),
+    ((), WriteProjectIDRequest(7)),
+    ((TABLE, AddJoystickTableRequest(4), SetActiveJoystickTableRequest(4)), SetActiveJoystickTableRequest(3)),
+    ((), SetServoParameterRequest(2, 0, 1)),
+    ((), SetServoParameterRequest(ALL_SERVOS, 0, 0)),
+    ((ACTION,), ClearAllDataRequest()),
+    ((MACRO,), ClearAllDataRequest()),
+    ((TABLE,), ClearAllDataRequest()),
+]
+
+
+@pytest.mark.parametrize(("before", "request_"), CASES, ids=[type(request).__name__ for _, request in CASES])
+@pytest.mark.parametrize(("fate", "done"), [(SWALLOWED, True), (LOST, False)])
+def test_what_was_done_is_told_from_what_was_lost(
+    before: tuple[Request[Any], ...], request_: Request[Any], fate: Any, done: bool
+) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            for request in before:
+                await board.request(request)
+            fake.plan(type(request_), fate)
+            with pytest.raises(OutcomeUnknown) as caught:
+                await board.request(request_)
+            assert await board.took_effect(caught.value.request) is done
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("there", "wanted"),
+    [
+        (ACTION, AddActionRequest(1, "another", ACTION.steps)),
+        (ACTION, AddActionRequest(1, "a")),
+        (MACRO, AddMacroRequest(2, "m")),
+        (TABLE, AddJoystickTableRequest(3, "t", (Button(1, "B", 2),))),
+        (PARAMETERS, AddServoParameterRequest((ServoParameter(1, 6, "hip"),))),
+        (WriteProjectIDRequest(1), WriteProjectIDRequest(2)),
+        (SetServoParameterRequest(1, 0, 1), SetServoParameterRequest(ALL_SERVOS, 0, 1)),
+    ],
+)
+def test_something_else_in_its_place_is_no_effect(there: Request[Any], wanted: Request[Any]) -> None:
+    async def main() -> None:
+        async with connect(FakeBoard()) as board:
+            await board.request(there)
+            assert await board.took_effect(wanted) is False
+            assert await board.took_effect(there) is True
+
+    run(main())
+
+
+def test_a_servo_that_is_not_there_was_not_set() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            assert await board.took_effect(SetServoParameterRequest(99, 1, 1)) is False
+            fake.plan(QueryServoRequest, lie(QueryServoResponse()))
+            assert await board.took_effect(SetServoParameterRequest(ALL_SERVOS, 1, 1)) is False
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        ExecuteActionRequest((Step(1, 0, 1),)),
+        ExecuteMacroRequest(1),
+        SetAngleUnitRequest(ALL_SERVOS, 0),
+        TransmissionModeSettingRequest(1),
+        SubscribeButtonEventRequest(1),
+        QueryServoRequest(1),
+    ],
+)
+def test_what_leaves_no_trace_cannot_be_told(request_: Packet) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            assert await board.took_effect(request_) is None
+            assert fake.sent == []
+
+    run(main())

@@ -1,0 +1,47 @@
+"""Stats: counters with names that stay."""
+
+from __future__ import annotations
+
+from servolink.client.stats import Stats
+
+
+def test_a_round_trip_percentile_is_the_time_within_which_so_many_came() -> None:
+    stats = Stats()
+    assert stats.round_trip(50) is None
+    stats.round_trips.extend(number / 1000 for number in range(100, 0, -1))
+    assert [stats.round_trip(percent) for percent in (0, 50, 99, 100)] == [0.001, 0.051, 0.1, 0.1]
+
+
+def test_only_the_latest_round_trips_are_kept() -> None:
+    stats = Stats()
+    stats.round_trips.extend([9.0] * 10_000 + [1.0] * 4096)
+    assert stats.round_trip(100) == 1.0
+
+
+def test_as_dict_has_plain_numbers_under_names_that_programs_rely_on() -> None:
+    stats = Stats()
+    stats.skipped.update(noise=3)
+    stats.round_trips.append(0.0123456)
+    plain = stats.as_dict()
+    assert plain["skipped"] == {"noise": 3}
+    assert plain["round_trip_ms"] == {"p50": 12.346, "p90": 12.346, "p99": 12.346}
+    assert Stats().as_dict()["round_trip_ms"] == {"p50": None, "p90": None, "p99": None}
+    assert {
+        "bytes_sent",
+        "bytes_received",
+        "frames_sent",
+        "frames_received",
+        "undecodable",
+        "unsolicited",
+        "mismatched",
+        "late_replies",
+        "rescued",
+        "timeouts",
+        "retries",
+        "fences",
+        "events_received",
+        "events_dropped",
+        "skipped",
+        "round_trip_ms",
+    } <= set(plain)
+    assert all(type(value) is int for name, value in plain.items() if name not in {"skipped", "round_trip_ms"})
