@@ -11,7 +11,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from servolink.cli.main import INTERRUPTED, NO_BOARD, fail, refuse
-from servolink.client.board import Board, connect
+from servolink.client.board import Board
+from servolink.client.connect import connect
 from servolink.errors import OutcomeUnknown, RequestTimeout
 
 _NO_URL = """no board was named. Add --url or set SERVOLINK_URL, for example

@@ -15,7 +15,7 @@ from servolink.cli.demo.stage import JsonStage, Outcome, Stage, TextStage
 from servolink.cli.demo.steps import STEPS, Scene
 from servolink.cli.main import FAILED, OK
 from servolink.cli.session import Interruption, run_interruptible
-from servolink.client.board import connect
+from servolink.client.connect import connect
 from servolink.errors import ServolinkError
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
