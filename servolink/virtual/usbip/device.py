@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from servolink.errors import DecodeError
 from servolink.virtual.usbip.control import Control
 from servolink.virtual.usbip.descriptors import (
     BULK_IN,
@@ -55,9 +56,9 @@ class UsbDevice:
         return sum(len(urb.data) - urb.taken for urb in self._outstanding.values())
 
     def submit(self, urb: Urb) -> None:
-        """Take a URB; ValueError if one with its number is outstanding."""
+        """Take a URB; DecodeError if one with its number is outstanding, which no host says."""
         if urb.number in self._outstanding:
-            raise ValueError(f"URB {urb.number} is outstanding already")
+            raise DecodeError(f"URB {urb.number} is outstanding already")
         self._outstanding[urb.number] = urb
         if urb.endpoint in {_CONTROL_OUT, _CONTROL_IN}:
             self._transfer_control(urb)

@@ -1,0 +1,324 @@
+"""The virtual board over USB/IP, as hosts meet it: good ones, and others."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import logging
+import random
+import shutil
+import struct
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+
+from servolink.protocol.codec import Codec
+from servolink.protocol.joystick import PRESS, ButtonEventResponse, SubscribeButtonEventRequest
+from servolink.protocol.packet import Packet
+from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.network import host_and_port
+from servolink.virtual.serving import serve
+from servolink.virtual.usbip import messages, server
+from servolink.virtual.usbip.descriptors import (
+    BULK_IN,
+    BULK_OUT,
+    HID_IN,
+    HID_OUT,
+    SERIAL_IN,
+    SERIAL_OUT,
+)
+from servolink.virtual.usbip.server import UsbIpServer, serve_usbip
+from tests.virtual.receiving import GUARD
+from tests.virtual.usbip_host import IMPORT, UNLINKED, UsbHost, attached, submit, unlink
+
+CODEC = Codec()
+LIST, ANSWER = QueryServoListRequest(), QueryServoListResponse((1, 2, 3))
+WAYS = {"serial": (SERIAL_OUT, SERIAL_IN), "hid": (HID_OUT, HID_IN), "bulk": (BULK_OUT, BULK_IN)}
+
+
+@pytest.fixture(autouse=True)
+def _silent(caplog: pytest.LogCaptureFixture) -> Iterator[None]:
+    """Whatever hosts do, nothing is left to asyncio's log."""
+    yield
+    gc.collect()
+    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
+
+
+def in_time(main: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    async def guarded() -> None:
+        async with asyncio.timeout(GUARD):
+            await main()
+
+    asyncio.run(guarded())
+
+
+@asynccontextmanager
+async def exported(board: VirtualBoard | None = None) -> AsyncIterator[tuple[tuple[str, int], UsbIpServer]]:
+    async with serve_usbip(board or VirtualBoard(servos=3), "virtual-1", "127.0.0.1", 0) as (place, usbip):
+        yield host_and_port(place), usbip
+
+
+async def ask(host: UsbHost, way: str, packet: Packet) -> bytes:
+    """Ask a question and return the first bytes of the answer."""
+    out, into = WAYS[way]
+    read = host.submit(into, 64)
+    write = host.submit(out, data=CODEC.encode(packet))
+    said = {number: data for _, number, _, _, data in (await host.next(), await host.next())}
+    assert set(said) == {read, write}
+    return said[read]
+
+
+async def detached(usbip: UsbIpServer) -> None:
+    while usbip.attached:
+        await asyncio.sleep(0)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_each_of_the_three_ways_leads_to_the_board(way: str) -> None:
+    async def main() -> None:
+        async with exported() as (place, _), attached(*place) as host:
+            assert (await ask(host, way, LIST)).startswith(CODEC.encode(ANSWER))
+
+    in_time(main)
+
+
+def test_the_three_ways_are_conversations_of_their_own_with_one_board() -> None:
+    async def main() -> None:
+        board = VirtualBoard(servos=3)
+        async with exported(board) as (place, _), attached(*place) as host:
+            await ask(host, "hid", SubscribeButtonEventRequest(1))
+            events = host.submit(HID_IN, 64)
+            unrelated = host.submit(BULK_IN, 64)
+            board.press_button(5, asyncio.get_running_loop().time())
+            said = await host.next()
+            assert said.number == events
+            assert said.data.startswith(CODEC.encode(ButtonEventResponse(5, PRESS)))
+            host.unlink(unrelated)
+            assert (await host.next()).command == UNLINKED
+        assert len(board.sessions) == 0
+
+    in_time(main)
+
+
+def test_a_urb_that_the_host_takes_back_is_told_of_once() -> None:
+    async def main() -> None:
+        async with exported() as (place, _), attached(*place) as host:
+            read = host.submit(BULK_IN, 64)
+            first, second = host.unlink(read), host.unlink(read)
+            said = [await host.next(), await host.next()]
+            assert [(each.command, each.number, each.status) for each in said] == [
+                (UNLINKED, first, -104),
+                (UNLINKED, second, 0),
+            ]
+
+    in_time(main)
+
+
+def test_the_descriptors_come_over_the_line_and_the_serial_number_is_the_seeds() -> None:
+    async def main() -> None:
+        async with serve(VirtualBoard(), usbip="127.0.0.1:0", seed=42) as (url,):
+            scheme, _, place = url.partition("://")
+            assert scheme == "usbip"
+            async with attached(*host_and_port(place)) as host:
+                device = (await host.control(0x80, 0x06, 0x0100, 0, 18)).data
+                text = (await host.control(0x80, 0x06, 0x0300 | device[16], 0x0409, 255)).data
+                assert text[2:].decode("utf-16-le") == "virtual-42"
+                assert (await host.control(0x80, 0x06, 0x0F00, 0, 5)).status == -32
+
+    in_time(main)
+
+
+def test_pulling_the_plug_ends_everything_and_it_can_be_plugged_in_again() -> None:
+    async def main() -> None:
+        board = VirtualBoard(servos=3)
+        async with exported(board) as (place, usbip):
+            for _ in range(3):
+                async with attached(*place) as host:
+                    assert (await ask(host, "bulk", LIST)).startswith(CODEC.encode(ANSWER))
+                    host.submit(BULK_IN, 64)
+                    usbip.unplug()
+                    assert await host.ended()
+                    await detached(usbip)
+                    assert not board.sessions
+            usbip.unplug()  # nobody has it: nothing to do
+
+    in_time(main)
+
+
+def test_one_host_has_the_device_at_a_time_and_the_next_one_when_it_leaves() -> None:
+    async def main() -> None:
+        async with exported() as (place, usbip):
+            async with attached(*place) as first:
+                reader, writer = await asyncio.open_connection(*place)
+                writer.write(IMPORT)
+                assert await reader.read() == struct.pack(">HHI", 0x0111, 0x0003, 2)
+                writer.close()
+                assert (await ask(first, "bulk", LIST)).startswith(CODEC.encode(ANSWER))
+            await detached(usbip)
+            async with attached(*place) as second:
+                assert (await ask(second, "bulk", LIST)).startswith(CODEC.encode(ANSWER))
+
+    in_time(main)
+
+
+def test_a_device_that_is_not_there_is_refused() -> None:
+    async def main() -> None:
+        async with exported() as (place, usbip):
+            reader, writer = await asyncio.open_connection(*place)
+            writer.write(struct.pack(">HHI32s", 0x0111, 0x8003, 0, b"1-2"))
+            assert await reader.read() == struct.pack(">HHI", 0x0111, 0x0003, 4)
+            writer.close()
+            assert not usbip.attached
+
+    in_time(main)
+
+
+def test_events_that_nobody_reads_do_not_pile_up() -> None:
+    async def main() -> None:
+        board = VirtualBoard(servos=3)
+        async with exported(board) as (place, _), attached(*place) as host:
+            await ask(host, "serial", SubscribeButtonEventRequest(1))
+            now = asyncio.get_running_loop().time()
+            for _ in range(100_000):
+                board.press_button(1, now)
+                board.release_button(1, now)
+            assert (await ask(host, "bulk", LIST)).startswith(CODEC.encode(ANSWER))
+
+    in_time(main)
+
+
+# Hosts that no kernel is
+
+
+def command(kind: int, direction: int, endpoint: int, length: int, packets: int = -1) -> bytes:
+    return struct.pack(">5IIi3i8x", kind, 1, 0x10001, direction, endpoint, 0, length, 0, packets, 0)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        command(9, 0, 1, 0),
+        command(1, 7, 1, 0),
+        command(1, 0, 200, 0),
+        command(1, 0, 1, -1),
+        command(1, 1, 4, -5),
+        command(1, 0, 1, messages.MOST_DATA + 1),
+        command(1, 1, 4, 64, packets=8),
+        submit(5, BULK_IN, 64) * 2,
+        b"".join(submit(number, BULK_IN, 64) for number in range(server.MOST_OUTSTANDING + 1)),
+    ],
+    ids=["command", "direction", "endpoint", "length", "room", "too-long", "isochronous", "number", "too-many"],
+)
+def test_a_host_that_says_what_no_host_says_is_disconnected_and_the_next_one_served(said: bytes) -> None:
+    async def main() -> None:
+        board = VirtualBoard(servos=3)
+        async with exported(board) as (place, usbip):
+            async with attached(*place) as host:
+                host.writer.write(said)
+                assert await host.ended()
+            await detached(usbip)
+            assert not board.sessions
+            async with attached(*place) as host:
+                assert (await ask(host, "bulk", LIST)).startswith(CODEC.encode(ANSWER))
+
+    in_time(main)
+
+
+def test_a_host_that_sends_and_never_reads_is_disconnected_at_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "MOST_HELD", 100_000)
+
+    async def main() -> None:
+        async with exported(VirtualBoard(servos=254)) as (place, usbip), attached(*place) as host:
+            for _ in range(200):
+                host.submit(BULK_OUT, data=CODEC.encode(LIST) * 1000)
+            assert await host.ended()
+            await detached(usbip)
+
+    in_time(main)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        b"",
+        b"\x01",
+        b"GET / HTTP/1.1\r\n\r\n",
+        struct.pack(">HHI", 0x0100, 0x8005, 0),
+        struct.pack(">HHI", 0x0111, 0x1234, 0),
+        IMPORT[:20],
+    ],
+)
+def test_what_is_no_usbip_is_hung_up_on(said: bytes) -> None:
+    async def main() -> None:
+        async with exported() as (place, usbip):
+            reader, writer = await asyncio.open_connection(*place)
+            writer.write(said)
+            writer.write_eof()
+            assert await reader.read() == b""
+            writer.close()
+            assert not usbip.attached
+
+    in_time(main)
+
+
+def test_a_host_that_says_nothing_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "_OPENING_LIMIT", 0.01)
+
+    async def main() -> None:
+        async with exported() as (place, _):
+            reader, writer = await asyncio.open_connection(*place)
+            assert await reader.read() == b""
+            writer.close()
+
+    in_time(main)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_any_commands_end_in_answers_or_a_hang_up(seed: int) -> None:
+    """Mostly well-formed commands with wild values: the server stays able to serve."""
+    chance = random.Random(seed)
+
+    def anything() -> bytes:
+        match chance.randrange(8):
+            case 0:
+                return unlink(chance.randrange(100), chance.randrange(100))
+            case 1:
+                return submit(chance.randrange(2**32), 0x80, chance.randrange(300), setup=chance.randbytes(8))
+            case 2:
+                return submit(chance.randrange(2**32), 0x00, data=chance.randbytes(9), setup=chance.randbytes(8))
+            case 3 | 4:
+                return submit(chance.randrange(2**32), 0x80 | chance.randrange(16), chance.choice((0, 1, 64, 4096)))
+            case _:
+                data = chance.randbytes(chance.randrange(200)) + CODEC.encode(LIST)
+                return submit(chance.randrange(2**32), chance.randrange(1, 16), data=data)
+
+    async def main() -> None:
+        board = VirtualBoard(servos=3)
+        async with exported(board) as (place, usbip):
+            async with attached(*place) as host:
+                host.writer.write(b"".join(anything() for _ in range(500)))
+                host.writer.write(command(99, 0, 0, 0))
+                assert await host.ended()
+            await detached(usbip)
+            async with attached(*place) as host:
+                assert (await ask(host, "bulk", LIST)).startswith(CODEC.encode(ANSWER))
+
+    in_time(main)
+
+
+@pytest.mark.skipif(shutil.which("usbip") is None, reason="the tool `usbip` is not installed")
+def test_the_stock_tool_lists_the_device() -> None:
+    async def main() -> None:
+        async with exported() as ((name, port), _):
+            tool = await asyncio.create_subprocess_exec(
+                "usbip", "--tcp-port", str(port), "list", "--parsable", "-r", name, stdout=asyncio.subprocess.PIPE
+            )
+            output, _ = await tool.communicate()
+            assert tool.returncode == 0
+            assert b"1-1" in output
+            assert b"(1209:0001)" in output
+
+    in_time(main)
