@@ -17,6 +17,9 @@ OK, FAILED, USAGE, NO_BOARD, INTERRUPTED = 0, 1, 2, 3, 130
 
 COMMANDS = {
     "demo": ("servolink.cli.demo", "show all of it on a virtual board, in about 10 seconds"),
+    "list": ("servolink.cli.list", "list the boards that are here"),
+    "use": ("servolink.cli.use", "give a board a name, for --url and in programs"),
+    "doctor": ("servolink.cli.doctor", "find out why a board does not work"),
     "info": ("servolink.cli.info", "project id, memory, battery and what is stored on the board"),
     "servos": ("servolink.cli.servos", "angle, current and temperature of each servo"),
     "move": ("servolink.cli.move", "move servos to angles"),

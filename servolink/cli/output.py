@@ -54,11 +54,11 @@ def is_terminal() -> bool:
     return sys.stdout is not None and sys.stdout.isatty()
 
 
-def console() -> Console:
+def console(*, stderr: bool = False) -> Console:
     """Return a rich console that shows texts as they are."""
     from rich.console import Console
 
-    return Console(markup=False, emoji=False, highlight=False)
+    return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
 
 
 def rich_table(table: Table) -> RichTable:

@@ -10,15 +10,12 @@ from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from servolink.cli.choosing import chosen
 from servolink.cli.main import INTERRUPTED, NO_BOARD, fail, refuse
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import OutcomeUnknown, RequestTimeout
 
-_NO_URL = """no board was named. Add --url or set SERVOLINK_URL, for example
-  --url serial:///dev/ttyACM0    a board on a serial port
-  --url tcp://192.168.1.20:9000  a board on the network
-  --url virtual://               a virtual board, made for this one command"""
 _PATIENCE = 1.0  # seconds for the board to be closed in good order after Ctrl-C
 
 
@@ -75,10 +72,10 @@ def converse(
     `greet` asks for something harmless first, so that a silent board is told from a command that failed.
     `options` are those of `connect`.
     """
-    if not args.url:
-        refuse(args, _NO_URL)
     try:
-        connection = connect(args.url, byte_order=args.byte_order, caption_encoding=args.caption_encoding, **options)
+        connection = connect(
+            chosen(args), byte_order=args.byte_order, caption_encoding=args.caption_encoding, **options
+        )
     except ValueError as error:
         refuse(args, str(error))
 

@@ -9,13 +9,15 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from servolink.cli.main import OK
+from servolink.discovery.served import announced
 from servolink.errors import TransportUnavailable
 from servolink.printable import printable
 from servolink.protocol.codec import Codec
+from servolink.transports.candidate import Candidate
 from servolink.transports.faults import Faults
 from servolink.virtual.board import MEMORY, MOST_SERVOS, VirtualBoard
 from servolink.virtual.keys import HELP, Keys
@@ -79,10 +81,16 @@ async def _serve(board: VirtualBoard, args: argparse.Namespace) -> None:
     pty = args.pty or (AVAILABLE and not said)
     tcp = args.tcp or (None if pty or said else "127.0.0.1:0")
     async with serve(board, pty=pty, tcp=tcp, usbip=args.usbip, faults=args.faults, seed=args.seed) as urls:
-        for url in urls:
-            print(json.dumps({"listening": url}) if args.json else f"listening {url}", flush=True)
-        with _playing(board, args.script), _keyboard(board):
+        with _announced(urls, args.servos), _playing(board, args.script), _keyboard(board):
+            for url in urls:
+                print(json.dumps({"listening": url}) if args.json else f"listening {url}", flush=True)
             await stop.wait()
+
+
+def _announced(urls: list[str], servos: int) -> AbstractContextManager[None]:
+    """Let the board be found, once, at the address that takes several hosts if there is one."""
+    reachable = [url for scheme in ("tcp://", "serial://") for url in urls if url.startswith(scheme)]
+    return announced(Candidate(reachable[0], f"virtual board with {servos} servos")) if reachable else nullcontext()
 
 
 def _stop_on_signals() -> asyncio.Event:

@@ -10,8 +10,8 @@ from servolink.printable import printable
 from servolink.transports.candidate import Candidate
 
 NONE_HERE = (
-    "no board was found; plug it in and switch it on, or name one, as in tcp://host:port or virtual://; "
-    "`servolink doctor` looks for the reason"
+    "no board was found; plug it in and switch it on, or name one (with --url or SERVOLINK_URL in a shell), as in "
+    "serial:///dev/ttyACM0, tcp://192.168.1.20:9000 or virtual://; `servolink doctor` looks for the reason"
 )
 
 

@@ -9,8 +9,8 @@ from servolink.transports.candidate import Candidate
 
 _KINDS = (
     "servolink.transports.serial",
-    "servolink.transports.hid",
-    "servolink.transports.usb",
+    "servolink.transports.hid_devices",
+    "servolink.transports.usb_devices",
     "servolink.discovery.served",
 )
 """The modules whose `candidates` find boards, the best way to a board first."""

@@ -9,6 +9,7 @@ import os
 import stat
 import sys
 import tempfile
+import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -73,7 +74,9 @@ def candidates() -> list[Candidate]:
 
 
 def _folder() -> Path:
-    return platformdirs.user_runtime_path("servolink", appauthor=False)
+    with warnings.catch_warnings():  # it warns where the system names no such folder, and takes one in /tmp
+        warnings.simplefilter("ignore")
+        return platformdirs.user_runtime_path("servolink", appauthor=False)
 
 
 def _is_ours(folder: Path) -> bool:

@@ -1,0 +1,107 @@
+"""`servolink doctor`: why a board does not work."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from dataclasses import asdict
+from typing import Any
+
+from servolink.cli.main import FAILED, NO_BOARD, OK
+from servolink.cli.output import Table, print_json, print_table, print_text
+from servolink.cli.session import Interruption, run_interruptible
+from servolink.discovery.resolve import resolved
+from servolink.discovery.search import search
+from servolink.doctor.examination import Report, examine
+from servolink.doctor.facts import SystemFacts
+from servolink.doctor.nodes import UsbDevice, usb_device
+from servolink.doctor.udev import rules
+from servolink.errors import OpenError
+
+_PERCENTILES = (50, 90, 99)
+
+
+def configure(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink doctor`."""
+    parser.add_argument("board", nargs="?", metavar="URL", help="the board, by address or name (the only one here)")
+    parser.add_argument(
+        "--print-udev", action="store_true", help="print the rules that let you use the board under Linux, and end"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Examine and report, or print the rules."""
+    facts = SystemFacts()
+    board = args.board or args.url
+    if args.print_udev:
+        print(rules(facts, _devices(facts, board)), end="")
+        return OK
+
+    async def main(interruption: Interruption) -> int:
+        report = await examine(facts, board, args.byte_order)
+        if args.json:
+            print_json(_described(report))
+        else:
+            _print(report)
+        return NO_BOARD if report.is_absent else FAILED if report.findings else OK
+
+    return run_interruptible(main, "nothing was changed")
+
+
+def _devices(facts: SystemFacts, board: str | None) -> list[UsbDevice]:
+    """Return the USB devices that the rules are for; OpenError if there are none."""
+    urls = [asyncio.run(resolved(board))] if board else [candidate.url for candidate in search()]
+    found = [device for url in urls if (device := usb_device(facts, url)) is not None]
+    if not found:
+        raise OpenError(
+            "there is no board on USB for which rules could be written; plug it in, or name it: "
+            "servolink doctor --print-udev serial:///dev/ttyACM0"
+        )
+    return found
+
+
+def _described(report: Report) -> dict[str, Any]:
+    return {
+        "boards": [asdict(candidate) for candidate in report.candidates],
+        "examined": report.urls,
+        "answer": report.answer and asdict(report.answer),
+        "line": report.line
+        and {
+            "received_bytes": report.line.received_bytes,
+            "noise_bytes": report.line.noise_bytes,
+            "unanswered": report.line.unanswered,
+            "late": report.line.late,
+            "round_trip_seconds": {f"p{percent}": report.line.percentile(percent) for percent in _PERCENTILES},
+        },
+        "findings": [asdict(finding) for finding in report.findings],
+    }
+
+
+def _print(report: Report) -> None:
+    print_table(Table((), list(_facts(report))))
+    for number, finding in enumerate(report.findings, 1):
+        print_text("")
+        print_text(f"{number}. {finding.check}", "bold")
+        print_table(Table((), [("seen", finding.seen), ("means", finding.means), *_steps(finding.do)]))
+    if not report.findings:
+        print_text("nothing is wrong")
+
+
+def _facts(report: Report) -> list[tuple[str, str]]:
+    facts = [("examined", ", ".join(report.urls) or "nothing: no board is here")]
+    if answer := report.answer:
+        facts.append(
+            (
+                "answer",
+                f"project id {answer.project_id}, {answer.byte_order} byte order, {answer.seconds * 1000:.1f} ms",
+            )
+        )
+    if line := report.line:
+        facts.append(("noise", f"{line.noise_bytes} of {line.received_bytes} bytes"))
+        times = [f"p{percent} {time * 1000:.1f} ms" for percent in _PERCENTILES if (time := line.percentile(percent))]
+        facts.append(("round trips", ", ".join(times)))
+    return facts
+
+
+def _steps(do: str) -> list[tuple[str, str]]:
+    return [("" if number else "do", step) for number, step in enumerate(do.splitlines())]
