@@ -201,6 +201,8 @@ async def test_close_tells_once_and_may_be_called_again(make: Callable[[], Wire]
 async def test_what_was_sent_before_the_close_arrives_however_late_it_is_read(make: Callable[[], Wire]) -> None:
     async with make() as wire:
         await wire.open()
+        if not wire.is_buffered:
+            pytest.skip("what was sent is with the board already")
         wire.deafen()
         await wire.transport.send(FRAME)
         await wire.transport.close()

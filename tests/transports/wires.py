@@ -11,17 +11,25 @@ import os
 import socket
 import threading
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from types import TracebackType
 from typing import Any, ParamSpec, Self
 
 from servolink.transports.base import Transport
+from servolink.transports.device import DeviceTransport
 from servolink.transports.faults import Faults
 from servolink.transports.faulty import FaultyTransport
+from servolink.transports.hid import HidDevice
 from servolink.transports.memory import MemoryTransport
+from servolink.transports.owner import Device
 from servolink.transports.recording import RecordingTransport
 from servolink.transports.registry import create
+from servolink.transports.usb import UsbDevice
+from servolink.transports.usb_id import UsbId
+from tests.transports.fake_hid import KERNEL_QUEUE, FakeHid
+from tests.transports.fake_usb import PACKET, FakeUsb
 
 P = ParamSpec("P")
 FLOOD = 1_000_000  # bytes: more than any system takes while the far end does not read
@@ -88,6 +96,7 @@ class Wire(ABC):
     """A transport, the receiver it is opened with, and the far end."""
 
     presses_back = True  # whether a far end that does not read makes the sender wait
+    is_buffered = True  # whether the system takes a short frame for a far end that does not read
     transport: Transport
 
     def __init__(self, wrap: Callable[[Transport], Transport] = lambda inner: inner) -> None:
@@ -239,10 +248,102 @@ class MemoryWire(Wire):
         """Memory always takes all."""
 
 
+def hear_in(loop: asyncio.AbstractEventLoop, ear: Ear, data: bytes) -> None:
+    """Hear what comes in another thread, which goes on when it is heard, as a board takes one thing at a time."""
+    heard = threading.Event()
+
+    def hear() -> None:
+        ear.data(data)
+        heard.set()
+
+    loop.call_soon_threadsafe(hear)
+    heard.wait(LIMIT)
+
+
+class HidWire(Wire):
+    """The HID transport, and a board where hidapi would find one."""
+
+    is_buffered = False
+
+    def __init__(self, node: Path) -> None:
+        super().__init__()
+        self.hid = FakeHid(node)
+
+    async def start(self) -> Transport:
+        self._loop = asyncio.get_running_loop()
+        self.hid.heard = self._take
+        return Measuring("hid://1209:0001", HidDevice(self.hid, "hid://1209:0001", UsbId()))
+
+    async def say(self, data: bytes) -> None:
+        for start in range(0, len(data), 64):
+            while len(self.hid.reports) >= KERNEL_QUEUE:  # a board sends when it is asked, a report each millisecond
+                await asyncio.sleep(0)
+            self.hid.bring(data[start : start + 64])
+
+    async def vanish(self) -> None:
+        self.hid.unplug()
+
+    def deafen(self) -> None:
+        self.hid.set(deaf=True)
+
+    def listen(self) -> None:
+        self.hid.set(deaf=False)
+
+    def _take(self, report: bytes) -> None:
+        """Hear a report without what it is filled with, which the contract knows nothing of."""
+        assert isinstance(self.transport, Measuring)
+        assert report[0] == 0
+        assert len(report) == 65
+        wanted = self.transport.lengths
+        data, wanted[0] = report[1 : 1 + min(64, wanted[0])], max(0, wanted[0] - 64)
+        assert not any(report[1 + len(data) :])
+        if not wanted[0]:
+            wanted.popleft()
+        hear_in(self._loop, self.far, data)
+
+
+class Measuring(DeviceTransport):
+    """Notes the length of each frame."""
+
+    def __init__(self, url: str, device: Device) -> None:
+        super().__init__(url, device)
+        self.lengths: deque[int] = deque()
+
+    async def send(self, data: bytes) -> None:
+        if data:
+            self.lengths.append(len(data))
+        await super().send(data)
+
+
+class UsbWire(Wire):
+    """The USB transport under the real pyusb, and a board where libusb would find one."""
+
+    is_buffered = False
+
+    async def start(self) -> Transport:
+        self.usb = FakeUsb()
+        self.usb.heard = functools.partial(hear_in, asyncio.get_running_loop(), self.far)
+        return DeviceTransport("usb://1209:0001", UsbDevice("usb://1209:0001", UsbId(), library=self.usb))
+
+    async def say(self, data: bytes) -> None:
+        self.usb.bring(*(data[start : start + PACKET] for start in range(0, len(data) + 1, PACKET)))
+
+    async def vanish(self) -> None:
+        self.usb.unplug()
+
+    def deafen(self) -> None:
+        self.usb.set(deaf=True)
+
+    def listen(self) -> None:
+        self.usb.set(deaf=False)
+
+
 WIRES: dict[str, Callable[[Path], Wire]] = {
     "serial": lambda _: PtyWire(),
     "tcp": lambda _: TcpWire(),
     "memory": lambda _: MemoryWire(),
+    "hid": lambda folder: HidWire(folder / "hidraw0"),
+    "usb": lambda _: UsbWire(),
     "faulty": lambda _: TcpWire(lambda inner: FaultyTransport(inner, Faults())),
     "recording": lambda folder: PtyWire(lambda inner: RecordingTransport(inner, _fresh(folder))),
 }
