@@ -1,4 +1,4 @@
-"""`servolink events`: button events as they come."""
+"""`servolink events`: button events as they come, also after the board was gone for a while."""
 
 from __future__ import annotations
 
@@ -26,17 +26,27 @@ def run(args: argparse.Namespace) -> int:
         async with board.button_events() as events:
             print("listening for button events until Ctrl-C", file=sys.stderr, flush=True)
             interruption.state, interruption.code = "no more events are shown", OK
+            telling = asyncio.create_task(_tell_states(board))
             try:
                 async with asyncio.timeout(args.seconds):
                     await _print_events(events, args)
             except TimeoutError:
                 pass
             finally:
+                telling.cancel()
                 if events.dropped:
                     print(f"servolink: {events.dropped} events came too fast and were lost", file=sys.stderr)
         return OK
 
-    return converse(args, talk)
+    return converse(args, talk, reconnect=True)
+
+
+async def _tell_states(board: Board) -> None:
+    async for state in board.states():
+        if state == "lost":
+            print("servolink: the connection is lost; trying to get it back", file=sys.stderr, flush=True)
+        elif board.stats.reconnects:
+            print("servolink: the board is back", file=sys.stderr, flush=True)
 
 
 async def _print_events(events: ButtonEvents, args: argparse.Namespace) -> None:
