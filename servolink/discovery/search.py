@@ -8,7 +8,7 @@ from importlib import import_module
 from servolink.transports.candidate import Candidate
 
 _KINDS = (
-    "servolink.transports.serial",
+    "servolink.transports.serial_ports",
     "servolink.transports.hid_devices",
     "servolink.transports.usb_devices",
     "servolink.discovery.served",

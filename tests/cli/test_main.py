@@ -14,7 +14,7 @@ import pytest
 
 import servolink
 from servolink import api
-from servolink.cli import session
+from servolink.cli import choosing, session
 from servolink.cli.main import COMMANDS, EXIT_CODES
 from servolink.client.connect import connect
 from tests.cli.programs import COMMAND, call, environment, program
@@ -85,9 +85,12 @@ def test_help_names_the_exit_codes(command: str | None, capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize("command", ["info", "servos", "stop", "actions", "events", "bench"])
-def test_without_an_address_it_says_what_to_write(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_board_it_says_what_to_write(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(choosing, "search", list)
     said = call(capsys, command)
-    assert said.code == 2
+    assert said.code == 3
     assert all(text in said.err for text in ("SERVOLINK_URL", "serial:///dev/ttyACM0", "tcp://", "virtual://"))
     assert said.out == ""
 
