@@ -102,7 +102,7 @@ class OpenUsb:
             taken = self._device.write(self._endpoints.outgoing, piece, _TRANSFER_LIMIT)
         except usb.core.USBTimeoutError:
             return piece
-        except usb.core.USBError as error:
+        except (usb.core.USBError, ValueError) as error:  # ValueError: gone before its descriptors were needed
             self._recover(self._endpoints.outgoing, error)
             return None  # nobody knows how much was taken, and what is sent again could be done twice
         return piece[taken:] if taken < len(piece) else None
@@ -118,7 +118,7 @@ class OpenUsb:
             packet = bytes(self._device.read(self._endpoints.incoming, self._endpoints.incoming_size, _TRANSFER_LIMIT))
         except usb.core.USBTimeoutError:
             return None
-        except usb.core.USBError as error:
+        except (usb.core.USBError, ValueError) as error:  # ValueError: gone before its descriptors were needed
             self._recover(self._endpoints.incoming, error)
             return b""
         self._halts = 0

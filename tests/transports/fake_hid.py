@@ -11,7 +11,7 @@ from typing import Any
 VENDOR_DESCRIPTOR = bytes.fromhex("0600ff0901a101150026ff00750895400901810209029102c0")
 """Usage page 0xFF00, one input and one output report of 64 bytes, no ids."""
 KERNEL_QUEUE = 63  # reports that Linux keeps for a reader; later ones are lost
-HASTE = 50  # waiting for nothing takes this much less time than on a real device
+HASTE = 50.0  # waiting for nothing takes this much less time than on a real device
 
 
 class FakeHid:
@@ -37,6 +37,7 @@ class FakeHid:
         self.reports: deque[bytes] = deque()
         self.lost = 0  # reports for which there was no room
         self.there = True
+        self.haste = HASTE
         self.deaf = False
         self.read_stuck = False
         self.refused = False  # whether a write fails
@@ -98,7 +99,7 @@ class FakeHandle:
             hid.misuse.append("read without a limit or an open device")
         with hid.change:
             self._busy += 1
-            hid.change.wait_for(lambda: hid.ready, timeout_ms / 1000 / HASTE)
+            hid.change.wait_for(lambda: hid.ready, timeout_ms / 1000 / hid.haste)
             hid.change.wait_for(lambda: not hid.read_stuck)
             self._busy -= 1
             if not hid.there:

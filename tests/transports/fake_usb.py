@@ -13,7 +13,7 @@ from typing import Any
 import usb.core  # type: ignore[import-untyped]
 
 PACKET = 64
-HASTE = 50  # waiting for nothing takes this much less time than on a real device
+HASTE = 50.0  # waiting for nothing takes this much less time than on a real device
 IN, OUT = 0x81, 0x01
 STRINGS = {1: "Acme", 2: "Servo board", 3: "SN 1"}
 
@@ -50,6 +50,7 @@ class FakeUsb:
         self.change = threading.Condition()
         self.packets: deque[bytes] = deque()
         self.there = True
+        self.haste = HASTE
         self.count = 1  # such devices
         self.deaf = False
         self.read_stuck = False
@@ -216,7 +217,7 @@ class FakeUsb:
             self._busy += 1
             self.change.wait_for(
                 lambda: not self.there or ep in self.halted or bool(self.packets and not self.read_stuck),
-                timeout / 1000 / HASTE,
+                timeout / 1000 / self.haste,
             )
             self.change.wait_for(lambda: not self.read_stuck)
             self._busy -= 1
@@ -234,7 +235,7 @@ class FakeUsb:
             self.misuse.append(f"write within {timeout} ms")
         with self.change:
             self._busy += 1
-            self.change.wait_for(lambda: not self.deaf or self.part is not None, timeout / 1000 / HASTE)
+            self.change.wait_for(lambda: not self.deaf or self.part is not None, timeout / 1000 / self.haste)
             self.change.wait_for(lambda: not self.write_stuck)
             self._busy -= 1
             self._look(ep)
