@@ -66,6 +66,6 @@ __all__ = [
     "TransportError",
     "TransportUnavailable",
     "connect",
-    "reconnecting",
     "discover",
+    "reconnecting",
 ]

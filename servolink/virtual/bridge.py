@@ -57,7 +57,8 @@ class _Mouth:
         self._patient = patient
 
     def data(self, chunk: bytes) -> None:
-        # The answers to one chunk may exceed the limit by any amount: a host that asks a lot at once does nothing wrong.
+        # The answers to one chunk may exceed the limit by any amount: a host that asks a lot at once does nothing
+        # wrong.
         if self._writer.transport.get_write_buffer_size() <= MOST_WAITING:
             self._writer.write(chunk)
         elif not self._patient:

@@ -33,10 +33,7 @@ def test_events_go_on_when_the_board_is_back(tmp_path: Path) -> None:
         told = [events.stderr.readline() for _ in range(2)]
         server, _ = serve(address, script)
         told.append(events.stderr.readline())
-        for line in events.stdout:
-            after = json.loads(line)
-            if after["seconds"] > before["seconds"] + 0.3:
-                break
+        after = next(event for event in map(json.loads, events.stdout) if event["seconds"] > before["seconds"] + 0.3)
     finally:
         events.terminate()
         finished(events)

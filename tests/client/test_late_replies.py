@@ -57,7 +57,8 @@ class PlainClient:
     async def request(self, packet: Request[Any]) -> Response:
         async with self._turn:
             for _ in range(3):
-                future = self._futures[packet.packet_id + 1] = asyncio.get_running_loop().create_future()
+                future: asyncio.Future[Response] = asyncio.get_running_loop().create_future()
+                self._futures[packet.packet_id + 1] = future
                 await self._transport.send(self._codec.encode(packet))
                 await asyncio.wait((future,), timeout=TIMEOUT)
                 if future.done():
@@ -67,7 +68,7 @@ class PlainClient:
 
 async def converse(client: Any, board: NumberedBoard, requests: int, seed: int) -> dict[str, int]:
     """Ask one thing after another, cancel some, and count the answers by whether they are right."""
-    outcomes = dict.fromkeys(("right", "wrong", "unanswered", "cancelled"), 0)
+    outcomes: dict[str, int] = dict.fromkeys(("right", "wrong", "unanswered", "cancelled"), 0)
     chance = random.Random(seed)
 
     async def ask(call: int, packet: Request[Any]) -> None:
@@ -87,7 +88,7 @@ async def converse(client: Any, board: NumberedBoard, requests: int, seed: int) 
         if chance.random() < 0.02:
             await asyncio.sleep(chance.uniform(0, 0.01))
             task.cancel()
-        done, _ = await asyncio.wait((task,))
+        await asyncio.wait((task,))
         outcomes["cancelled"] += task.cancelled()
         await asyncio.sleep(0.005 if chance.random() < 0.5 else 0)
     return outcomes

@@ -13,7 +13,6 @@ from servolink.virtual.pacemaker import Pacemaker
 from tests.virtual.host import Host
 from tests.virtual_time import VirtualTimeLoop
 
-
 Ts = TypeVarTuple("Ts")
 
 
