@@ -12,7 +12,7 @@ from time import process_time_ns
 from typing import Any
 
 Result = dict[str, Any]
-"""What a benchmark found, ready for JSON; `failed` lists the goals it missed."""
+"""What a benchmark found, ready for JSON; `wrong` and `slow` list the goals it missed."""
 
 
 @dataclass(frozen=True)
