@@ -71,4 +71,5 @@ def _resolve(name: str | None) -> str:
 def _device(url: str) -> str:
     """Return the device that `url` leads to, whichever of its names is written there."""
     address = Address.parse(url)
-    return os.path.realpath(address.host + address.path) if address.path else address.host.upper()
+    device = address.host + address.path
+    return os.path.realpath(device) if "/" in device else device.upper()

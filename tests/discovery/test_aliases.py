@@ -1,0 +1,87 @@
+"""Names for boards survive being written and read, and a damaged file is one clear error and is not overwritten."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servolink.discovery.aliases import Alias, _toml, aliases_path, is_name, load_aliases, save_alias
+from servolink.errors import TransportUnavailable
+
+TEXTS = st.text(st.characters(exclude_categories=["Cs"]))
+
+
+@pytest.fixture(autouse=True)
+def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    path = aliases_path()
+    assert path.is_relative_to(tmp_path)
+    return path
+
+
+@pytest.mark.parametrize("text", ["left-arm", "a", "Robot_7", "9", "com", "comet", "com3x", "x" * 64])
+def test_a_name_is_letters_digits_and_dashes(text: str) -> None:
+    assert is_name(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "COM3", "com12", "/dev/x", "a b", "virtual://", "a.b", "-a", "é", "a\n", "x" * 65, "٣"]
+)
+def test_an_address_is_no_name(text: str) -> None:
+    assert not is_name(text)
+
+
+def test_names_are_kept(path: Path) -> None:
+    assert load_aliases() == {}
+    save_alias("left", Alias("serial:///dev/ttyACM0?baudrate=9600", "A1"))
+    save_alias("right", Alias("tcp://pi:9000"))
+    save_alias("left", Alias("serial:///dev/ttyACM1", "A2"))
+    assert load_aliases() == {"left": Alias("serial:///dev/ttyACM1", "A2"), "right": Alias("tcp://pi:9000")}
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+
+@given(TEXTS, TEXTS)
+def test_any_text_of_a_device_can_be_kept(url: str, serial_number: str) -> None:
+    written = tomllib.loads(_toml({"name": Alias(url, serial_number)}))["boards"]["name"]
+    assert (written["url"], written.get("serial_number", "")) == (url, serial_number)
+
+
+@pytest.mark.parametrize(
+    ("content", "named"),
+    [
+        (b"[boards", "at end of document"),
+        (b"\xff", "utf-8"),
+        (b"boards = 3", "$.boards"),
+        (b"[boards.a]\nurl = 3", "$.boards"),
+        (b"[boards.a]\nport = 'x'", "port"),
+        (b"[boards.'a b']\nurl = 'x'", "'a b' is no name"),
+        (b"[colours]", "colours"),
+        (b"x = " + b"[" * 5000, ""),
+    ],
+)
+def test_a_damaged_file_is_one_clear_error_and_is_left_alone(content: bytes, named: str, path: Path) -> None:
+    path.parent.mkdir()
+    path.write_bytes(content)
+    for use in (load_aliases, lambda: save_alias("b", Alias("virtual://"))):
+        with pytest.raises(TransportUnavailable) as refused:
+            use()
+        assert str(path) in str(refused.value)
+        assert named in str(refused.value)
+    assert path.read_bytes() == content
+
+
+def test_a_write_that_fails_leaves_the_file_as_it_was(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    save_alias("left", Alias("virtual://"))
+
+    def no_space(self: Path, target: Path) -> Path:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", no_space)
+    with pytest.raises(OSError, match="No space"):
+        save_alias("right", Alias("virtual://"))
+    monkeypatch.undo()
+    assert [file.name for file in path.parent.iterdir()] == [path.name]

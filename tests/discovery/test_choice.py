@@ -1,0 +1,61 @@
+"""What belongs to one board is one board, and the only one is taken."""
+
+from __future__ import annotations
+
+import pytest
+
+from servolink.discovery.choice import boards, only
+from servolink.errors import OpenError
+from servolink.transports.candidate import Candidate
+
+SERIAL = Candidate("serial:///dev/ttyACM0", "board", "A1")
+HID = Candidate("hid://1234:5678/A1", "board", "A1")
+USB = Candidate("usb://1234:5678/A1", "board", "A1", "no permission")
+OTHER = Candidate("serial:///dev/ttyUSB0", "adapter")
+
+
+def forbidden(candidate: Candidate) -> Candidate:
+    return Candidate(candidate.url, candidate.product, candidate.serial_number, "no permission")
+
+
+@pytest.mark.parametrize(
+    ("candidates", "found"),
+    [
+        ([], []),
+        ([SERIAL, HID, USB], [SERIAL]),
+        ([forbidden(SERIAL), HID], [HID]),
+        ([forbidden(SERIAL), USB], [forbidden(SERIAL)]),
+        ([SERIAL, OTHER], [SERIAL, OTHER]),
+        (
+            [OTHER, Candidate("serial:///dev/ttyUSB1", "adapter")],
+            [OTHER, Candidate("serial:///dev/ttyUSB1", "adapter")],
+        ),
+    ],
+)
+def test_a_board_is_reached_in_several_ways(candidates: list[Candidate], found: list[Candidate]) -> None:
+    assert boards(candidates) == found
+
+
+def test_a_number_that_two_ports_have_tells_nothing() -> None:
+    twin = Candidate("serial:///dev/ttyACM1", "board", "A1")
+    assert boards([SERIAL, twin]) == [SERIAL, twin]
+
+
+def test_the_only_board_is_taken() -> None:
+    assert only([SERIAL, HID]) == SERIAL.url
+    assert only([SERIAL, forbidden(OTHER)]) == SERIAL.url
+
+
+@pytest.mark.parametrize(
+    ("candidates", "named"),
+    [([], ["servolink doctor"]), ([USB], [USB.url, "no permission"]), ([SERIAL, OTHER], [SERIAL.url, OTHER.url])],
+)
+def test_otherwise_it_says_what_is_here(candidates: list[Candidate], named: list[str]) -> None:
+    with pytest.raises(OpenError) as refused:
+        only(candidates)
+    assert all(text in str(refused.value) for text in named)
+
+
+def test_what_a_device_calls_itself_is_made_safe() -> None:
+    with pytest.raises(OpenError, match=r"hid://1:2/\\x1b\[2J"):
+        only([SERIAL, Candidate("hid://1:2/\x1b[2J", serial_number="\x1b[2J")])

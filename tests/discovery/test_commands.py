@@ -1,0 +1,152 @@
+"""`servolink list` and `servolink use`, and what other commands do without an address."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from servolink.cli import choosing, use
+from servolink.cli import list as list_command
+from servolink.transports.candidate import Candidate
+from tests.cli.programs import call, finished, in_terminal, program, started
+
+BOARD = Candidate("virtual://?servos=3", "toy board", "A1")
+CLOSED = Candidate("hid://1234:5678/B2", "other \x1b[31mboard", "B2", "no permission for /dev/hidraw0")
+PORT = Candidate("serial:///dev/ttyACM7", "board", "C3")
+
+
+@pytest.fixture(autouse=True)
+def _own_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SERVOLINK_URL", raising=False)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+
+
+@pytest.fixture(name="here")
+def _here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Let these be all that is found."""
+
+    def here(*candidates: Candidate) -> None:
+        async def discover() -> list[Candidate]:
+            return list(candidates)
+
+        for module in (choosing, use):
+            monkeypatch.setattr(module, "search", lambda: list(candidates))
+        monkeypatch.setattr(list_command, "discover", discover)
+
+    return here
+
+
+@pytest.fixture(name="two_served")
+def _two_served() -> Iterator[list[str]]:
+    """Serve two boards, with 2 and 3 servos."""
+    servers = [started("virtual", "--tcp", "127.0.0.1:0", "--servos", servos) for servos in ("2", "3")]
+    try:
+        yield [server.stdout.readline().split()[1] for server in servers if server.stdout]
+    finally:
+        for server in servers:
+            server.terminate()
+            finished(server)
+
+
+def test_list_shows_what_is_here_and_what_is_in_the_way(
+    here: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    here(BOARD, CLOSED)
+    said = call(capsys, "list")
+    assert said.code == 0
+    _, first, second = said.out.splitlines()
+    assert first.split("  ")[0] == BOARD.url
+    assert "no permission for /dev/hidraw0" in second
+    assert "\x1b" not in said.out
+
+
+def test_list_without_a_board_is_3(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
+    here()
+    said = call(capsys, "list")
+    assert (said.code, said.out) == (3, "")
+    assert "servolink doctor" in said.err
+    said = call(capsys, "list", "--json")
+    assert (said.code, said.json) == (3, {"boards": []})
+
+
+def test_list_names_boards(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
+    here(BOARD, PORT)
+    assert call(capsys, "use", "left", "serial:///dev/ttyACM7").code == 0
+    assert call(capsys, "use", "gone", "serial:///dev/ttyACM9").code == 0
+    here(BOARD, Candidate("serial:///dev/ttyACM8", "board", "C3"))
+    boards = call(capsys, "list", "--json").json["boards"]
+    assert [(board["url"], board["name"]) for board in boards] == [(BOARD.url, None), ("serial:///dev/ttyACM8", "left")]
+
+
+def test_list_asks_each_only_with_probe(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
+    here(BOARD, Candidate("serial:///dev/nowhere"))
+    assert "answer" not in call(capsys, "list", "--json").json["boards"][0]
+    answered, absent = call(capsys, "list", "--probe", "--json").json["boards"]
+    assert answered["answer"]["byte_order"] == "little"
+    assert (absent["answer"], "there is no /dev/nowhere" in absent["problem"]) == (None, True)
+    assert "project id 0, little byte order" in call(capsys, "list", "--probe").out
+
+
+def test_use_says_what_the_name_stands_for(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
+    here(PORT)
+    assert "serial number C3, on whatever port" in call(capsys, "use", "left", "/dev/ttyACM7").out
+    said = call(capsys, "use", "toy", "virtual://?servos=3", "--json")
+    assert said.json == {"name": "toy", "url": "virtual://?servos=3", "serial_number": ""}
+    assert call(capsys, "--url", "toy", "info", "--json").json["servos"] == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"), [(("COM3", "virtual://"), 2), (("a b", "virtual://"), 2), (("toy", "no address"), 3)]
+)
+def test_use_refuses_what_would_not_be_found_again(
+    arguments: tuple[str, str], code: int, here: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    here()
+    said = call(capsys, "use", *arguments)
+    assert (said.code, said.out) == (code, "")
+    assert not list(Path().glob("boards.toml"))
+
+
+def test_a_command_takes_the_only_board(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
+    here(BOARD, CLOSED)
+    assert call(capsys, "info", "--json").json["servos"] == 3
+
+
+def test_the_only_board_may_be_closed(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
+    here(CLOSED)
+    said = call(capsys, "info")
+    assert (said.code, said.out) == (3, "")
+    assert "no permission for /dev/hidraw0" in said.err
+
+
+def test_several_boards_are_wrong_usage_for_a_program(two_served: list[str]) -> None:
+    said = program("info")
+    assert (said.code, said.out) == (2, "")
+    assert all(f"--url {url}" in said.err for url in two_served)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")
+def test_somebody_at_a_terminal_is_asked(two_served: list[str]) -> None:
+    said = in_terminal("servos", typed="2\n")
+    assert said.code == 0
+    assert all(url in said.out for url in two_served)
+    assert "Which one?" in said.out
+    assert in_terminal("servos", typed="3\n").code == 2
+
+
+def test_served_boards_are_found_and_asked(two_served: list[str]) -> None:
+    boards = program("list", "--probe", "--json").json["boards"]
+    served = {board["url"]: board["answer"]["project_id"] for board in boards if board["url"] in two_served}
+    assert served == dict.fromkeys(two_served, 0)
+    assert asyncio.run(_discovered()) >= set(two_served)
+
+
+async def _discovered() -> set[str]:
+    import servolink
+
+    return {candidate.url for candidate in await servolink.discover()}

@@ -1,0 +1,95 @@
+"""A name leads to its board on whatever port, and no address at all to the only board."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import servolink
+from servolink.discovery import resolve, search
+from servolink.discovery.aliases import Alias, save_alias
+from servolink.discovery.resolve import alias_for, current_url, resolved
+from servolink.errors import OpenError, TransportUnavailable
+from servolink.transports.candidate import Candidate
+
+BOARD = Candidate("serial:///dev/ttyACM0", "board", "A1")
+MOVED = Candidate("serial:///dev/ttyACM7", "board", "A1")
+
+
+@pytest.fixture(autouse=True)
+def _own_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+
+
+@pytest.fixture(name="here")
+def _here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    def here(*candidates: Candidate) -> None:
+        monkeypatch.setattr(resolve, "search", lambda: list(candidates))
+
+    return here
+
+
+@pytest.mark.parametrize("address", ["virtual://", "/dev/ttyACM0", "COM3", "no address", ""])
+def test_an_address_is_left_as_it_is(address: str) -> None:
+    assert asyncio.run(resolved(address)) == address
+
+
+def test_a_name_follows_its_board_and_keeps_its_options(here: Callable[..., None]) -> None:
+    save_alias("left", alias_for("serial:///dev/ttyACM0?baudrate=9600", [BOARD]))
+    here(Candidate("hid://1:2/A1", "board", "A1"), MOVED)
+    assert asyncio.run(resolved("left")) == "serial:///dev/ttyACM7?baudrate=9600"
+
+
+def test_a_bare_device_path_is_the_same_device(tmp_path: Path) -> None:
+    link = tmp_path / "by-id"
+    link.symlink_to("/dev/ttyACM0")
+    for url in ("/dev/ttyACM0", f"serial://{link}", str(link)):
+        assert alias_for(url, [BOARD]).serial_number == "A1"
+    assert alias_for("COM3", [Candidate("serial://COM3", "", "C3")]).serial_number == "C3"
+
+
+@pytest.mark.parametrize("url", ["tcp://pi:9000", "hid://1:2/A1", "serial:///dev/ttyUSB5"])
+def test_what_has_no_number_or_needs_none_is_kept_by_its_address(url: str) -> None:
+    assert alias_for(url, [BOARD]) == Alias(url)
+    assert current_url("x", Alias(url), [BOARD]) == url
+
+
+def test_a_board_that_is_away_or_not_the_only_one_of_its_number_is_said_so() -> None:
+    alias = Alias(BOARD.url, "A1")
+    with pytest.raises(OpenError, match="left is the board with serial number A1, which is not here"):
+        current_url("left", alias, [])
+    with pytest.raises(OpenError, match=r"ttyACM0, serial:///dev/ttyACM7"):
+        current_url("left", alias, [BOARD, MOVED])
+
+
+def test_an_unknown_name_lists_the_known_ones() -> None:
+    save_alias("left", Alias("virtual://"))
+    with pytest.raises(TransportUnavailable, match=r"known: left\).*servolink use lfet URL"):
+        asyncio.run(resolved("lfet"))
+
+
+def test_nothing_at_all_is_the_only_board(here: Callable[..., None]) -> None:
+    here(BOARD)
+    assert asyncio.run(resolved(None)) == BOARD.url
+    here(BOARD, Candidate("tcp://127.0.0.1:1"))
+    with pytest.raises(OpenError, match="2 boards are here"):
+        asyncio.run(resolved(None))
+
+
+def test_programs_connect_to_the_only_board_and_by_name(here: Callable[..., None]) -> None:
+    here(Candidate("virtual://?servos=5"))
+    save_alias("toy", Alias("virtual://?servos=2"))
+
+    async def count() -> tuple[int, int]:
+        async with servolink.connect() as board, servolink.connect("toy") as toy:
+            return len(await board.servo_ids()), len(await toy.servo_ids())
+
+    assert asyncio.run(count()) == (5, 2)
+
+
+def test_discover_is_search_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "search", lambda: [BOARD])
+    assert asyncio.run(servolink.discover()) == [BOARD]
