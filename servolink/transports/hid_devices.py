@@ -129,9 +129,7 @@ class HidInterface:
     def problem(self) -> str:
         """Why it cannot be opened, and what to do; empty if nothing is known."""
         path = os.fsdecode(self.path)
-        if not os.path.exists(path) or may_use(path):  # noqa: PTH110 - on other systems the path is no file
-            return ""
-        return f"no permission for {printable(path)}; {UDEV_CURE}"
+        return "" if may_use(path) else f"no permission for {printable(path)}; {UDEV_CURE}"
 
     def has_page(self, wanted: int | None) -> bool:
         """Tell whether it has the usage page `wanted`, or for None one that is the maker's own."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import errno
-import os
 from collections.abc import Callable
 from typing import Any
 from urllib.parse import quote
@@ -136,16 +135,10 @@ def candidates() -> list[Candidate]:
             "serial://" + quote(port.device),
             port.product or "",
             port.serial_number or "",
-            _problem(port.device),
+            "" if may_use(port.device) else f"no permission for {printable(port.device)}; {_GROUP_CURE}",
         )
         for port in list_ports.comports()
     ]
-
-
-def _problem(device: str) -> str:
-    if not os.path.exists(device) or may_use(device):  # noqa: PTH110 - on Windows, a port is no file
-        return ""
-    return f"no permission for {printable(device)}; {_GROUP_CURE}"
 
 
 def from_address(address: Address) -> SerialTransport:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -59,8 +59,8 @@ class UsbInterface:
     @property
     def problem(self) -> str:
         """Why it cannot be opened, and what to do; empty if nothing is known."""
-        node = node_of(self.device)
-        if node is not None and not may_use(str(node)):
+        node = _NODES / f"{self.device.bus or 0:03d}" / f"{self.device.address or 0:03d}"
+        if not may_use(str(node)):
             return f"no permission for {node}; {UDEV_CURE}"
         if self.driver == "usbfs":
             return "it is in use by another program; close that"
@@ -103,11 +103,12 @@ def backend() -> Any:
 def boards(library: Any, wanted: UsbId | None = None, number: int | None = None) -> list[UsbInterface]:
     """List what can be a board and fits; what a kernel driver uses, as of serial adapters, only if its id is given."""
     wanted = wanted or UsbId()
+    of_its_kind = replace(wanted, serial_number="")  # the serial number is asked of these only
     found: list[UsbInterface] = []
     devices: Any = usb.core.find(find_all=True, backend=library)
     for device in devices:
         fitting = list(_bulk_interfaces(device, number))
-        if fitting and wanted.fits(device.idVendor, device.idProduct, ""):
+        if fitting and of_its_kind.fits(device.idVendor, device.idProduct, ""):
             serial_number, product, manufacturer = _texts(device)
             if wanted.fits(device.idVendor, device.idProduct, serial_number):
                 found += [
@@ -141,12 +142,6 @@ def _bulk_interfaces(device: Any, number: int | None) -> Iterator[tuple[Any, Any
 def _can_be_board(interface: Any) -> bool:
     directions = {each.bEndpointAddress & 0x80 for each in interface if each.bmAttributes & 3 == _BULK}
     return interface.bInterfaceClass == _VENDOR_CLASS and len(directions) == 2
-
-
-def node_of(device: Any) -> Path | None:
-    """Return the file through which Linux gives access to a device, if there is one."""
-    node = _NODES / f"{device.bus or 0:03d}" / f"{device.address or 0:03d}"
-    return node if node.exists() else None
 
 
 def _description(device: Any) -> Path | None:
