@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from servolink.client.link import Link
-from servolink.errors import OutcomeUnknown, RequestTimeout
+from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.frame import HEADER
 from servolink.protocol.joystick import ButtonEventResponse
@@ -283,10 +283,12 @@ def test_events_go_to_whoever_wants_them_and_noise_is_counted() -> None:
     run(main())
 
 
-def test_bytes_after_the_end_change_nothing() -> None:
+def test_what_comes_after_the_end_changes_nothing() -> None:
     async def main() -> None:
         board = FakeBoard()
         async with linked(board) as link:
+            ends: list[ConnectionLost] = []
+            link.answers.on_end = ends.append
             waiting = asyncio.create_task(link.request(QueryServoListRequest()))
             await turns_of_the_loop(3)
             board.vanish()
@@ -294,6 +296,9 @@ def test_bytes_after_the_end_change_nothing() -> None:
             link.answers.lost(OSError("again"))
             await asyncio.wait((waiting,))
             assert "device disconnected" in str(waiting.exception())
+            assert link.answers.ended is ends[0]
+            assert "device disconnected" in str(ends[0])
+            assert len(ends) == 1
 
     run(main())
 

@@ -133,6 +133,20 @@ def test_a_late_answer_rescues_the_retry_of_the_same_query() -> None:
     run(main())
 
 
+def test_a_late_answer_rescues_at_once_though_the_fence_is_never_answered() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        board.plan(QueryActionRequest, Fate(after=1.2, says=QueryActionResponse(7, "late")))
+        for kind in FENCE_KINDS:
+            board.plan(kind, LOST)
+        async with linked(board) as link:
+            begun = now()
+            assert (await link.request(QueryActionRequest(7))).action_caption == "late"
+            assert now() == pytest.approx(begun + 1.2)
+
+    run(main())
+
+
 def test_a_late_answer_rescues_nobody_who_asked_after_it() -> None:
     """The board was asked when things were different; only who asked then wants that answer."""
 
@@ -254,6 +268,7 @@ def test_the_link_ends_when_no_fence_is_left_and_the_board_stays_silent() -> Non
                     for error in await asyncio.gather(*requests, return_exceptions=True)
                     if isinstance(error, Exception)
                 ]
+            assert now() - begun < 11  # eight timeouts without any answer, and the request during which they end
             assert isinstance(errors[-1], ConnectionLost)
             assert isinstance(errors[-1].__cause__, TimeoutError)
             with pytest.raises(ConnectionLost, match="answered none of the queries"):
@@ -279,6 +294,8 @@ def test_a_board_that_only_answers_late_is_waited_for_and_not_given_up() -> None
     async def main() -> None:
         board = FakeBoard()
         async with linked(board) as link:
+            await link.request(QueryServoListRequest())
+            await asyncio.sleep(60)  # idle is not silent
             await leave_all_fences_owed(link, board)
             board.plan(QueryServoListRequest, late(2.0))
             with pytest.raises(RequestTimeout):
