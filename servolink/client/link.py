@@ -63,7 +63,6 @@ class Link:
         self._lanes = Lanes()
         self._turns = Turns(window)
         self._fences = deque(FENCES)
-        self._patience = timeout
         self.answers = Answers(transport.url, codec, self._lanes, self._turns, self._loop.time, stats or Stats())
 
     @property
