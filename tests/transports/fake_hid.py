@@ -40,6 +40,7 @@ class FakeHid:
         self.haste = HASTE
         self.deaf = False
         self.read_stuck = False
+        self.is_stuck = False  # whether a read is, by now
         self.refused = False  # whether a write fails
         self.handles: set[FakeHandle] = set()  # the open ones
         self.misuse: list[str] = []
@@ -100,6 +101,7 @@ class FakeHandle:
         with hid.change:
             self._busy += 1
             hid.change.wait_for(lambda: hid.ready, timeout_ms / 1000 / hid.haste)
+            hid.is_stuck = hid.read_stuck
             hid.change.wait_for(lambda: not hid.read_stuck)
             self._busy -= 1
             if not hid.there:

@@ -54,6 +54,7 @@ class FakeUsb:
         self.count = 1  # such devices
         self.deaf = False
         self.read_stuck = False
+        self.is_stuck = False  # whether a read is, by now
         self.write_stuck = False
         self.part: int | None = None  # bytes that the next write takes before its time is over
         self.halted: set[int] = set()
@@ -65,7 +66,7 @@ class FakeUsb:
         self.claimed: set[int] = set()
         self.calls: list[str] = []
         self.misuse: list[str] = []
-        self._busy = 0
+        self._busy: list[object] = []  # the handles of the transfers under way
 
     def bring(self, *packets: bytes) -> None:
         """Send packets to the program."""
@@ -158,7 +159,7 @@ class FakeUsb:
         return handle
 
     def close_device(self, dev_handle: object) -> None:
-        if self._busy:
+        if dev_handle in self._busy:
             self.misuse.append("closed during a transfer")
         self.handles.remove(dev_handle)
 
@@ -214,13 +215,14 @@ class FakeUsb:
         if timeout < 250 or len(buff) % PACKET or dev_handle not in self.handles:
             self.misuse.append(f"read of {len(buff)} bytes within {timeout} ms")
         with self.change:
-            self._busy += 1
+            self._busy.append(dev_handle)
             self.change.wait_for(
                 lambda: not self.there or ep in self.halted or bool(self.packets and not self.read_stuck),
                 timeout / 1000 / self.haste,
             )
+            self.is_stuck = self.read_stuck
             self.change.wait_for(lambda: not self.read_stuck)
-            self._busy -= 1
+            self._busy.remove(dev_handle)
             self._look(ep)
             if not self.packets:
                 raise usb.core.USBTimeoutError("timed out", -7, errno.ETIMEDOUT)
@@ -234,10 +236,10 @@ class FakeUsb:
         if timeout < 250 or dev_handle not in self.handles:
             self.misuse.append(f"write within {timeout} ms")
         with self.change:
-            self._busy += 1
+            self._busy.append(dev_handle)
             self.change.wait_for(lambda: not self.deaf or self.part is not None, timeout / 1000 / self.haste)
             self.change.wait_for(lambda: not self.write_stuck)
-            self._busy -= 1
+            self._busy.remove(dev_handle)
             self._look(ep)
             if self.deaf and self.part is None:
                 raise usb.core.USBTimeoutError("timed out", -7, errno.ETIMEDOUT)

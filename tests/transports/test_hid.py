@@ -2,10 +2,8 @@ from __future__ import annotations
 
 import asyncio
 import fcntl
-import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,11 +16,11 @@ from servolink.transports.base import Transport
 from servolink.transports.candidate import Candidate
 from servolink.transports.registry import create
 from tests.transports.fake_hid import FakeHandle, FakeHid
+from tests.transports.rights import not_root
 from tests.transports.wires import Ear, on_loop
 
 NUMBERED = bytes.fromhex("0600ffa1018505750895208102850675089510910285077508953f9102c0")
 """Report 5 brings 32 bytes, 6 takes 16 and 7 takes 63."""
-NOBODY = 65534
 
 
 @pytest.fixture
@@ -191,22 +189,11 @@ async def test_a_device_that_another_servolink_has_is_busy(hid: FakeHid) -> None
     await again.close()
 
 
-@contextmanager
-def _not_root() -> Iterator[None]:
-    user = os.geteuid()
-    if user == 0:
-        os.seteuid(NOBODY)
-    try:
-        yield
-    finally:
-        os.seteuid(user)
-
-
 @on_loop
 async def test_missing_permission_is_told_with_the_rule_that_cures_it(hid: FakeHid) -> None:
     hid.node.chmod(0)
     problem = f"no permission for {hid.node}; `servolink doctor --print-udev` prints the udev rule that gives it"
-    with _not_root():
+    with not_root():
         (candidate,) = hid_devices.candidates()
         text = await _open_error("hid://")
     assert candidate.problem.startswith(problem)

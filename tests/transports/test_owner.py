@@ -141,7 +141,7 @@ async def test_the_loop_is_woken_once_for_what_comes_while_it_is_busy(
 async def test_a_write_does_not_wait_for_a_read(board: Board) -> None:
     transport, _ = await opened(board)
     board.fake.set(read_stuck=True)
-    board.bring(b"x")
+    assert wait_until(lambda: board.fake.is_stuck)
     await transport.send(b"hello")
     assert bytes(board.heard).startswith(b"hello")
     board.fake.set(read_stuck=False)
@@ -152,7 +152,7 @@ async def test_a_write_does_not_wait_for_a_read(board: Board) -> None:
 async def test_a_stuck_read_does_not_hold_up_the_close(board: Board) -> None:
     transport, ear = await opened(board)
     board.fake.set(read_stuck=True)
-    board.bring(b"x")
+    assert wait_until(lambda: board.fake.is_stuck)
     start = asyncio.get_running_loop().time()
     await transport.close()
     assert asyncio.get_running_loop().time() - start < 1

@@ -9,17 +9,18 @@ import sys
 import termios
 import threading
 import tty
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import serial  # type: ignore[import-untyped]
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.transports import stall
+from servolink.transports.candidate import Candidate
 from servolink.transports.registry import create
-from servolink.transports.serial import SerialTransport
+from servolink.transports.serial import SerialTransport, candidates
+from tests.transports.rights import not_root
 from tests.transports.wires import FLOOD, Ear, PtyWire, on_loop
 
 HOLD = """
@@ -29,25 +30,12 @@ fcntl.flock(port, fcntl.LOCK_EX)
 print("held", flush=True)
 sys.stdin.read()
 """
-NOBODY = 65534
 
 
 async def _open_error(url: str) -> str:
     with pytest.raises(OpenError) as caught:
         await create(url).open(Ear())
     return str(caught.value)
-
-
-@contextmanager
-def _not_root() -> Iterator[None]:
-    """Give up root's right to open every file."""
-    user = os.geteuid()
-    if user == 0:
-        os.seteuid(NOBODY)
-    try:
-        yield
-    finally:
-        os.seteuid(user)
 
 
 @on_loop
@@ -69,7 +57,7 @@ async def test_what_is_no_terminal_is_told(tmp_path: Path) -> None:
 async def test_missing_permission_is_told_with_the_cure(tmp_path: Path) -> None:
     device = tmp_path / "ttyACM0"
     device.touch(mode=0)
-    with _not_root():
+    with not_root():
         text = await _open_error(str(device))
     assert "no permission" in text
     assert "usermod -aG dialout" in text
@@ -334,6 +322,20 @@ async def test_a_lost_port_says_what_to_look_at() -> None:
         assert isinstance(error, ConnectionLost)
         assert "is it unplugged or switched off?" in str(error)
         assert isinstance(error.__cause__, ConnectionResetError)
+
+
+def test_ports_are_listed_with_what_is_known_of_them(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    locked = tmp_path / "ttyUSB 0"
+    locked.touch(mode=0)
+    usb = SimpleNamespace(device=str(locked), product="Servo board", serial_number="SN 1")
+    bare = SimpleNamespace(device="COM3", product=None, serial_number=None)
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [usb, bare])
+    with not_root():
+        first, second = candidates()
+    assert (first.product, first.serial_number) == ("Servo board", "SN 1")
+    assert first.problem.startswith(f"no permission for {locked}; on Linux join its group")
+    assert second == Candidate("serial://COM3")
+    assert [create(candidate.url)._device for candidate in (first, second)] == [str(locked), "COM3"]  # type: ignore[attr-defined]
 
 
 def _descriptors() -> list[int]:
