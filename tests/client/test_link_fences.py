@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 
 import pytest
 
@@ -18,17 +17,12 @@ from servolink.protocol.editing import (
     WriteProjectIDResponse,
 )
 from servolink.protocol.packet import Packet
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, QueryServoListResponse, Step
+from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest, QueryRemainPowerRequest
-from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, Fate, late, lie, linked, now, turns_of_the_loop
+from tests.client.fake_board import LOST, FakeBoard, Fate, late, lie, linked, now, turns_of_the_loop
 from tests.virtual_time import run
 
 FENCE_KINDS = tuple(type(fence) for fence in FENCES)
-FOLLOWERS = [
-    pytest.param(lambda link: link.request(QueryServoListRequest()), id="query"),
-    pytest.param(lambda link: link.request(WriteProjectIDRequest(2)), id="change"),
-    pytest.param(lambda link: link.send(ExecuteActionRequest((Step(1, 0, 1),))), id="movement"),
-]
 
 
 async def leave_owed(link: Link, board: FakeBoard, fate: Fate = LOST) -> None:
@@ -302,80 +296,6 @@ def test_a_board_that_only_answers_late_is_waited_for_and_not_given_up() -> None
                 await link.request(QueryServoListRequest(), retries=0)
             assert (await link.request(QueryServoListRequest())).servo_id_list == (1, 2, 3, 4)
             assert link.answers.ended is None
-
-    run(main())
-
-
-# --- ClearAllData -------------------------------------------------------------------------------------------------
-
-
-def test_nothing_overlaps_clear_all_data() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(ClearAllDataRequest, late(0.5))
-        async with linked(board, window=4) as link:
-            await asyncio.gather(
-                link.request(QueryProjectIDRequest()),
-                link.request(ClearAllDataRequest()),
-                link.request(QueryServoListRequest()),
-                link.send(ExecuteActionRequest((Step(1, 0, 1),))),
-            )
-            times = {type(packet): at for at, packet in board.sent}
-            assert times[ClearAllDataRequest] > times[QueryProjectIDRequest]
-            assert times[QueryServoListRequest] >= times[ClearAllDataRequest] + 0.5
-            assert times[ExecuteActionRequest] >= times[ClearAllDataRequest] + 0.5
-
-    run(main())
-
-
-@pytest.mark.parametrize("follow", FOLLOWERS)
-def test_nothing_is_sent_after_an_unanswered_clear_all_data_before_a_fence(
-    follow: Callable[[Link], Awaitable[object]],
-) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(ClearAllDataRequest, late(2.5))
-        async with linked(board) as link:
-            begun = now()
-            with pytest.raises(OutcomeUnknown):
-                await link.request(ClearAllDataRequest())
-            await follow(link)
-            at, packet = board.sent[-1]
-            assert type(packet) not in FENCE_KINDS
-            assert at >= begun + 2.5
-            assert set(kinds(board)[1:-1]) <= set(FENCE_KINDS)
-            assert link.stats.fences >= 1
-
-    run(main())
-
-
-@pytest.mark.parametrize("follow", FOLLOWERS)
-def test_nothing_at_all_is_sent_when_no_fence_after_clear_all_data_is_answered(
-    follow: Callable[[Link], Awaitable[object]],
-) -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=SWALLOWED)
-        async with linked(board) as link:
-            with pytest.raises(OutcomeUnknown):
-                await link.request(ClearAllDataRequest())
-            with pytest.raises(RequestTimeout, match="not sent"):
-                await follow(link)
-            assert set(kinds(board)[1:]) <= set(FENCE_KINDS)
-
-    run(main())
-
-
-def test_clear_all_data_whose_caller_was_cancelled_still_goes_alone() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(ClearAllDataRequest, late(0.5))
-        async with linked(board, window=4) as link:
-            clearing = asyncio.create_task(link.request(ClearAllDataRequest()))
-            await asyncio.sleep(0.1)
-            clearing.cancel()
-            begun = now()
-            await link.request(WriteProjectIDRequest(2))
-            assert board.sent[-1][0] == pytest.approx(begun + 0.4)
 
     run(main())
 

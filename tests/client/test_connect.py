@@ -1,0 +1,190 @@
+"""Connect: how a board is opened and closed, with which options, and what is counted."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from servolink.client.connect import connect
+from servolink.errors import (
+    ConnectionLost,
+    OpenError,
+    OutcomeUnknown,
+    RequestTimeout,
+    TransportUnavailable,
+)
+from servolink.protocol.editing import (
+    Action,
+)
+from servolink.protocol.joystick import (
+    SubscribeButtonEventRequest,
+)
+from servolink.virtual.storage import Kind
+from tests.client.fake_board import LOST, FakeBoard, Fate, now
+from tests.virtual_time import run
+
+# --- opening and closing ------------------------------------------------------------------------------------------
+
+
+def test_await_opens_and_the_caller_closes_once_or_twice() -> None:
+    async def main() -> None:
+        board = await connect("virtual://?servos=1")
+        assert await board.servo_ids() == (1,)
+        await board.close()
+        await board.close()
+        with pytest.raises(ConnectionLost, match="closed by this program"):
+            await board.servo_ids()
+
+    run(main())
+
+
+def test_async_with_closes_also_after_an_error() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        with pytest.raises(KeyError):
+            async with connect(fake):
+                raise KeyError
+        assert fake.closed == 1
+
+    run(main())
+
+
+def test_the_end_of_async_with_fails_what_still_waits() -> None:
+    async def main() -> None:
+        fake = FakeBoard(usual=LOST)
+        async with connect(fake) as board:
+            waiting = asyncio.create_task(board.servo_ids())
+            await asyncio.sleep(0.1)
+        with pytest.raises(ConnectionLost, match="closed by this program"):
+            await waiting
+
+    run(main())
+
+
+def test_closing_takes_no_longer_than_a_second_though_the_board_is_silent() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        board = await connect(fake, timeout=5)
+        await board.button_events().__aenter__()
+        events = board.button_events()
+        await events.__aenter__()
+        fake.usual = LOST
+        waiting = asyncio.create_task(board.servo_ids())
+        await asyncio.sleep(0.1)
+        begun = now()
+        await board.close()
+        assert now() - begun <= 1
+        await asyncio.wait((waiting,))
+        assert isinstance(waiting.exception(), ConnectionLost)
+
+    run(main())
+
+
+def test_who_is_cancelled_while_closing_has_closed() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        board = await connect(fake)
+        events = board.button_events()
+        await events.__aenter__()
+        fake.plan(SubscribeButtonEventRequest, LOST)
+        closing = asyncio.create_task(board.close())
+        await asyncio.sleep(0.1)
+        closing.cancel()
+        await asyncio.wait((closing,))
+        assert closing.cancelled()
+        assert fake.closed == 1
+
+    run(main())
+
+
+def test_a_board_that_vanishes_while_idle_is_gone_for_the_next_who_asks() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.servo_ids()
+            fake.vanish()
+            with pytest.raises(ConnectionLost, match="device disconnected"):
+                await board.move({1: 0}, duration=1)
+        assert fake.closed == 1
+
+    run(main())
+
+
+def test_a_board_that_cannot_be_opened_says_so_and_leaves_nothing_open() -> None:
+    class Busy(FakeBoard):
+        async def open(self, receiver: Any) -> None:
+            raise OpenError("fake://board: in use by another program; close it")
+
+    async def main() -> None:
+        with pytest.raises(OpenError, match="in use"):
+            async with connect(Busy()):
+                pytest.fail("it was opened")
+        with pytest.raises(TransportUnavailable, match="unknown kind of address"):
+            await connect("carrier-pigeon://roof")
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"timeout": 0}, "timeout: 0 is below"),
+        ({"timeout": -1}, "timeout"),
+        ({"timeout": float("nan")}, "timeout: nan"),
+        ({"retries": -1}, "retries: -1 is below 0"),
+        ({"window": 0}, "window: 0 is below 1"),
+        ({"byte_order": "middle"}, "byte order 'middle'"),
+        ({"caption_encoding": "klingon"}, "klingon"),
+        ({"speed_cap": 0}, "speed_cap"),
+        ({"angle_limits": (10, -10)}, "angle_limits"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused_at_once(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        connect("virtual://", **options)
+
+
+def test_options_hold_for_all_requests() -> None:
+    async def main() -> None:
+        fake = FakeBoard(usual=LOST)
+        async with connect(fake, timeout=0.25, retries=1) as board:
+            begun = now()
+            with pytest.raises(RequestTimeout):
+                await board.servo_ids()
+            assert now() - begun == pytest.approx(0.5)
+            with pytest.raises((OutcomeUnknown, RequestTimeout)):
+                await board.write_project_id(1)
+
+    run(main())
+
+
+def test_captions_are_written_and_read_in_the_encoding_asked_for() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake, caption_encoding="big5") as board:
+            await board.add_action(Action(1, "揮手"))
+            assert (await board.action(1)).action_caption == "揮手"
+            assert "揮手".encode("big5") in (fake.virtual.storage.get(Kind.ACTION, 1) or b"")
+
+    run(main())
+
+
+# --- counters -----------------------------------------------------------------------------------------------------
+
+
+def test_stats_count_what_went_over_the_line() -> None:
+    async def main() -> None:
+        fake = FakeBoard(servos=2, usual=Fate(after=0.010))
+        async with connect(fake) as board:
+            await board.servo_ids()
+            await board.project_id()
+            stats = board.stats.as_dict()
+        assert stats["frames_sent"] == stats["frames_received"] == 2
+        assert stats["bytes_sent"] == 9 + 9
+        assert stats["bytes_received"] == 9 + 3 + 9 + 4
+        assert stats["round_trip_ms"] == {"p50": 10.0, "p90": 10.0, "p99": 10.0}
+        assert stats["skipped"] == {}
+
+    run(main())
