@@ -40,7 +40,8 @@ class FakeHid:
         self.haste = HASTE
         self.deaf = False
         self.read_stuck = False
-        self.is_stuck = False  # whether a read is, by now
+        self.read_is_stuck = False  # whether one is by now
+        self.write_is_stuck = False
         self.refused = False  # whether a write fails
         self.handles: set[FakeHandle] = set()  # the open ones
         self.misuse: list[str] = []
@@ -101,7 +102,7 @@ class FakeHandle:
         with hid.change:
             self._busy += 1
             hid.change.wait_for(lambda: hid.ready, timeout_ms / 1000 / hid.haste)
-            hid.is_stuck = hid.read_stuck
+            hid.read_is_stuck = hid.read_stuck
             hid.change.wait_for(lambda: not hid.read_stuck)
             self._busy -= 1
             if not hid.there:
@@ -114,6 +115,7 @@ class FakeHandle:
             hid.misuse.append("write without an open device")
         with hid.change:
             self._busy += 1
+            hid.write_is_stuck = hid.deaf
             hid.change.wait_for(lambda: not hid.deaf)
             self._busy -= 1
             if not hid.there or hid.refused:

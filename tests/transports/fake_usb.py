@@ -54,7 +54,8 @@ class FakeUsb:
         self.count = 1  # such devices
         self.deaf = False
         self.read_stuck = False
-        self.is_stuck = False  # whether a read is, by now
+        self.read_is_stuck = False  # whether one is by now
+        self.write_is_stuck = False
         self.write_stuck = False
         self.part: int | None = None  # bytes that the next write takes before its time is over
         self.halted: set[int] = set()
@@ -220,7 +221,7 @@ class FakeUsb:
                 lambda: not self.there or ep in self.halted or bool(self.packets and not self.read_stuck),
                 timeout / 1000 / self.haste,
             )
-            self.is_stuck = self.read_stuck
+            self.read_is_stuck = self.read_stuck
             self.change.wait_for(lambda: not self.read_stuck)
             self._busy.remove(dev_handle)
             self._look(ep)
@@ -238,6 +239,7 @@ class FakeUsb:
         with self.change:
             self._busy.append(dev_handle)
             self.change.wait_for(lambda: not self.deaf or self.part is not None, timeout / 1000 / self.haste)
+            self.write_is_stuck = self.write_stuck
             self.change.wait_for(lambda: not self.write_stuck)
             self._busy.remove(dev_handle)
             self._look(ep)

@@ -141,7 +141,7 @@ async def test_the_loop_is_woken_once_for_what_comes_while_it_is_busy(
 async def test_a_write_does_not_wait_for_a_read(board: Board) -> None:
     transport, _ = await opened(board)
     board.fake.set(read_stuck=True)
-    assert wait_until(lambda: board.fake.is_stuck)
+    assert wait_until(lambda: board.fake.read_is_stuck)
     await transport.send(b"hello")
     assert bytes(board.heard).startswith(b"hello")
     board.fake.set(read_stuck=False)
@@ -152,7 +152,7 @@ async def test_a_write_does_not_wait_for_a_read(board: Board) -> None:
 async def test_a_stuck_read_does_not_hold_up_the_close(board: Board) -> None:
     transport, ear = await opened(board)
     board.fake.set(read_stuck=True)
-    assert wait_until(lambda: board.fake.is_stuck)
+    assert wait_until(lambda: board.fake.read_is_stuck)
     start = asyncio.get_running_loop().time()
     await transport.close()
     assert asyncio.get_running_loop().time() - start < 1
@@ -169,7 +169,7 @@ async def test_a_write_that_is_stuck_for_ever_does_not_hold_up_the_close(board: 
     transport, ear = await opened(board)
     board.fake.set(**{"deaf" if isinstance(board.fake, FakeHid) else "write_stuck": True})
     sending = asyncio.ensure_future(transport.send(b"hello"))
-    await asyncio.sleep(0)
+    await turn_until(lambda: board.fake.write_is_stuck)
     start = asyncio.get_running_loop().time()
     await transport.close()
     assert asyncio.get_running_loop().time() - start < 1
@@ -186,7 +186,7 @@ async def test_a_loss_is_told_before_a_stuck_write_ends(board: Board) -> None:
     transport, ear = await opened(board)
     board.fake.set(**{"deaf" if isinstance(board.fake, FakeHid) else "write_stuck": True})
     sending = asyncio.ensure_future(transport.send(b"hello"))
-    await asyncio.sleep(0)
+    await turn_until(lambda: board.fake.write_is_stuck)
     board.fake.set(there=False)  # what the read sees at once
     assert isinstance(await ear.end(), ConnectionLost)
     with pytest.raises(ConnectionLost, match="unplugged"):
