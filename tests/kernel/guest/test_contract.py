@@ -1,0 +1,37 @@
+"""The contract of every transport, kept on the kernel's real drivers: cdc-acm, hidraw, usbfs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from tests.kernel.guest.wires import KernelHidWire, KernelWire, unplug_all
+from tests.transports import test_contract, wires
+from tests.transports.test_contract import *  # noqa: F403
+from tests.transports.wires import Wire
+
+pytestmark = pytest.mark.timeout(120)
+WIRES: dict[str, Callable[[], Wire]] = {
+    "serial": lambda: KernelWire("serial"),
+    "hid": KernelHidWire,
+    "usb": lambda: KernelWire("usb"),
+}
+
+
+@pytest.fixture(params=WIRES)
+def make(request: pytest.FixtureRequest) -> Callable[[], Wire]:
+    return WIRES[request.param]
+
+
+@pytest.fixture(autouse=True)
+def _slow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """This machine is some 20 times slower than a real one, and its drivers hold less than a socket does."""
+    monkeypatch.setattr(test_contract, "FLOOD", 40_000)
+    monkeypatch.setattr(wires, "LIMIT", 60.0)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _unplugged() -> Iterator[None]:
+    yield
+    unplug_all()
