@@ -69,6 +69,7 @@ def _described(report: Report) -> dict[str, Any]:
         and {
             "received_bytes": report.line.received_bytes,
             "noise_bytes": report.line.noise_bytes,
+            "asked": report.line.asked,
             "unanswered": report.line.unanswered,
             "late": report.line.late,
             "round_trip_seconds": {f"p{percent}": report.line.percentile(percent) for percent in _PERCENTILES},

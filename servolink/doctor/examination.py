@@ -115,9 +115,7 @@ async def _measure(facts: SystemFacts, report: Report, byte_order: ByteOrder) ->
         report.line = line = await measure(url, byte_order)
     except TransportError as error:
         report.findings.append(
-            Finding(
-                "connection", str(error), "the board answered, and then the connection ended", "check cable and power"
-            )
+            Finding("opening", str(error), "it opened once and not again", "run servolink doctor again")
         )
         return
     report.findings += check_line(line)
@@ -145,7 +143,7 @@ def _not_opened(facts: SystemFacts, report: Report, heard: Heard) -> Iterator[Fi
 def _silent(url: str, heard: Heard) -> Finding:
     asked = "it was asked in both byte orders and both transmission modes"
     if heard.received_bytes:
-        unasked = f", {heard.unasked_bytes} of them unasked" if heard.unasked_bytes else ""
+        unasked = f", {heard.unasked_bytes} of them unasked," if heard.unasked_bytes else ""
         return Finding(
             "no answer",
             f"{printable(url)} sent {heard.received_bytes} bytes{unasked} that make no answer; {asked}",

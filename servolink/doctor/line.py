@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from servolink.client.connect import connect
 from servolink.doctor.finding import Finding
-from servolink.errors import RequestTimeout
+from servolink.errors import ConnectionLost, RequestTimeout
 from servolink.protocol.frame import ByteOrder
 from servolink.protocol.parser import PADDING
 from servolink.protocol.settings import QueryMemorySizeRequest
@@ -20,16 +20,19 @@ _PATIENCE = 0.25  # seconds for each answer
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """What was seen while the board was asked QUESTIONS times."""
+    """What was seen while the board was asked QUESTIONS times, or until the connection ended."""
 
     received_bytes: int
     noise_bytes: int
     """Those that were part of no frame; the zeros that fill HID reports are not counted."""
+    asked: int
     unanswered: int
     late: int
     """Answers that came after their time."""
     round_trips: Sequence[float]
     """Seconds, in the order of their questions."""
+    ended: str = ""
+    """What ended the connection before all was asked."""
 
     def percentile(self, percent: int) -> float | None:
         """Return the time that `percent` of the answers kept; None if there were none."""
@@ -38,21 +41,25 @@ class Line:
 
 
 async def measure(url: str, byte_order: ByteOrder) -> Line:
-    """Ask the board at `url`, again and again; TransportError if the line does not last."""
-    unanswered = 0
+    """Ask the board at `url`, again and again; OpenError if it cannot be opened."""
+    asked = unanswered = 0
+    ended = ""
     async with connect(url, byte_order=byte_order, timeout=_PATIENCE, retries=0, angle_unit=None) as board:
-        for _ in range(QUESTIONS):
-            try:
-                await board.request(QueryMemorySizeRequest())
-            except RequestTimeout:
-                unanswered += 1
+        try:
+            for asked in range(1, QUESTIONS + 1):  # noqa: B007 - how far it came is told
+                try:
+                    await board.request(QueryMemorySizeRequest())
+                except RequestTimeout:
+                    unanswered += 1
+        except ConnectionLost as error:
+            ended = str(error)
         stats = board.stats
         noise = sum(count for reason, count in stats.skipped.items() if reason != PADDING)
-        return Line(stats.bytes_received, noise, unanswered, stats.late_replies, tuple(stats.round_trips))
+        return Line(stats.bytes_received, noise, asked, unanswered, stats.late_replies, tuple(stats.round_trips), ended)
 
 
 def check_line(line: Line) -> Iterator[Finding]:
-    """Find noise and missing answers."""
+    """Find noise, missing answers and a connection that did not last."""
     if line.noise_bytes:
         share = 100 * line.noise_bytes / line.received_bytes
         yield Finding(
@@ -65,8 +72,15 @@ def check_line(line: Line) -> Iterator[Finding]:
     if line.unanswered or line.late:
         yield Finding(
             "answers",
-            f"{line.unanswered} of {QUESTIONS} questions were not answered in {_PATIENCE:g} s"
+            f"{line.unanswered} of {line.asked} questions were not answered in {_PATIENCE:g} s"
             + (f", and {line.late} answers came late" if line.late else ""),
             "questions or answers get lost on the line" if line.noise_bytes else "the board is busy, or bytes get lost",
             "see to the noise first" if line.noise_bytes else "stop what the board is doing; check cable and power",
+        )
+    if line.ended:
+        yield Finding(
+            "connection",
+            f"it ended after {line.asked} of {QUESTIONS} questions: {line.ended}",
+            "the board has answered before, so the line is bad, or the board or its power is",
+            "check cable, plugs and power; run servolink doctor again",
         )

@@ -17,10 +17,11 @@ from servolink.transports.base import Transport
 from servolink.transports.registry import create
 
 BYTE_ORDERS: tuple[ByteOrder, ...] = ("little", "big")
-PATIENCE = 0.5
+PATIENCE = 0.4
 """Seconds for each answer."""
 
 _LISTENING = 0.1  # seconds before the first question
+_ROUNDS = 3  # a single question may be lost on a bad line
 _OLD, _NEW = 0, 1
 _UNASKED_FOR = bytes(265)  # ends a frame that the wrong byte order made to seem 256 bytes longer
 
@@ -63,20 +64,21 @@ async def probe(url: str) -> Heard:
     try:
         await asyncio.sleep(_LISTENING)
         unasked = ear.received
-        return Heard(await _ask(transport, ear), unasked, ear.received)
+        return Heard(await _ask(transport, ear, unasked), unasked, ear.received)
     except TransportError as error:
         return Heard(None, 0, ear.received, str(error))
     finally:
         await transport.close()
 
 
-async def _ask(transport: Transport, ear: _Ear) -> Answer | None:
-    for byte_order in BYTE_ORDERS:
+async def _ask(transport: Transport, ear: _Ear, unasked: int) -> Answer | None:
+    for byte_order in BYTE_ORDERS * _ROUNDS:
         if answer := await _project_id(transport, ear, byte_order, _NEW):
             return answer
+    mode = _OLD if ear.received == unasked else _NEW  # one that answered damaged is in the new mode
     for byte_order in BYTE_ORDERS:
         await transport.send(Codec(byte_order).encode(TransmissionModeSettingRequest(_NEW)))
-        if answer := await _project_id(transport, ear, byte_order, _OLD):
+        if answer := await _project_id(transport, ear, byte_order, mode):
             return answer
         await transport.send(_UNASKED_FOR)
     return None

@@ -1,0 +1,107 @@
+"""The probe tells how a board answers; the line's figures tell how well."""
+
+from __future__ import annotations
+
+import pytest
+
+from servolink.doctor import probe as probing
+from servolink.doctor.line import QUESTIONS, Line, check_line, measure
+from servolink.doctor.probe import PATIENCE, Heard, probe
+from servolink.protocol.codec import Codec
+from servolink.protocol.frame import ByteOrder
+from servolink.transports.base import Receiver, Transport
+from servolink.transports.faults import Faults
+from servolink.transports.faulty import FaultyTransport
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.transport import VirtualTransport
+from tests.virtual_time import run
+
+
+def heard_from(board: VirtualBoard, monkeypatch: pytest.MonkeyPatch, faults: Faults | None = None) -> Heard:
+    def create(url: str) -> Transport:
+        line = VirtualTransport(board)
+        return line if faults is None else FaultyTransport(line, faults)
+
+    monkeypatch.setattr(probing, "create", create)
+    return run(probe("virtual://"))
+
+
+@pytest.mark.parametrize("byte_order", ["little", "big"])
+@pytest.mark.parametrize("mode", [0, 1])
+def test_a_board_is_found_in_any_order_and_mode(
+    byte_order: ByteOrder, mode: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board = VirtualBoard(4, codec=Codec(byte_order))
+    board.mode = mode
+    board.storage.project_id = 77
+    answer = heard_from(board, monkeypatch).answer
+    assert answer is not None
+    assert (answer.byte_order, answer.transmission_mode, answer.project_id) == (byte_order, mode, 77)
+    assert answer.seconds < PATIENCE
+    assert board.mode == 1
+
+
+def test_a_line_that_loses_everything_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert heard_from(VirtualBoard(4), monkeypatch, Faults(drop=1.0)) == Heard(None, 0, 0)
+
+
+def test_a_line_that_ends_meanwhile_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
+    heard = heard_from(VirtualBoard(4), monkeypatch, Faults(unplug=5))
+    assert heard.answer is None
+    assert "unplugged" in heard.problem
+
+
+def test_what_cannot_be_opened_is_a_problem() -> None:
+    assert "there is no /dev/nowhere" in run(_heard_nowhere()).problem
+    assert "unknown kind of address" in run(probe("gopher://x")).problem
+
+
+async def _heard_nowhere() -> Heard:
+    class Nowhere:
+        url = "serial:///dev/nowhere"
+
+        async def open(self, receiver: Receiver) -> None:
+            from servolink.errors import OpenError
+
+            raise OpenError("there is no /dev/nowhere")
+
+        async def send(self, data: bytes) -> None:
+            raise AssertionError
+
+        async def close(self) -> None:
+            raise AssertionError
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(probing, "create", lambda url: Nowhere())
+        return await probe("serial:///dev/nowhere")
+
+
+def test_a_clean_line_is_no_finding() -> None:
+    assert list(check_line(Line(1020, 0, QUESTIONS, 0, 0, [0.001] * QUESTIONS))) == []
+
+
+def test_noise_and_missing_answers_are_counted() -> None:
+    noise, answers = check_line(Line(1000, 25, QUESTIONS, 3, 2, [0.001] * 57))
+    assert noise.seen == "25 of 1000 received bytes (2.5 %) were part of no frame"
+    assert answers.seen == f"3 of {QUESTIONS} questions were not answered in 0.25 s, and 2 answers came late"
+    assert "noise first" in answers.do
+    (answers,) = check_line(Line(1000, 0, QUESTIONS, 3, 0, [0.001] * 57))
+    assert "busy" in answers.means
+
+
+def test_a_line_that_does_not_last_is_measured_until_its_end() -> None:
+    line = run(_measured("virtual://?unplug=400"))
+    assert 0 < line.asked < QUESTIONS
+    assert len(line.round_trips) == line.asked - 1
+    (ended,) = check_line(line)
+    assert (ended.check, "unplugged" in ended.seen) == ("connection", True)
+
+
+async def _measured(url: str) -> Line:
+    return await measure(url, "little")
+
+
+@pytest.mark.parametrize(("percent", "seconds"), [(0, 1.0), (50, 3.0), (90, 4.0), (100, 4.0)])
+def test_percentiles(percent: int, seconds: float) -> None:
+    assert Line(0, 0, 0, 0, 0, [4.0, 1.0, 3.0, 2.0]).percentile(percent) == seconds
+    assert Line(0, 0, 0, 0, 0, []).percentile(percent) is None

@@ -1,0 +1,253 @@
+"""Each cause that can be made real here is made real, and the command names it."""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import json
+import os
+import pwd
+import socket
+import subprocess
+import sys
+import termios
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.cli.programs import COMMAND, Said, environment, finished, program, started
+
+ROOT = Path(__file__).parents[2]
+
+
+@contextmanager
+def served(*arguments: str) -> Iterator[str]:
+    """Serve a virtual board in a process of its own and give its address."""
+    process = started("virtual", *arguments)
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().split()[-1]
+    finally:
+        process.terminate()
+        finished(process)
+
+
+@contextmanager
+def terminal() -> Iterator[str]:
+    """Give a pseudo-terminal with nobody at its other end."""
+    ours, theirs = os.openpty()
+    try:
+        yield os.ttyname(theirs)
+    finally:
+        os.close(ours)
+        os.close(theirs)
+
+
+def examined(*arguments: str) -> tuple[int, dict[str, Any]]:
+    """Return the exit code of the doctor and what it says."""
+    said = program("doctor", "--json", *arguments)
+    assert said.err == ""
+    return said.code, said.json
+
+
+def checks(report: dict[str, Any]) -> list[str]:
+    return [finding["check"] for finding in report["findings"]]
+
+
+@pytest.mark.parametrize("line", ["--pty", "--tcp=127.0.0.1:0"])
+def test_a_board_in_good_health(line: str) -> None:
+    with served(line) as url:
+        code, report = examined(url)
+        assert (code, report["findings"], report["examined"]) == (0, [], [url])
+        assert report["answer"]["project_id"] == 0
+        assert (report["line"]["noise_bytes"], report["line"]["unanswered"]) == (0, 0)
+        assert 0 < report["line"]["round_trip_seconds"]["p50"] < 0.2
+        said = program("doctor", url)
+        assert (said.code, said.out.splitlines()[-1]) == (0, "nothing is wrong")
+
+
+def test_the_only_board_needs_no_address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with served("--tcp", "127.0.0.1:0") as url:
+        code, report = examined()
+        if [board["url"] for board in report["boards"]] == [url]:  # not so where a real one is plugged in
+            assert (code, report["examined"]) == (0, [url])
+        with served("--tcp", "127.0.0.1:0") as other:
+            code, report = examined()
+            assert (code, report["answer"]) == (1, None)
+            several = report["findings"][-1]
+            assert several["check"] == "several"
+            assert {f"servolink doctor {board}" for board in (url, other)} <= set(several["do"].splitlines())
+
+
+def test_the_wrong_byte_order() -> None:
+    with served("--byte-order", "big", "--tcp", "127.0.0.1:0") as url:
+        code, report = examined(url)
+        assert (code, report["answer"]["byte_order"], checks(report)) == (1, "big", ["byte order"])
+        assert f"servolink --byte-order big --url {url} info" in report["findings"][0]["do"]
+        assert examined("--byte-order", "big", url)[0] == 0
+
+
+def test_noise() -> None:
+    with served("--tcp", "127.0.0.1:0", "--faults", "insert=0.01", "--seed", "3") as url:
+        code, report = examined(url)
+    assert code == 1
+    assert checks(report)[0] == "noise"
+    assert report["line"]["noise_bytes"] > 0
+    assert f"{report['line']['noise_bytes']} of {report['line']['received_bytes']}" in report["findings"][0]["seen"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="only Linux shows who has a file open")
+def test_a_port_that_another_program_has() -> None:
+    with terminal() as name:
+        holding = os.open(name, os.O_RDWR | os.O_NOCTTY)
+        try:
+            fcntl.flock(holding, fcntl.LOCK_EX)  # as every careful program does
+            fcntl.ioctl(holding, termios.TIOCEXCL)
+            code, report = examined(name)
+        finally:
+            os.close(holding)
+    # This process holds the other end too, which is how a pseudo-terminal is served, so it is not the one to name.
+    assert (code, report["answer"], checks(report)) == (1, None, ["opening"])
+
+
+HOLD = """
+import fcntl, os, sys, termios
+port = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+fcntl.flock(port, fcntl.LOCK_EX)
+fcntl.ioctl(port, termios.TIOCEXCL)
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="only Linux shows who has a file open")
+def test_the_program_that_has_the_port_is_named() -> None:
+    with (
+        terminal() as name,
+        subprocess.Popen(
+            [sys.executable, "-c", HOLD, name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as holder,
+    ):
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        code, report = examined(name)
+        holder.communicate()
+    assert (code, checks(report)) == (1, ["in use"])
+    finding = report["findings"][0]
+    assert f"process {holder.pid} (" in finding["seen"]
+    assert finding["seen"].endswith(f"has {name} open")
+    assert f"kill {holder.pid}" in finding["do"]
+
+
+@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() != 0, reason="only root can become somebody else")
+def test_a_port_that_this_user_may_not_open() -> None:
+    nobody = pwd.getpwnam("nobody")
+    with terminal() as name:
+        os.chmod(name, 0o600)  # noqa: PTH101 - it is no path of ours
+        said = as_user(nobody, "doctor", "--json", name)
+        assert (said.code, said.err) == (1, "")
+        assert checks(said.json) == ["permissions"]
+        assert f"{name} belongs to root:" in said.json["findings"][0]["seen"]
+        assert "nobody is in nogroup" in said.json["findings"][0]["seen"]
+
+        os.chown(name, 0, pwd.getpwnam("uucp").pw_gid)
+        os.chmod(name, 0o660)  # noqa: PTH101
+        finding = as_user(nobody, "doctor", "--json", name).json["findings"][0]
+        assert "sudo usermod -aG uucp nobody" in finding["do"]
+
+
+SWITCH = """
+import contextlib, io, os, sys
+from servolink.cli.main import main
+with contextlib.redirect_stdout(io.StringIO()):
+    main(["doctor", "serial:///dev/nowhere"])
+os.setgroups([]); os.setgid(int(sys.argv[1])); os.setuid(int(sys.argv[2]))
+sys.exit(main(sys.argv[3:]))
+"""
+"""Becomes another user once everything is imported, perhaps from a folder that this user cannot enter."""
+
+
+def as_user(user: pwd.struct_passwd, *arguments: str) -> Said:
+    """Run the command as another user."""
+    ran = subprocess.run(
+        [sys.executable, "-c", SWITCH, str(user.pw_gid), str(user.pw_uid), *arguments],
+        check=False,
+        capture_output=True,
+        text=True,
+        env=environment(),
+        cwd=ROOT,
+        timeout=30,
+    )
+    return Said(ran.returncode, ran.stdout, ran.stderr)
+
+
+def test_the_wrong_hid_package(tmp_path: Path) -> None:
+    """A module of that name, first on the path, stands for the package hid; hidapi's own is hidden by another."""
+    package = tmp_path / "hid"
+    package.mkdir()
+    (package / "__init__.py").write_text("class Device: ...\n")
+    (tmp_path / "hidraw.py").write_text("raise ImportError\n")
+    said = program("doctor", "hid://1234:5678", "--json", PYTHONPATH=f"{tmp_path}{os.pathsep}{ROOT}")
+    (finding,) = [finding for finding in said.json["findings"] if finding["check"] == "hid package"]
+    assert said.code == 1
+    assert finding["do"].splitlines() == [
+        f"{sys.executable} -m pip uninstall hid",
+        f"{sys.executable} -m pip install --force-reinstall hidapi",
+    ]
+
+
+def test_no_libusb(tmp_path: Path) -> None:
+    (tmp_path / "libusb_package.py").write_text("raise ImportError('no libusb here')\n")
+    said = program("doctor", "usb://1234:5678", "--json", PYTHONPATH=f"{tmp_path}{os.pathsep}{ROOT}")
+    assert (said.code, "libusb" in checks(said.json)) == (1, True)
+
+
+def test_a_silent_device() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        code, report = examined(f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+    assert (code, report["answer"], checks(report)) == (1, None, ["no answer"])
+    assert "is silent" in report["findings"][0]["seen"]
+
+
+def test_a_device_that_speaks_something_else() -> None:
+    async def examine() -> Said:
+        async def chatter(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            writer.write(b"ok T:21.3 /0.0\n")
+            await reader.read()
+            writer.close()
+
+        async with await asyncio.start_server(chatter, "127.0.0.1", 0) as server:
+            port = server.sockets[0].getsockname()[1]
+            return await asyncio.to_thread(program, "doctor", "--json", f"tcp://127.0.0.1:{port}")
+
+    said = asyncio.run(examine())
+    assert (said.code, checks(said.json)) == (1, ["no answer"])
+    assert "sent 15 bytes, 15 of them unasked, that make no answer" in said.json["findings"][0]["seen"]
+
+
+@pytest.mark.parametrize("url", ["serial:///dev/nowhere", "tcp://127.0.0.1:1", "hid://1234:5678"])
+def test_no_board_is_3(url: str) -> None:
+    code, report = examined(url)
+    assert (code, report["answer"]) == (3, None)
+    assert checks(report)[-1] == "absent"
+
+
+@pytest.mark.parametrize("url", ["no address", "serial://", "gopher://x"])
+def test_no_address_is_3(url: str) -> None:
+    said = program("doctor", url)
+    assert said.code == 3
+
+
+def test_what_a_person_reads_has_numbered_findings() -> None:
+    said = program("doctor", "serial:///dev/nowhere")
+    assert said.code == 3
+    lines = said.out.splitlines()
+    assert lines[0] == "examined  serial:///dev/nowhere"
+    assert any(line.endswith(". absent") for line in lines)
+    assert {line.split(" ")[0] for line in lines} >= {"seen", "means", "do"}
+    assert json.loads(program("doctor", "serial:///dev/nowhere", "--json").out)["examined"] == ["serial:///dev/nowhere"]
+    assert COMMAND[-1] == "servolink"
