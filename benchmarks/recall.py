@@ -75,7 +75,5 @@ def run(*, short: bool) -> Result:
             for name, r in (("servolink", ours), ("textbook", theirs))
         ],
     )
-    wrong = (
-        [] if ours.complete else [f"{ours.intact - ours.found} of {ours.intact} intact frames lost or out of place"]
-    )
+    wrong = [] if ours.complete else [f"{ours.intact - ours.found} of {ours.intact} intact frames lost or out of place"]
     return {"servolink": asdict(ours), "textbook": asdict(theirs), "wrong": wrong}
