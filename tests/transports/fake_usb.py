@@ -6,16 +6,34 @@ import errno
 import threading
 from array import array
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
 import usb.core  # type: ignore[import-untyped]
+
+import servolink.transports.usb
+from servolink.transports import usb_devices
 
 PACKET = 64
 HASTE = 50.0  # waiting for nothing takes this much less time than on a real device
 IN, OUT = 0x81, 0x01
 STRINGS = {1: "Acme", 2: "Servo board", 3: "SN 1"}
+
+
+def plugged_in(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Iterator[FakeUsb]:
+    """Put a board where libusb is looked for, with no descriptions by Linux, and see to it that it is let go."""
+    board = FakeUsb()
+    monkeypatch.setattr(servolink.transports.usb, "backend", lambda: board)
+    monkeypatch.setattr(usb_devices, "backend", lambda: board)
+    monkeypatch.setattr(usb_devices, "_DESCRIPTIONS", folder / "sys")
+    monkeypatch.setattr(usb_devices, "_NODES", folder / "dev")
+    yield board
+    assert board.handles == set()
+    assert board.claimed == set()
+    assert board.misuse == []
 
 
 def failure(number: int, text: str = "failed") -> usb.core.USBError:
