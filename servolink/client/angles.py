@@ -18,15 +18,19 @@ class Angle(int):
         if isinstance(other, Angle) and type(other) is not type(self):
             raise TypeError(f"{self!r} and {other!r} are in different units")
 
-    def __add__(self, other: int, /) -> Self:
-        """Return the sum, in this unit."""
+    def _whole(self, other: int) -> int:
         self._same_unit(other)
-        return type(self)(int(self) + int(other))
+        if not isinstance(other, int):
+            raise TypeError(f"{self!r} is a whole number, and {other!r} is not")
+        return int(other)
+
+    def __add__(self, other: int, /) -> Self:
+        """Return the sum, in this unit; TypeError for a fraction."""
+        return type(self)(int(self) + self._whole(other))
 
     def __sub__(self, other: int, /) -> Self:
-        """Return the difference, in this unit."""
-        self._same_unit(other)
-        return type(self)(int(self) - int(other))
+        """Return the difference, in this unit; TypeError for a fraction."""
+        return type(self)(int(self) - self._whole(other))
 
     __radd__ = __add__
 

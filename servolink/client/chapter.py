@@ -28,10 +28,16 @@ class Chapter:
         Raises EncodeError before anything is sent; RequestTimeout after the retries of a query; OutcomeUnknown
         when a command that changes something was sent and not answered; ConnectionLost.
         """
+        if not isinstance(packet, Request):
+            raise TypeError(f"{type(packet).__name__} is never answered; use send")
+        if timeout is not None and not timeout > 0:
+            raise ValueError(f"timeout: {timeout!r} is not above 0 seconds")
         return await self._link.request(packet, timeout=timeout, retries=retries)
 
     async def send(self, packet: Command) -> None:
         """Send any packet that is never answered; EncodeError also for the same servo twice in one movement."""
+        if not isinstance(packet, Command):
+            raise TypeError(f"{type(packet).__name__} is answered; use request")
         if isinstance(packet, ExecuteActionRequest):
             servo_ids = [step.servo_id for step in packet.steps]
             if twice := {servo_id for servo_id in servo_ids if servo_ids.count(servo_id) > 1}:

@@ -53,6 +53,8 @@ class connect:  # noqa: N801 - reads as the function it stands for
         for name, value, least in (("timeout", timeout, 0.001), ("retries", retries, 0), ("window", window, 1)):
             if not value >= least:
                 raise ValueError(f"{name}: {value!r} is below {least}")
+        if angle_unit not in ("degree", "adc", None):
+            raise ValueError(f"angle_unit: {angle_unit!r} is none of 'degree', 'adc' and None")
         if reconnect and not (url is None or isinstance(url, str)):
             raise ValueError("reconnect: a transport is opened once; give an address")
         self._url = url

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from servolink.client.stats import Stats
-from servolink.errors import ConnectionLost, DecodeError, OutcomeUnknown, RequestTimeout
+from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
 from servolink.printable import printable
 from servolink.protocol.packet import Packet
 
@@ -32,16 +32,13 @@ def timed_out(packet: Packet, url: str, tries: int, waited: float, stats: Stats)
     return RequestTimeout(f"{asked} {how}: {causes}{noise}", packet)
 
 
-def outcome_unknown(packet: Packet, url: str, waited: float, fault: DecodeError | None) -> OutcomeUnknown:
+def outcome_unknown(packet: Packet, url: str, waited: float) -> OutcomeUnknown:
     """Return the error for a command that was sent once and not answered."""
-    answer = f"was answered with bytes that make no packet ({fault})" if fault else "was not answered"
-    error = OutcomeUnknown(
-        f"{described(packet)} was sent to {printable(url)} and {answer} in {waited:.1f} s: "
+    return OutcomeUnknown(
+        f"{described(packet)} was sent to {printable(url)} and was not answered in {waited:.1f} s: "
         "it may or may not have been done; read back before sending it again",
         packet,
     )
-    error.__cause__ = fault
-    return error
 
 
 def overtaken(packet: Packet) -> OutcomeUnknown:

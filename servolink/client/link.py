@@ -159,7 +159,7 @@ class Link:
             fault = pending.fault
         waited = self._loop.time() - begun
         if tries and not isinstance(packet, Query):
-            raise outcome_unknown(packet, self.transport.url, waited, fault)
+            raise outcome_unknown(packet, self.transport.url, waited)
         raise fault or timed_out(packet, self.transport.url, tries, waited, self.stats)
 
     async def _send_pending(self, packet: Request[Any], frame: bytes, lane: Lane, timeout: float) -> Pending:

@@ -78,8 +78,8 @@ class ReadBack(Editing, Joystick):
 def _described(request: _Adding) -> Action | Macro | JoystickTable:
     match request:
         case AddActionRequest():
-            return Action(request.action_id, request.action_caption, request.steps)
+            return Action(request.action_id, request.action_caption, tuple(request.steps))
         case AddMacroRequest():
-            return Macro(request.macro_id, request.macro_caption, request.commands)
+            return Macro(request.macro_id, request.macro_caption, tuple(request.commands))
         case _:
-            return JoystickTable(request.table_id, request.table_caption, request.buttons)
+            return JoystickTable(request.table_id, request.table_caption, tuple(request.buttons))

@@ -103,3 +103,10 @@ def test_what_goes_together_is_sent(value: float, unit: AngleUnit | None, wire: 
 def test_what_does_not_go_together_is_refused(value: float, unit: AngleUnit | None, words: str) -> None:
     with pytest.raises(EncodeError, match=words):
         wire_angle(value, unit, 7)
+
+
+def test_a_fraction_is_never_cut_off() -> None:
+    with pytest.raises(TypeError, match="is a whole number"):
+        Degrees(90) + 0.5
+    with pytest.raises(TypeError, match="is a whole number"):
+        Degrees(90) - 0.5

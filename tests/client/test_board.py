@@ -31,7 +31,7 @@ from servolink.protocol.joystick import (
 )
 from servolink.protocol.packet import Command, Packet, Request
 from servolink.protocol.registry import PACKETS
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoRequest, Step
+from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest, QueryServoRequest, Step
 from servolink.protocol.settings import (
     QueryMemorySizeRequest,
     QueryMemorySizeResponse,
@@ -260,3 +260,31 @@ def test_too_much_is_refused_before_anything_is_sent() -> None:
             assert fake.sent == []
 
     run(main())
+
+
+@pytest.mark.parametrize("timeout", [0, -1, float("nan")])
+def test_a_time_limit_that_is_none_is_refused_before_anything_is_sent(timeout: float) -> None:
+    async def main() -> None:
+        async with connect("virtual://") as board:
+            with pytest.raises(ValueError, match="is not above 0 seconds"):
+                await board.request(QueryProjectIDRequest(), timeout=timeout)
+            assert board.stats.frames_sent == 0
+
+    run(main())
+
+
+def test_what_is_answered_and_what_is_not_are_sent_by_their_own_method() -> None:
+    async def main() -> None:
+        async with connect("virtual://") as board:
+            with pytest.raises(TypeError, match="ExecuteActionExRequest is never answered; use send"):
+                await board.request(ExecuteActionExRequest(1))  # type: ignore[arg-type]
+            with pytest.raises(TypeError, match="QueryProjectIDRequest is answered; use request"):
+                await board.send(QueryProjectIDRequest())  # type: ignore[arg-type]
+            assert board.stats.frames_sent == 0
+
+    run(main())
+
+
+def test_an_angle_unit_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(ValueError, match="angle_unit: 'radian'"):
+        connect("virtual://", angle_unit="radian")  # type: ignore[arg-type]

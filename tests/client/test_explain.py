@@ -7,7 +7,7 @@ import pytest
 from servolink.client.connect import connect
 from servolink.client.explain import described, lost, outcome_unknown, overtaken, same, timed_out
 from servolink.client.stats import Stats
-from servolink.errors import ConnectionLost, DecodeError, Rejected
+from servolink.errors import ConnectionLost, Rejected
 from servolink.protocol.editing import Action, AddActionRequest, AddActionResponse, QueryProjectIDRequest
 from tests.client.fake_board import FakeBoard, lie
 from tests.virtual_time import run
@@ -32,11 +32,9 @@ def test_a_description_is_never_long() -> None:
 
 def test_hostile_captions_and_addresses_are_escaped_in_every_text() -> None:
     packet, url = AddActionRequest(1, HOSTILE), f"serial://{HOSTILE}"
-    fault = DecodeError("AddActionResponse: a content of 2 bytes, not 1", b"ab")
     for error in (
         timed_out(packet, url, 1, 1.0, Stats()),
-        outcome_unknown(packet, url, 1.0, None),
-        outcome_unknown(packet, url, 1.0, fault),
+        outcome_unknown(packet, url, 1.0),
         overtaken(packet),
         lost(url, OSError(HOSTILE)),
         same(lost(url, OSError(HOSTILE))),

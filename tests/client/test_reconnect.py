@@ -8,7 +8,17 @@ from contextlib import aclosing, asynccontextmanager, suppress
 
 import pytest
 
-from servolink import Adc, Board, ConnectionLost, Degrees, OpenError, connect, reconnecting
+from servolink import (
+    Adc,
+    Board,
+    ConnectionLost,
+    Degrees,
+    OpenError,
+    RequestTimeout,
+    TransportUnavailable,
+    connect,
+    reconnecting,
+)
 from servolink.client import connect as connecting
 from servolink.client.link import Link
 from servolink.client.reconnect import LONGEST_PAUSE
@@ -326,5 +336,56 @@ def test_a_link_keeps_counting_in_the_same_stats(socket: Socket) -> None:
             await until(board, "connected")
             assert board.stats.frames_sent > sent
             assert isinstance(board._link, Link)
+
+    run(main())
+
+
+def test_the_transmission_mode_is_there_again(socket: Socket) -> None:
+    async def main() -> None:
+        async with connected() as board:
+            await board.set_transmission_mode(1)
+            socket.pull()
+            restarted = VirtualBoard()
+            restarted.mode = 0
+            socket.plug(restarted)
+            await until(board, "connected")
+            assert restarted.mode == 1
+            assert await board.servo_ids() == tuple(range(1, 17))
+
+    run(main())
+
+
+def test_closing_while_the_session_is_being_restored_frees_the_port(socket: Socket) -> None:
+    async def main() -> None:
+        board = await connect("virtual://", reconnect=True)
+        silent = VirtualBoard()
+        silent.mode = 0
+        socket.pull()
+        socket.plug(silent)
+        await asyncio.sleep(0.5)
+        assert len(silent.sessions) == 1
+        await board.close()
+        assert silent.sessions == []
+        assert socket.live == []
+
+    run(main())
+
+
+def test_a_board_that_does_not_tell_which_it_is_is_not_connected_to(socket: Socket) -> None:
+    async def main() -> None:
+        assert socket.board is not None
+        socket.board.mode = 0
+        with pytest.raises(RequestTimeout):
+            await connect("virtual://", reconnect=True)
+        assert socket.live == []
+
+    run(main())
+
+
+def test_no_waiting_makes_a_wrong_address_right() -> None:
+    async def main() -> None:
+        with pytest.raises(TransportUnavailable, match="unknown kind of address"):
+            async for _ in reconnecting("carrier-pigeon://coop"):
+                pass
 
     run(main())
