@@ -12,16 +12,16 @@ from tests.transports.test_contract import *  # noqa: F403
 from tests.transports.wires import Wire
 
 pytestmark = pytest.mark.timeout(120)
-WIRES: dict[str, Callable[[], Wire]] = {
+DRIVERS: dict[str, Callable[[], Wire]] = {
     "serial": lambda: KernelWire("serial"),
     "hid": KernelHidWire,
     "usb": lambda: KernelWire("usb"),
 }
 
 
-@pytest.fixture(params=WIRES)
+@pytest.fixture(params=DRIVERS)  # type: ignore[no-redef]  # is meant to
 def make(request: pytest.FixtureRequest) -> Callable[[], Wire]:
-    return WIRES[request.param]
+    return DRIVERS[request.param]
 
 
 @pytest.fixture(autouse=True)
