@@ -105,7 +105,6 @@ class Owner:
         except Exception as error:  # noqa: BLE001 - libraries raise what they like
             self._tell(error)
         else:
-            self._tell(Stage.OPENED)
             self._use(device)
         finally:
             atexit.unregister(self._end_with_program)
@@ -113,13 +112,15 @@ class Owner:
 
     def _use(self, device: OpenDevice) -> None:
         writer = threading.Thread(target=self._write, args=[device], name="servolink device writer", daemon=True)
-        writer.start()
         try:
+            writer.start()  # fails when the program is ending
+            self._tell(Stage.OPENED)
             self._read(device)
         except Exception as error:  # noqa: BLE001 - told before the device is closed, which can take long
             self._tell(error)
         self.stop()
-        writer.join()
+        if writer.is_alive():
+            writer.join()
         with suppress(Exception):  # nothing more can be done for a device that fails to close
             device.close()
 

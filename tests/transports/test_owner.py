@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.errors import ConnectionLost
+from servolink.errors import ConnectionLost, OpenError
 from servolink.transports.device import DeviceTransport
 from servolink.transports.hid import HidDevice, OpenHid
 from servolink.transports.owner import OpenDevice
@@ -291,6 +291,23 @@ async def test_a_device_that_fails_to_close_is_let_go(board: Board, monkeypatch:
     await transport.close()
     assert ear.losses == [None]
     assert board.fake.handles == set()
+
+
+@on_loop
+async def test_a_device_whose_writer_cannot_start_is_closed_again(
+    board: Board, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    really_start = threading.Thread.start
+
+    def start(thread: threading.Thread) -> None:
+        if thread.name == "servolink device writer":
+            raise RuntimeError("can't start new thread at interpreter shutdown")
+        really_start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", start)
+    with pytest.raises(OpenError, match="cannot open it: can't start new thread"):
+        await opened(board)
+    await turn_until(board.is_closed)
 
 
 FORGETFUL = """
