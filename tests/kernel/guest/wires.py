@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
@@ -15,9 +16,9 @@ from servolink.transports.registry import create
 from servolink.transports.usb_id import UsbId
 from servolink.virtual.usbip.descriptors import PACKET
 from servolink.virtual.usbip.device import UsbDevice
-from servolink.virtual.usbip.pipe import Pipe, transfers
+from servolink.virtual.usbip.pipe import Pipe, reports, transfers
 from tests.kernel.guest.plug import Plug
-from tests.transports.wires import Measuring, Wire
+from tests.transports.wires import Ear, Measuring, Wire
 
 _plugs: list[Plug] = []
 
@@ -98,21 +99,42 @@ class KernelHidWire(KernelWire):
 
     def __init__(self) -> None:
         super().__init__("hid")
+        self.ear = self._ear = TrimmingEar()
 
     async def start(self) -> Transport:
         await super().start()
         url = self._plug.url("hid")
         return Measuring(url, HidDevice(load(), url, UsbId.of(Address.parse(url))))
 
+    async def say(self, data: bytes) -> None:
+        self._ear.lengths.append(len(data))
+        await super().say(data)
+
     def _take(self, data: bytes) -> None:
         assert isinstance(self.transport, Measuring)
-        assert len(data) == PACKET
-        wanted = self.transport.lengths
-        size, wanted[0] = min(PACKET, wanted[0]), max(0, wanted[0] - PACKET)
-        assert not any(data[size:])
-        if not wanted[0]:
-            wanted.popleft()
-        super()._take(data[:size])
+        super()._take(trimmed(data, self.transport.lengths))
 
     def _packets(self, data: bytes) -> list[bytes]:
-        return [data[start : start + PACKET] for start in range(0, len(data), PACKET)]
+        return reports(data)
+
+
+class TrimmingEar(Ear):
+    """Hears reports without what they are filled up with."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lengths: deque[int] = deque()
+
+    def data(self, chunk: bytes, /) -> None:
+        for start in range(0, len(chunk), PACKET):
+            super().data(trimmed(chunk[start : start + PACKET], self.lengths))
+
+
+def trimmed(report: bytes, lengths: deque[int]) -> bytes:
+    """Return what `report` carries of the first of the frames with `lengths`, and take it off them."""
+    assert len(report) == PACKET
+    size, lengths[0] = min(PACKET, lengths[0]), max(0, lengths[0] - PACKET)
+    assert not any(report[size:])
+    if not lengths[0]:
+        lengths.popleft()
+    return report[:size]
