@@ -6,7 +6,6 @@ import asyncio
 import errno
 from collections.abc import Callable
 from typing import Any
-from urllib.parse import quote
 
 import serial  # type: ignore[import-untyped]
 import serial_asyncio  # type: ignore[import-untyped]
@@ -15,14 +14,11 @@ from serial.tools import list_ports  # type: ignore[import-untyped]
 from servolink.errors import OpenError
 from servolink.printable import printable
 from servolink.transports.address import Address
-from servolink.transports.candidate import Candidate
-from servolink.transports.permission import may_use
 from servolink.transports.stream import StreamTransport
 
 _ABSENT = {errno.ENOENT, errno.ENODEV, errno.ENXIO}
 _BUSY = {errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK}
 _FORBIDDEN = {errno.EACCES, errno.EPERM}
-_GROUP_CURE = "on Linux join its group, `sudo usermod -aG dialout $USER` (uucp on Arch), then log out and in"
 
 
 class _Port(serial.Serial):  # type: ignore[misc]
@@ -117,7 +113,10 @@ def _reason(device: str, error: Exception) -> str:
     if code in _BUSY or "PermissionError" in text:
         return f"{shown} is in use; close the program that has it (another servolink, a serial monitor, ModemManager)"
     if code in _FORBIDDEN:
-        return f"no permission for {shown}; {_GROUP_CURE}"
+        return (
+            f"no permission for {shown}; on Linux join its group, `sudo usermod -aG dialout $USER` "
+            f"(uucp on Arch), then log out and in"
+        )
     if code in {errno.EISDIR, errno.ENOTTY} or "Could not configure port" in text:
         return f"{shown} is no serial port; {_present()}"
     return f"cannot open {shown}: {printable(text)}"
@@ -126,19 +125,6 @@ def _reason(device: str, error: Exception) -> str:
 def _present() -> str:
     ports = ", ".join(sorted(printable(port.device) for port in list_ports.comports()))
     return f"ports that are there: {ports}" if ports else "no serial port is there"
-
-
-def candidates() -> list[Candidate]:
-    """List the serial ports; which of them leads to a board cannot be seen without asking it."""
-    return [
-        Candidate(
-            "serial://" + quote(port.device),
-            port.product or "",
-            port.serial_number or "",
-            "" if may_use(port.device) else f"no permission for {printable(port.device)}; {_GROUP_CURE}",
-        )
-        for port in list_ports.comports()
-    ]
 
 
 def from_address(address: Address) -> SerialTransport:

@@ -10,16 +10,14 @@ import termios
 import threading
 import tty
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import serial  # type: ignore[import-untyped]
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.transports import stall
-from servolink.transports.candidate import Candidate
 from servolink.transports.registry import create
-from servolink.transports.serial import SerialTransport, candidates
+from servolink.transports.serial import SerialTransport
 from tests.transports.rights import not_root
 from tests.transports.wires import FLOOD, Ear, PtyWire, on_loop
 
@@ -322,20 +320,6 @@ async def test_a_lost_port_says_what_to_look_at() -> None:
         assert isinstance(error, ConnectionLost)
         assert "is it unplugged or switched off?" in str(error)
         assert isinstance(error.__cause__, ConnectionResetError)
-
-
-def test_ports_are_listed_with_what_is_known_of_them(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    locked = tmp_path / "ttyUSB 0"
-    locked.touch(mode=0)
-    usb = SimpleNamespace(device=str(locked), product="Servo board", serial_number="SN 1")
-    bare = SimpleNamespace(device="COM3", product=None, serial_number=None)
-    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [usb, bare])
-    with not_root():
-        first, second = candidates()
-    assert (first.product, first.serial_number) == ("Servo board", "SN 1")
-    assert first.problem.startswith(f"no permission for {locked}; on Linux join its group")
-    assert second == Candidate("serial://COM3")
-    assert [create(candidate.url)._device for candidate in (first, second)] == [str(locked), "COM3"]  # type: ignore[attr-defined]
 
 
 def _descriptors() -> list[int]:
