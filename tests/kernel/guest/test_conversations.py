@@ -16,7 +16,6 @@ from servolink.protocol.editing import Action, ActionEntry
 from servolink.virtual.board import VirtualBoard
 from tests.client.test_board import CHAPTERS
 from tests.kernel.guest.plug import Plug, board_use
-from tests.transports.wires import on_loop
 
 pytestmark = pytest.mark.timeout(180)
 KINDS = pytest.mark.parametrize("kind", ["serial", "hid", "usb"])

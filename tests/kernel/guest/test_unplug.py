@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -144,7 +145,8 @@ async def exported(port: int) -> AsyncIterator[None]:
 
 
 def tool(*arguments: str) -> str:
-    return subprocess.run(["usbip", *arguments], check=True, capture_output=True, text=True, timeout=LIMIT).stdout
+    command = [shutil.which("usbip") or "usbip", *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True, timeout=LIMIT).stdout
 
 
 def test_the_stock_tool_attaches_and_detaches_the_board() -> None:
