@@ -14,7 +14,7 @@ from servolink.client.motion import AngleLimits, MotionLimits
 from servolink.client.reconnect import FIRST_PAUSE, LONGEST_PAUSE
 from servolink.client.stats import Stats
 from servolink.discovery.resolve import resolved
-from servolink.errors import ConnectionLost, OpenError, TransportUnavailable
+from servolink.errors import ConnectionLost, OpenError, RequestTimeout, TransportUnavailable
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport
@@ -84,8 +84,10 @@ class connect:  # noqa: N801 - reads as the function it stands for
         board = Board(link, self._angle_unit, self._limits, reopen)
         try:
             await board.project_id()  # by which it is known again
-        except BaseException:
+        except BaseException as error:
             await board.close()
+            if isinstance(error, RequestTimeout):
+                raise OpenError(str(error)) from error
             raise
         return board
 

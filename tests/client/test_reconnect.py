@@ -375,8 +375,9 @@ def test_a_board_that_does_not_tell_which_it_is_is_not_connected_to(socket: Sock
     async def main() -> None:
         assert socket.board is not None
         socket.board.mode = 0
-        with pytest.raises(RequestTimeout):
+        with pytest.raises(OpenError, match="was not answered") as caught:
             await connect("virtual://", reconnect=True)
+        assert isinstance(caught.value.__cause__, RequestTimeout)
         assert socket.live == []
 
     run(main())
