@@ -15,7 +15,7 @@ from servolink.protocol.settings import QueryMemorySizeRequest
 QUESTIONS = 60
 """Of the shortest kind; nothing on the board changes."""
 
-_PATIENCE = 0.25  # seconds for each answer
+_PATIENCE = 0.5  # seconds for each answer
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,7 +75,7 @@ def test_list_without_a_board_is_3(here: Callable[..., None], capsys: pytest.Cap
 
 
 def test_list_names_boards(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
-    here(BOARD, PORT)
+    here(BOARD, PORT, Candidate("serial:///dev/ttyACM9", "board", "D4"))
     assert call(capsys, "use", "left", "serial:///dev/ttyACM7").code == 0
     assert call(capsys, "use", "gone", "serial:///dev/ttyACM9").code == 0
     here(BOARD, Candidate("serial:///dev/ttyACM8", "board", "C3"))

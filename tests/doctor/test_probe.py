@@ -83,7 +83,7 @@ def test_a_clean_line_is_no_finding() -> None:
 def test_noise_and_missing_answers_are_counted() -> None:
     noise, answers = check_line(Line(1000, 25, QUESTIONS, 3, 2, [0.001] * 57))
     assert noise.seen == "25 of 1000 received bytes (2.5 %) were part of no frame"
-    assert answers.seen == f"3 of {QUESTIONS} questions were not answered in 0.25 s, and 2 answers came late"
+    assert answers.seen == f"3 of {QUESTIONS} questions were not answered in 0.5 s, and 2 answers came late"
     assert "noise first" in answers.do
     (answers,) = check_line(Line(1000, 0, QUESTIONS, 3, 0, [0.001] * 57))
     assert "busy" in answers.means

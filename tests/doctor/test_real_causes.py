@@ -172,13 +172,13 @@ sys.exit(main(sys.argv[3:]))
 
 
 def as_user(user: pwd.struct_passwd, *arguments: str) -> Said:
-    """Run the command as another user."""
+    """Run the command as another user, who cannot write down what it covered."""
     ran = subprocess.run(
         [sys.executable, "-c", SWITCH, str(user.pw_gid), str(user.pw_uid), *arguments],
         check=False,
         capture_output=True,
         text=True,
-        env=environment(),
+        env={name: value for name, value in environment().items() if not name.startswith("COV")},
         cwd=ROOT,
         timeout=30,
     )
