@@ -17,7 +17,7 @@ import pytest
 from servolink.protocol.codec import Codec
 from servolink.protocol.joystick import PRESS, ButtonEventResponse, SubscribeButtonEventRequest
 from servolink.protocol.packet import Packet
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.network import host_and_port
 from servolink.virtual.serving import serve
@@ -112,6 +112,24 @@ def test_a_urb_that_the_host_takes_back_is_told_of_once() -> None:
                 (UNLINKED, first, -104),
                 (UNLINKED, second, 0),
             ]
+
+    in_time(main)
+
+
+def test_reports_come_one_each_millisecond_as_on_a_bus_and_the_rest_before_one_is_taken_back() -> None:
+    async def main() -> None:
+        board = VirtualBoard(servos=254)  # whose states are 44 reports
+        async with exported(board) as (place, _), attached(*place) as host:
+            loop = asyncio.get_running_loop()
+            reads = [host.submit(HID_IN, 64) for _ in range(40)]
+            host.submit(HID_OUT, data=CODEC.encode(QueryServoRequest(255)).ljust(64, b"\0"))
+            start = loop.time()
+            said = [await host.next() for _ in range(20)]
+            assert loop.time() - start >= 18 * server.HID_INTERVAL
+            unlinked = host.unlink(reads[-1])
+            said += [await host.next() for _ in range(22)]
+            assert [each.number for each in said if each.number in reads] == reads
+            assert said[-1].number == unlinked
 
     in_time(main)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 
@@ -10,6 +11,7 @@ from servolink.errors import DecodeError
 from servolink.virtual.board import Session, VirtualBoard
 from servolink.virtual.network import listen
 from servolink.virtual.usbip import messages
+from servolink.virtual.usbip.descriptors import HID_IN
 from servolink.virtual.usbip.device import UsbDevice
 from servolink.virtual.usbip.endpoint import Urb
 
@@ -17,6 +19,9 @@ MOST_OUTSTANDING = 4096
 """URBs that a host may have under way; Linux's drivers have some dozens."""
 MOST_HELD = 16 * 1024 * 1024
 """Bytes that a host may have sent and the device not taken; as many as Linux gives all its USB programs."""
+
+HID_INTERVAL = 0.001
+"""Seconds between two reports, as the descriptor of their endpoint has it."""
 
 _OPENING_LIMIT = 10.0  # seconds for a host to say what it wants
 
@@ -29,12 +34,17 @@ class Conversation:
         self.device = UsbDevice(serial_number, self._give_back)
         self._reader = reader
         self._writer = writer
+        self._reports: deque[bytes] = deque()  # to the host, which polls for them
+        self._poll: asyncio.TimerHandle | None = None
 
     async def serve(self) -> None:
         """Obey until the connection ends, by an OSError or EOFError, or DecodeError for what no host says."""
-        while True:
-            self._obey(await self._command())
-            await self._writer.drain()
+        try:
+            while True:
+                self._obey(await self._command())
+                await self._writer.drain()
+        finally:
+            self._end_polling()
 
     async def _command(self) -> Urb | messages.Unlink:
         command = messages.parse_command(await self._reader.readexactly(messages.COMMAND_SIZE))
@@ -45,15 +55,38 @@ class Conversation:
     def _obey(self, command: Urb | messages.Unlink) -> None:
         if isinstance(command, messages.Unlink):
             status = self.device.unlink(command.urb)
-            self._writer.write(messages.unlinked(command, status))
+            self._end_polling()  # what is given back comes before what is told of it
+            self._write(messages.unlinked(command, status))
             return
         self.device.submit(command)
         if self.device.outstanding > MOST_OUTSTANDING or self.device.held > MOST_HELD:
             raise DecodeError(f"{self.device.outstanding} transfers with {self.device.held} bytes are under way")
 
     def _give_back(self, urb: Urb, status: int) -> None:
+        if urb.endpoint != HID_IN:
+            self._write(messages.submitted(urb, status))
+            return
+        # A bus brings a report each millisecond; all at once they would overrun the 64 for which Linux has room.
+        self._reports.append(messages.submitted(urb, status))
+        if self._poll is None:
+            self._fetch_report()
+
+    def _fetch_report(self) -> None:
+        self._poll = None
+        if self._reports:
+            self._write(self._reports.popleft())
+            self._poll = asyncio.get_running_loop().call_later(HID_INTERVAL, self._fetch_report)
+
+    def _end_polling(self) -> None:
+        if self._poll is not None:
+            self._poll.cancel()
+            self._poll = None
+        while self._reports:
+            self._write(self._reports.popleft())
+
+    def _write(self, message: bytes) -> None:
         if not self._writer.is_closing():
-            self._writer.write(messages.submitted(urb, status))
+            self._writer.write(message)
 
 
 class UsbIpServer:

@@ -58,6 +58,13 @@ class Plug:
         return f"/dev/{self._node('*:1.2/*/hidraw/*')}"
 
     @property
+    def usbfs(self) -> str:
+        folder = self._folder()
+        assert folder is not None, f"{self.serial_number} is not plugged in"
+        bus, number = (int((folder / name).read_text()) for name in ("busnum", "devnum"))
+        return f"/dev/bus/usb/{bus:03}/{number:03}"
+
+    @property
     def present(self) -> bool:
         return self._folder() is not None
 
