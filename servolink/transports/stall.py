@@ -30,8 +30,7 @@ class StallWatch:
     def start(self) -> None:
         """Begin, if it has not yet; it ends by itself when nobody waits any more."""
         if self._timer is None:
-            loop = asyncio.get_running_loop()
-            self._timer = loop.call_later(_STALL_STEP, self._look, self._taken(), loop.time())
+            self._timer = asyncio.get_running_loop().call_later(_STALL_STEP, self._look, self._taken(), 1)
 
     def stop(self) -> None:
         """End at once."""
@@ -39,14 +38,14 @@ class StallWatch:
             self._timer.cancel()
             self._timer = None
 
-    def _look(self, taken: int, since: float) -> None:
+    def _look(self, taken: int, looks: int) -> None:
+        """Look for the `looks`-th time whether more than `taken` has been taken."""
         self._timer = None
         if not self._waiting():
             return  # the next send that has to wait starts it again
-        loop = asyncio.get_running_loop()
         if self._taken() != taken:
-            taken, since = self._taken(), loop.time()
-        elif loop.time() - since >= STALL_LIMIT:
+            taken, looks = self._taken(), 0
+        elif looks * _STALL_STEP >= STALL_LIMIT:  # time alone also passes while all of us stand still
             self._stalled(TimeoutError(f"it has taken no byte for {STALL_LIMIT:g} s"))
             return
-        self._timer = loop.call_later(_STALL_STEP, self._look, taken, since)
+        self._timer = asyncio.get_running_loop().call_later(_STALL_STEP, self._look, taken, looks + 1)
