@@ -1,0 +1,100 @@
+"""The documentation's example of a transport in a package of its own, installed and used."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from servolink.virtual.board import Session, VirtualBoard
+from tests.transports.wires import on_loop
+
+EXAMPLE = Path(__file__).parents[2] / "docs/examples/servolink-udp"
+
+PROGRAM = """
+import asyncio, sys
+import servolink
+
+async def main():
+    async with servolink.connect(sys.argv[1]) as board:
+        print(*await board.servo_ids())
+
+asyncio.run(main())
+"""
+
+
+class Bridge(asyncio.DatagramProtocol):
+    """A virtual board behind a UDP port, as a bridge would put it there."""
+
+    def __init__(self) -> None:
+        self._board = VirtualBoard(servos=3)
+        self._sessions: dict[tuple[str, int], Session] = {}
+        self._socket: asyncio.DatagramTransport | None = None
+
+    def connection_made(self, transport: asyncio.DatagramTransport) -> None:  # type: ignore[override]
+        self._socket = transport
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        socket = self._socket
+        assert socket is not None
+        session = self._sessions.setdefault(addr, self._board.attach(lambda answer: socket.sendto(answer, addr)))
+        session.receive(data, asyncio.get_running_loop().time())
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Install the package into a folder of its own."""
+    if importlib.util.find_spec("pip") is None:
+        pytest.skip("pip is not installed in this environment")
+    folder = tmp_path_factory.mktemp("packages")
+    command = (sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation")
+    subprocess.run((*command, "--target", str(folder), str(EXAMPLE)), check=True, timeout=120)
+    return folder
+
+
+async def ask(installed: Path, url: str) -> tuple[int, str, str]:
+    """Run a program that has the package beside servolink."""
+    paths = os.pathsep.join((str(installed), *filter(None, sys.path)))
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-W", "error", "-c", PROGRAM, url),
+        env={**os.environ, "PYTHONPATH": paths},
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    out, err = await process.communicate()
+    return process.returncode or 0, out.decode(), err.decode()
+
+
+@pytest.mark.timeout(180)
+@on_loop
+async def test_an_installed_package_adds_its_scheme(installed: Path) -> None:
+    bridge, _ = await asyncio.get_running_loop().create_datagram_endpoint(Bridge, local_addr=("127.0.0.1", 0))
+    port = bridge.get_extra_info("sockname")[1]
+    assert await ask(installed, f"udp://127.0.0.1:{port}") == (0, "1 2 3\n", "")
+    bridge.abort()
+
+
+@pytest.mark.timeout(180)
+@on_loop
+async def test_nobody_at_the_other_end_is_a_lost_connection_and_not_a_silence(installed: Path) -> None:
+    bridge, _ = await asyncio.get_running_loop().create_datagram_endpoint(Bridge, local_addr=("127.0.0.1", 0))
+    port = bridge.get_extra_info("sockname")[1]
+    bridge.abort()
+    code, _, err = await ask(installed, f"udp://127.0.0.1:{port}")
+    assert code == 1
+    assert "ConnectionLost" in err
+    assert "Connection refused" in err
+
+
+@pytest.mark.timeout(180)
+@on_loop
+async def test_its_mistakes_are_told_like_our_own(installed: Path) -> None:
+    _, _, err = await ask(installed, "udp://:9000")
+    assert "must name a host" in err
+    _, _, err = await ask(installed, "udp://127.0.0.1:9000?speed=1")
+    assert "unknown option speed" in err
