@@ -55,7 +55,7 @@ class UdpTransport(asyncio.DatagramProtocol):
         if self._receiver is not None:
             self._receiver.data(data)
 
-    def error_received(self, exc: OSError) -> None:
+    def error_received(self, exc: Exception) -> None:
         """End the connection: the system says that nobody listens there."""
         if self._socket is not None and self._cause is None:
             self._cause = exc
