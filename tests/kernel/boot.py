@@ -33,7 +33,7 @@ def missing() -> str:
     if shutil.which(QEMU) is None:
         lacks.append(QEMU)
     if not (PARTS / "bin/busybox").exists() or not list(PARTS.glob("boot/vmlinuz-*")):
-        lacks.append(f"Debian's kernel, busybox, udev and usbip in {PARTS}")
+        lacks.append(f"Debian's kernel, busybox and usbip in {PARTS}")
     return f"the kernel bench lacks {' and '.join(lacks)}; on Debian `{INSTALL}` fetches it" if lacks else ""
 
 

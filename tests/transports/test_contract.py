@@ -19,6 +19,7 @@ from tests.transports.wires import FLOOD, WIRES, Ear, Wire, on_loop
 
 pytestmark = pytest.mark.timeout(60)
 FRAME = bytes.fromhex("134c051d2f2700009e")
+CONNECTIONS = 100  # enough to see a leak
 
 
 @pytest.fixture(params=WIRES)
@@ -248,7 +249,7 @@ async def test_nothing_is_left_after_many_connections(make: Callable[[], Wire]) 
 
     await connect()
     before = _open_files(), threading.active_count()
-    for _ in range(100):
+    for _ in range(CONNECTIONS):
         await connect()
     assert _open_files() == before[0]
     assert threading.active_count() <= before[1] + 1

@@ -28,6 +28,7 @@ def make(request: pytest.FixtureRequest) -> Callable[[], Wire]:
 def _slow(monkeypatch: pytest.MonkeyPatch) -> None:
     """This machine is some 20 times slower than a real one, and its drivers hold less than a socket does."""
     monkeypatch.setattr(test_contract, "FLOOD", 40_000)
+    monkeypatch.setattr(test_contract, "CONNECTIONS", 10)
     monkeypatch.setattr(wires, "LIMIT", 60.0)
 
 

@@ -116,7 +116,7 @@ def test_every_waiter_is_told_in_time(plug: Plug, kind: str, report: Callable[[s
     for situation in SITUATIONS:
         rounds = [pull_and_plug_in(plug, kind, situation) for _ in range(ROUNDS)]
         kernel += [bare for bare, _ in rounds]
-        told = [delay for _, delays in rounds for delay in delays]
+        told = [delay for _, each in rounds for delay in each]
         report(f"{kind}, {situation.__name__.replace('_', ' ')}: the last one told after {max(told) * 1e3:.0f} ms")
         delays += told
     worst = percentile_99(delays)
