@@ -136,5 +136,6 @@ def _print(
 
 def _target(text: str) -> tuple[int, int]:
     if (found := _TARGET.fullmatch(text)) is None or int(found[1]) > 0xFE:
-        raise argparse.ArgumentTypeError(f"{text!r} is not SERVO=ANGLE, as in 1=90 or 2=-45, with servos 0 to 254")
+        form = "SERVO=ANGLE, as in 1=90 or 2=-45, with servos 0 to 254 and angles of at most 5 digits"
+        raise argparse.ArgumentTypeError(f"{text!r} is not {form}")
     return int(found[1]), int(found[2])

@@ -63,7 +63,8 @@ def check_limits(
                 f"servo {servo_id}: limits and speeds are in degrees, and this servo is not set to degrees"
             )
         if allowed and not allowed[0] <= angle <= allowed[1]:
-            raise EncodeError(f"servo {servo_id}: {angle} degrees is outside its limits {allowed[0]}..{allowed[1]}")
+            limit = f"{allowed[0]:g}..{allowed[1]:g}"
+            raise EncodeError(f"servo {servo_id}: {int(angle)} degrees is outside its limits {limit}")
 
 
 def intervals_for(
