@@ -19,6 +19,10 @@ DRIVERS: dict[str, Callable[[], Wire]] = {
 }
 
 
+del test_a_slow_reader_is_no_stall  # noqa: F821 - it takes more than these drivers hold
+del test_the_virtual_board_keeps_the_rules_of_opening_and_closing  # noqa: F821 - no driver is part of that
+
+
 @pytest.fixture(params=DRIVERS)  # type: ignore[no-redef]  # is meant to
 def make(request: pytest.FixtureRequest) -> Callable[[], Wire]:
     return DRIVERS[request.param]
