@@ -7,7 +7,9 @@ import gc
 import logging
 import random
 import shutil
+import signal
 import struct
+import sys
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -323,6 +325,23 @@ def test_any_commands_end_in_answers_or_a_hang_up(seed: int) -> None:
             await detached(usbip)
             async with attached(*place) as host:
                 assert (await ask(host, "bulk", LIST)).startswith(CODEC.encode(ANSWER))
+
+    in_time(main)
+
+
+def test_the_command_exports_the_board_and_serves_nothing_that_was_not_asked_for() -> None:
+    async def main() -> None:
+        command = [sys.executable, "-m", "servolink", "virtual", "--usbip", "127.0.0.1:0", "--seed", "5"]
+        program = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+        assert program.stdout is not None
+        word, _, url = (await program.stdout.readline()).decode().strip().partition(" ")
+        assert (word, url.partition("://")[0]) == ("listening", "usbip")
+        async with attached(*host_and_port(url.removeprefix("usbip://"))) as host:
+            assert (await ask(host, "bulk", LIST))[8] == 16  # servos
+            program.send_signal(signal.SIGINT)
+            assert await host.ended()
+        assert (await program.communicate())[0] == b""
+        assert program.returncode == 0
 
     in_time(main)
 
