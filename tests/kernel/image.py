@@ -44,6 +44,7 @@ for folder in proc sys dev; do mount --move /$folder /root/$folder; done
 cd /root
 for folder in run dev/shm; do mkdir -p $folder; mount -t tmpfs memory $folder; done
 mkdir dev/pts
+ln -s /proc/self/fd dev/fd
 mount -t devpts devpts dev/pts
 ip link set lo up
 cp /command run/command

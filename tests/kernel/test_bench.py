@@ -20,7 +20,7 @@ PYTEST = (
     "no:hypothesispytest",
     "--color=no",
     "-v",
-    "--tb=short",
+    "--tb=native",
     "--confcutdir=tests/kernel",
 )
 
