@@ -21,8 +21,10 @@ pytestmark = pytest.mark.timeout(180)
 KINDS = pytest.mark.parametrize("kind", ["serial", "hid", "usb"])
 PATIENCE = 10.0  # seconds for an answer in this slow machine
 OPEN_TWICE = """
-import asyncio, sys
+import asyncio, faulthandler, sys
 import servolink
+
+faulthandler.dump_traceback_later(60, exit=True)  # if it hangs, show where
 
 async def main() -> None:
     for url in sys.argv[1:]:
@@ -162,6 +164,7 @@ def test_a_second_program_is_refused_and_told_why_and_the_first_one_goes_on(plug
             sys.executable, "-c", OPEN_TWICE, *plug.urls.values(), stdout=subprocess.PIPE
         )
         said, _ = await second.communicate()
+        assert second.returncode == 0
         for board in boards:
             assert await board.servo_ids() == (1, 2, 3)
             await board.close()
