@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import sys
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -60,6 +61,9 @@ class _Port(serial.Serial):  # type: ignore[misc]
 
     def close(self) -> None:
         """Let go of the port; a device that takes nothing holds Linux up for 30 s, but not our event loop."""
+        if not self.is_open or sys.is_finalizing():  # a thread that is begun at the end of the program never runs
+            super().close()
+            return
         closing = threading.Thread(target=super().close, name="servolink port", daemon=True)
         closing.start()
         closing.join(_CLOSE_LIMIT)
