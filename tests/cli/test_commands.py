@@ -191,6 +191,7 @@ def test_run_macro(board: Board) -> None:
     assert board("run", "macro", "4").out == "macro 4 'Wave' was started\n"
     said = board("run", "macro", "4", "--json")
     assert said.json == {"macro_id": 4, "macro_caption": "Wave", "idle_servos": []}
+    assert board("stop").code == 0  # or it would go on to move servos in the next test
 
 
 @pytest.mark.parametrize(
