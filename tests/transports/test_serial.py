@@ -331,3 +331,18 @@ def _is(descriptor: int, path: str) -> bool:
         return os.ttyname(descriptor) == path
     except OSError:
         return False
+
+
+def test_a_port_that_is_forgotten_does_not_keep_a_program_from_ending() -> None:
+    program = """
+import os
+import servolink.transports.serial as kind
+ours, theirs = os.openpty()
+for forgotten in (False, True):
+    port = kind._Port(os.ttyname(theirs))
+    if not forgotten:
+        port.close()
+    globals()[f"port_{forgotten}"] = port
+"""
+    ended = subprocess.run([sys.executable, "-c", program], timeout=30, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")
