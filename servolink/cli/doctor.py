@@ -14,7 +14,7 @@ from servolink.discovery.resolve import resolved
 from servolink.discovery.search import search
 from servolink.doctor.examination import Report, examine
 from servolink.doctor.facts import SystemFacts
-from servolink.doctor.nodes import UsbDevice, usb_device
+from servolink.doctor.nodes import UsbDevice, named_usb_device, usb_device
 from servolink.doctor.udev import rules
 from servolink.errors import OpenError
 
@@ -51,11 +51,11 @@ def run(args: argparse.Namespace) -> int:
 def _devices(facts: SystemFacts, board: str | None) -> list[UsbDevice]:
     """Return the USB devices that the rules are for; OpenError if there are none."""
     urls = [asyncio.run(resolved(board))] if board else [candidate.url for candidate in search()]
-    found = [device for url in urls if (device := usb_device(facts, url)) is not None]
+    found = [device for url in urls if (device := usb_device(facts, url) or named_usb_device(url)) is not None]
     if not found:
         raise OpenError(
             "there is no board on USB for which rules could be written; plug it in, or name it: "
-            "servolink doctor --print-udev serial:///dev/ttyACM0"
+            "servolink doctor --print-udev usb://VID:PID"
         )
     return found
 

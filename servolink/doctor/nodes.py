@@ -66,6 +66,17 @@ def usb_devices(facts: SystemFacts) -> Iterator[UsbDevice]:
             yield device
 
 
+def named_usb_device(url: str) -> UsbDevice | None:
+    """Return the USB device that `url` itself describes, plugged in or not; None if it names no ids."""
+    address = Address.parse(url)
+    if address.scheme not in {"hid", "usb"}:
+        return None
+    named = UsbId.of(address)
+    if named.vendor_id is None or named.product_id is None:
+        return None
+    return UsbDevice("", named.vendor_id, named.product_id, named.serial_number, "")
+
+
 def _usb_parent(facts: SystemFacts, path: str) -> UsbDevice | None:
     """Return the USB device above a file of the system's device tree."""
     above = PurePosixPath(facts.real(path))

@@ -87,3 +87,14 @@ def test_without_a_board_on_usb_there_are_none(
         said = call(capsys, "doctor", "--print-udev", *arguments)
         assert (said.code, said.out) == (3, "")
         assert "plug it in" in said.err
+
+
+def test_a_board_that_is_not_here_can_be_named_by_its_ids(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "SystemFacts", lambda: RecordedFacts("wsl", tmp_path))
+    for scheme in ("usb", "hid"):
+        said = call(capsys, "doctor", "--print-udev", f"{scheme}://2345:6789")
+        assert (said.code, said.err, len(rule_lines(said.out))) == (0, "", 3)
+        assert all('"2345"' in line and '"6789"' in line for line in rule_lines(said.out))
+    assert call(capsys, "doctor", "--print-udev", "usb://").code == 3
