@@ -22,8 +22,13 @@ class Chapter:
         self._link = link
         self._known_project_id: int | None = None  # by which the board is known again after a loss
 
-    async def request(self, packet: Request[R], *, timeout: float | None = None, retries: int | None = None) -> R:
+    async def request(
+        self, packet: Request[R], *, timeout: float | None = None, retries: int | None = None, exact: bool = False
+    ) -> R:
         """Send any packet that is answered and return its answer, whatever that says.
+
+        `exact` gives back to a board what was read from one: captions may then hold control characters, numbers all
+        that the wire carries.
 
         Raises EncodeError before anything is sent; RequestTimeout after the retries of a query; OutcomeUnknown
         when a command that changes something was sent and not answered; ConnectionLost.
@@ -32,7 +37,7 @@ class Chapter:
             raise TypeError(f"{type(packet).__name__} is never answered; use send")
         if timeout is not None and not timeout > 0:
             raise ValueError(f"timeout: {timeout!r} is not above 0 seconds")
-        return await self._link.request(packet, timeout=timeout, retries=retries)
+        return await self._link.request(packet, timeout=timeout, retries=retries, exact=exact)
 
     async def send(self, packet: Command) -> None:
         """Send any packet that is never answered; EncodeError also for the same servo twice in one movement."""

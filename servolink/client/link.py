@@ -80,14 +80,21 @@ class Link:
         await self.transport.close()
 
     async def request(
-        self, packet: Request[R], *, timeout: float | None = None, retries: int | None = None, first: bool = False
+        self,
+        packet: Request[R],
+        *,
+        timeout: float | None = None,
+        retries: int | None = None,
+        first: bool = False,
+        exact: bool = False,
     ) -> R:
         """Send `packet` and return its answer.
 
         Queries are repeated `retries` times within `timeout * (retries + 1)` seconds and raise RequestTimeout;
-        what changes the board is sent once and raises OutcomeUnknown. `first` goes before all who wait.
+        what changes the board is sent once and raises OutcomeUnknown. `first` goes before all who wait; `exact`
+        gives back what was read from a board (see Codec.encode).
         """
-        frame = self._codec.encode(packet)
+        frame = self._codec.encode(packet, exact=exact)
         lane = self._lanes.of(packet)
         stops = self.stops
         await self._take_turn(lane, alone=isinstance(packet, ClearAllDataRequest), first=first)

@@ -20,9 +20,13 @@ class Codec:
         self.byte_order: ByteOrder = byte_order
         self.caption_encoding = check_encoding(caption_encoding)
 
-    def encode(self, packet: Packet) -> bytes:
-        """Return the frame of `packet`; EncodeError names packet, field, value and range."""
-        content = layout(type(packet), self.byte_order).encode(packet, self.caption_encoding)
+    def encode(self, packet: Packet, *, exact: bool = False) -> bytes:
+        """Return the frame of `packet`; EncodeError names packet, field, value and range.
+
+        `exact` is for giving back to a board what was read from one: captions may then hold control characters,
+        numbers all that the wire carries.
+        """
+        content = layout(type(packet), self.byte_order).encode(packet, self.caption_encoding, exact=exact)
         return encode_frame(packet.packet_id, content, self.byte_order)
 
     def decode(self, packet_id: int, content: bytes) -> Packet:

@@ -62,6 +62,17 @@ class _Value:
         return "" if fits else f"{shown(value)} is outside {self.low}..{self.high}"
 
 
+@dataclass(frozen=True, slots=True)
+class _Writing:
+    """How values are to be written."""
+
+    encoding: str
+    plain: bool
+    """Captions have neither control characters nor a hidden frame start: what this library makes up itself."""
+    narrow: bool
+    """Numbers are within what their declaration allows, not only within what the wire carries."""
+
+
 class _Row:
     """Consecutive values with one `struct` format."""
 
@@ -75,14 +86,12 @@ class _Row:
             (at, v.low, v.high) for at, v in enumerate(values) if v.code in wire and (v.low, v.high) != wire[v.code]
         )
 
-    def pack(
-        self, values: Iterable[Any], encoding: str, where: str, *, from_us: bool, count: tuple[int, ...] = ()
-    ) -> bytes:
+    def pack(self, values: Iterable[Any], where: str, how: _Writing, count: tuple[int, ...] = ()) -> bytes:
         row = list(values)
         for at in self.captions:
-            row[at] = encode_caption(row[at], encoding, f"{where}.{self.values[at].name}", from_us=from_us)
+            row[at] = encode_caption(row[at], how.encoding, f"{where}.{self.values[at].name}", from_us=how.plain)
         try:
-            if all(low <= row[at] <= high for at, low, high in self._narrow):
+            if not how.narrow or all(low <= row[at] <= high for at, low, high in self._narrow):
                 return self.format.pack(*row, *count)
         except (struct_error, TypeError):
             pass
@@ -139,35 +148,39 @@ class Layout:
             return LengthRule(base, self._optional.format.size, 1)
         return LengthRule(base)
 
-    def encode(self, packet: Packet, encoding: str) -> bytes:
-        """Return the content of `packet`; EncodeError names the field whose value does not fit."""
+    def encode(self, packet: Packet, encoding: str, *, exact: bool = False) -> bytes:
+        """Return the content of `packet`; EncodeError names the field whose value does not fit.
+
+        `exact` writes whatever a board can have said, which is more than this library says by itself.
+        """
         values = [getattr(packet, name) for name in self._names]
+        how = _Writing(encoding, plain=self._from_us and not exact, narrow=not exact)
         if self._item is not None:
-            return self._encode_group(values, encoding)
+            return self._encode_group(values, how)
         if self._tail:
-            return self._encode_rest(values, encoding)
+            return self._encode_rest(values, how)
         if self._optional is not None:
             last = values.pop()
-            tail = b"" if last is None else self._optional.pack([last], encoding, self._name, from_us=self._from_us)
-            return self._head.pack(values, encoding, self._name, from_us=self._from_us) + tail
-        return self._head.pack(values, encoding, self._name, from_us=self._from_us)
+            tail = b"" if last is None else self._optional.pack([last], self._name, how)
+            return self._head.pack(values, self._name, how) + tail
+        return self._head.pack(values, self._name, how)
 
-    def _encode_rest(self, values: list[Any], encoding: str) -> bytes:
+    def _encode_rest(self, values: list[Any], how: _Writing) -> bytes:
         data = values.pop()
         if not isinstance(data, (bytes, bytearray, memoryview)):
             raise EncodeError(f"{self._name}.{self._tail}: {type(data).__name__} is not bytes")
         if len(data) > self.rule.limit:
             raise EncodeError(f"{self._name}.{self._tail}: {len(data)} bytes are outside 0..{self.rule.limit}")
-        return self._head.pack(values, encoding, self._name, from_us=self._from_us) + bytes(data)
+        return self._head.pack(values, self._name, how) + bytes(data)
 
-    def _encode_group(self, values: list[Any], encoding: str) -> bytes:
+    def _encode_group(self, values: list[Any], how: _Writing) -> bytes:
         group, where = values.pop(), f"{self._name}.{self._tail}"
         if not isinstance(group, (tuple, list)):
             raise EncodeError(f"{where}: {type(group).__name__} is not a tuple")
         if len(group) > self.rule.limit:
             raise EncodeError(f"{where}: {len(group)} records are outside 0..{self.rule.limit}")
         assert self._item is not None  # noqa: S101 - narrows the type; the caller has asked
-        parts = [self._head.pack(values, encoding, self._name, from_us=self._from_us, count=(len(group),))]
+        parts = [self._head.pack(values, self._name, how, (len(group),))]
         for at, record in enumerate(group):
             if self._record is None:
                 row: tuple[Any, ...] = (record,)
@@ -175,7 +188,7 @@ class Layout:
                 row = tuple(getattr(record, value.name) for value in self._item.values)
             else:
                 raise EncodeError(f"{where}[{at}]: {type(record).__name__} is not {self._record.__name__}")
-            parts.append(self._item.pack(row, encoding, f"{where}[{at}]", from_us=self._from_us))
+            parts.append(self._item.pack(row, f"{where}[{at}]", how))
         return b"".join(parts)
 
     def _decoder(self) -> Callable[[bytes, str], Packet]:

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.errors import DecodeError
+from servolink.errors import DecodeError, EncodeError
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddActionRequest
+from servolink.protocol.editing import AddActionRequest, QueryActionResponse
 from servolink.protocol.frame import ByteOrder, encode_frame
 from servolink.protocol.packet import Packet
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoRequest
+from servolink.protocol.servos import ExecuteActionRequest, QueryServoRequest, Step
 from tests.protocol.declared import VECTORS, Vector, any_packet, packet_of
 
 byte_orders: st.SearchStrategy[ByteOrder] = st.sampled_from(["little", "big"])
@@ -104,3 +104,21 @@ def test_byte_order_and_encoding_are_settings() -> None:
 def test_a_setting_that_does_not_exist_is_refused(settings: dict[str, Any], fault: str) -> None:
     with pytest.raises(ValueError, match=fault):
         Codec(**settings)
+
+
+def test_what_a_board_said_can_be_given_back_exactly() -> None:
+    codec = Codec()
+    said = codec.encode(QueryActionResponse(7, "a\x1b[2J", (Step(1, 90, -1),)), exact=True)
+    found = codec.decode_frame(said)
+    assert isinstance(found, QueryActionResponse)
+    add = AddActionRequest(found.action_id, found.action_caption, found.steps)
+    assert codec.encode(add, exact=True)[8:-1] == said[8:-1]
+    with pytest.raises(EncodeError, match="control characters"):
+        codec.encode(add)
+    with pytest.raises(EncodeError, match="interval: -1 is outside"):
+        codec.encode(AddActionRequest(7, "a", found.steps))
+
+
+def test_exact_still_refuses_what_the_wire_cannot_carry() -> None:
+    with pytest.raises(EncodeError, match="interval: 40000 is outside"):
+        Codec().encode(AddActionRequest(7, "a", (Step(1, 90, 40000),)), exact=True)
