@@ -15,6 +15,7 @@ from servolink.errors import (
     OpenError,
     OutcomeUnknown,
     PacketError,
+    ProjectError,
     Rejected,
     RequestError,
     RequestTimeout,
@@ -22,6 +23,7 @@ from servolink.errors import (
     TransportError,
     TransportUnavailable,
 )
+from servolink.project.model import Project
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import Action, ActionEntry, Macro, MacroCommand, MacroEntry, ServoParameter
 from servolink.protocol.joystick import Button, JoystickTable, JoystickTableEntry
@@ -55,6 +57,8 @@ __all__ = [
     "OpenError",
     "OutcomeUnknown",
     "PacketError",
+    "Project",
+    "ProjectError",
     "Rejected",
     "RequestError",
     "RequestTimeout",

@@ -8,11 +8,12 @@ ServolinkError
 ├─ PacketError (ValueError)
 │  ├─ EncodeError                     your value does not fit; nothing was sent
 │  └─ DecodeError                     the bytes make no packet; the bytes are kept
-└─ RequestError                       the board was asked; `request` is kept
-   ├─ RequestTimeout (TimeoutError)   no answer in time, and nothing was changed by asking
-   ├─ Rejected                        the board said no
-   ├─ NotFound                        the board has no such servo, action, macro or table
-   └─ OutcomeUnknown                  sent, but no answer: it may or may not have happened
+├─ RequestError                       the board was asked; `request` is kept
+│  ├─ RequestTimeout (TimeoutError)   no answer in time, and nothing was changed by asking
+│  ├─ Rejected                        the board said no
+│  ├─ NotFound                        the board has no such servo, action, macro or table
+│  └─ OutcomeUnknown                  sent, but no answer: it may or may not have happened
+└─ ProjectError (ValueError)          a project, its file, or a board's content; says where inside it
 
 Each is also the built-in error that a reader expects, so `except TimeoutError` and
 `except ConnectionError` work as usual.
@@ -83,3 +84,7 @@ class NotFound(RequestError):
 
 class OutcomeUnknown(RequestError):
     """The command was sent and no answer came: read back before sending it again."""
+
+
+class ProjectError(ServolinkError, ValueError):
+    """A project cannot be used as it is; the text says where inside it, such as `actions[3].steps[7].degree`."""

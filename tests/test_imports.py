@@ -22,15 +22,17 @@ MODULES = {
 MAY_IMPORT = {
     "errors": set[str](),
     "printable": set[str](),
+    "atomic": set[str](),
     "protocol": {"errors", "printable"},
+    "project": {"atomic", "errors", "printable", "protocol"},
     "transports": {"errors", "printable"},
-    "virtual": {"errors", "printable", "protocol", "transports"},
-    "discovery": {"errors", "printable", "transports"},
-    "client": {"errors", "printable", "protocol", "transports", "discovery"},
+    "virtual": {"atomic", "errors", "printable", "protocol", "transports"},
+    "discovery": {"atomic", "errors", "printable", "transports"},
+    "client": {"errors", "printable", "protocol", "project", "transports", "discovery"},
     "doctor": {"errors", "printable", "protocol", "transports", "discovery", "client"},
-    "cli": {"errors", "printable", "protocol", "transports", "virtual", "discovery", "client", "doctor"},
+    "cli": {"errors", "printable", "protocol", "project", "transports", "virtual", "discovery", "client", "doctor"},
     "__main__": {"cli"},
-    "api": {"errors", "protocol", "transports", "discovery", "client"},
+    "api": {"errors", "protocol", "project", "transports", "discovery", "client"},
     "": {"api"},
 }
 """What each part of the package may import besides itself; "" is the package's own file, with the public names."""

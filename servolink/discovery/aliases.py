@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import tempfile
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,6 +10,7 @@ from pathlib import Path
 import msgspec
 import platformdirs
 
+from servolink.atomic import write_atomically
 from servolink.errors import TransportUnavailable
 from servolink.printable import printable
 
@@ -60,16 +59,7 @@ def save_alias(name: str, alias: Alias) -> None:
     aliases = load_aliases() | {name: alias}
     path = aliases_path()
     path.parent.mkdir(parents=True, exist_ok=True)
-    number, temporary = tempfile.mkstemp(dir=path.parent)
-    try:
-        with open(number, "w", encoding="utf-8") as file:
-            file.write(_toml(aliases))
-            file.flush()
-            os.fsync(file.fileno())
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    write_atomically(path, _toml(aliases).encode())
 
 
 def _parsed(text: str) -> dict[str, Alias]:

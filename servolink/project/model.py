@@ -1,0 +1,45 @@
+"""Project: everything that a board stores (document, 4.2 and 4.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta, Struct
+
+from servolink.protocol.editing import Action, Macro, ServoParameter
+from servolink.protocol.fields import I32
+from servolink.protocol.joystick import JoystickTable
+
+UNFINISHED = range(0x7A00_0000, 0x7A10_0000)
+"""Project ids that mean "an import is under way"; the number within says which (see `journal`)."""
+
+
+class Project(Struct, frozen=True, forbid_unknown_fields=True):
+    """Everything stored on a board, in the types of the packets."""
+
+    project_id: Annotated[I32, Meta(description="0 for none")] = 0
+    servo_parameters: tuple[ServoParameter, ...] = ()
+    actions: tuple[Action, ...] = ()
+    macros: tuple[Macro, ...] = ()
+    joystick_tables: tuple[JoystickTable, ...] = ()
+    active_joystick_table: Annotated[I32 | None, Meta(description="none: whichever the board takes")] = None
+
+    def sorted(self) -> Project:
+        """Return the same project in order of ids, without parameters that only say what a servo has anyway."""
+        return msgspec.structs.replace(
+            self,
+            servo_parameters=tuple(sorted(telling(self.servo_parameters), key=lambda one: one.servo_id)),
+            actions=tuple(sorted(self.actions, key=lambda one: one.action_id)),
+            macros=tuple(sorted(self.macros, key=lambda one: one.macro_id)),
+            joystick_tables=tuple(sorted(self.joystick_tables, key=lambda one: one.table_id)),
+        )
+
+
+def telling(parameters: Iterable[ServoParameter]) -> list[ServoParameter]:
+    """Return the parameters that differ from those of a servo without any: no caption, no correction.
+
+    The protocol cannot delete parameters, it can only write neutral ones, so both are the same.
+    """
+    return [one for one in parameters if one.adjusted_degree or one.servo_caption]
