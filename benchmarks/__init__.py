@@ -1,1 +1,13 @@
 """What servolink costs, as ratios to something everybody knows, measured in the same run: `python -m benchmarks`."""
+
+BENCHMARKS = {
+    "parser": ("benchmarks.parser", True, "The parser against the one that a textbook has"),
+    "packets": ("benchmarks.packets", True, "Bytes to typed packets, against the bare tuples of `struct`"),
+    "hostile": ("benchmarks.hostile", True, "Streams that were made to hurt"),
+    "recall": ("benchmarks.recall", True, "Intact frames found on a damaged line"),
+}
+"""Name to the module, whether `--short` without names runs it, and its heading, in the order of docs/benchmarks.md.
+
+Each module has `run(*, short) -> Result`. To publish its figures:
+`python -m benchmarks NAME --output benchmarks/figures/NAME.json && python -m benchmarks --report`.
+"""

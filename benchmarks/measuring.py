@@ -7,12 +7,28 @@ import platform
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
 from statistics import median
 from time import process_time_ns
-from typing import Any
+from typing import Any, TypedDict
 
 Result = dict[str, Any]
-"""What a benchmark found, ready for JSON; `wrong` and `slow` list the goals it missed."""
+"""What a benchmark found, ready for JSON. `wrong` and `slow` list the goals it missed, as sentences; `tables` are
+for the page of figures, and so are `versions`, of other software that took part, by name. Anything else may be in it.
+"""
+
+CORES: tuple[int, ...] = tuple(sorted(os.sched_getaffinity(0))) if hasattr(os, "sched_getaffinity") else ()
+"""The cores that this process had before `pin`."""
+
+
+class Table(TypedDict):
+    """A table as it is printed and published."""
+
+    title: str
+    columns: list[str]
+    rows: list[list[str]]
+    notes: list[str]
 
 
 @dataclass(frozen=True)
@@ -28,16 +44,29 @@ class Comparison:
 
 def pin() -> int | None:
     """Stay on one core, where the system can; return its number."""
-    if not hasattr(os, "sched_setaffinity"):
+    if not CORES:
         return None
-    core = max(os.sched_getaffinity(0))
-    os.sched_setaffinity(0, {core})
-    return core
+    os.sched_setaffinity(0, {CORES[-1]})
+    return CORES[-1]
 
 
 def machine() -> Result:
-    """Return what the figures were measured on."""
-    return {"python": platform.python_version(), "system": platform.platform(), "core": pin()}
+    """Return what the figures were measured on, and when."""
+    return {
+        "python": f"{platform.python_implementation()} {platform.python_version()}",
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "system": f"{platform.system()} {'.'.join(platform.release().split('.')[:2])}",
+        "date": datetime.now(UTC).date().isoformat(),
+    }
+
+
+def _processor() -> str:
+    if sys.platform == "linux":
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
 
 
 def timed(work: Callable[[], object]) -> int:
@@ -68,10 +97,29 @@ def compare(ours: Callable[[], object], theirs: Callable[[], object], rounds: in
     )
 
 
-def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Print `rows` under `columns`, right-aligned."""
-    cells = [[str(cell) for cell in row] for row in (columns, *rows)]
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]], notes: Sequence[str] = ()) -> Table:
+    """Print `rows` under `columns`, and `notes` under them; return it for `Result["tables"]`."""
+    shown = Table(
+        title=title, columns=list(columns), rows=[[str(cell) for cell in row] for row in rows], notes=list(notes)
+    )
+    right = right_aligned(shown)
+    cells = [shown["columns"], *shown["rows"]]
     widths = [max(len(row[at]) for row in cells) for at in range(len(columns))]
-    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
-    sys.stdout.write("\n".join(["", title, lines[0], "-" * len(lines[0]), *lines[1:], ""]))
+    lines = [
+        "  ".join(
+            cell.rjust(to) if numeric else cell.ljust(to) for cell, to, numeric in zip(row, widths, right, strict=True)
+        )
+        for row in cells
+    ]
+    rule = "-" * max(map(len, lines))
+    sys.stdout.write("\n".join(["", title, lines[0], rule, *lines[1:], *shown["notes"], ""]))
     sys.stdout.flush()
+    return shown
+
+
+def right_aligned(shown: Table) -> list[bool]:
+    """Tell for each column whether it holds numbers."""
+    return [
+        all(row[at].lstrip("<=-+ ")[:1].isdigit() for row in shown["rows"] if row[at] not in {"", "-"})
+        for at in range(len(shown["columns"]))
+    ]

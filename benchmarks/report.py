@@ -1,0 +1,69 @@
+"""docs/benchmarks.md, made from the figures in benchmarks/figures/ and from nothing else."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmarks import BENCHMARKS
+from benchmarks.measuring import Result, Table, right_aligned
+
+ROOT = Path(__file__).parents[1]
+FIGURES = ROOT / "benchmarks/figures"
+PAGE = ROOT / "docs/benchmarks.md"
+
+_INTRODUCTION = """\
+# Benchmarks
+
+Figures that anyone can produce again: `pip install -e ".[bench]"` in a copy of the repository, then the command that
+stands above each table. This page is made from the figures in `benchmarks/figures/` by `python -m benchmarks --report`.
+
+Times are CPU times of one process that stays on one core, unless it says otherwise. What is compared runs in turns,
+round by round, because the speed of a machine drifts; a figure is the median of the rounds, a ratio the median of the
+ratios of single rounds, and the spread half the range of those, as a share of the ratio. So ratios can be compared
+between machines, times only within one table.
+"""
+
+
+def write() -> None:
+    """Write the page."""
+    PAGE.write_text(page(FIGURES), encoding="utf-8")
+
+
+def page(figures: Path) -> str:
+    """Return the page for the JSON files in `figures`, each the `--output` of a run; Markdown."""
+    runs = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(figures.glob("*.json"))]
+    sections = [_section(name, run[name], run["machine"]) for name in BENCHMARKS for run in runs if name in run]
+    return "\n".join([_INTRODUCTION, *("\n".join(lines) for lines in sections)])
+
+
+def _section(name: str, result: Result, machine: Result) -> Iterator[str]:
+    yield f"## {BENCHMARKS[name][2]}\n"
+    yield f"```console no-run\n$ python -m benchmarks {name}\n```\n"
+    yield "{python}, {processor}, {cores} cores, {system}; {date}.".format(**machine)
+    if versions := result.get("versions"):
+        yield f"With {', '.join(f'{other} {version}' for other, version in versions.items())}."
+    yield ""
+    for shown in result.get("tables", []):
+        yield from _table(shown)
+    missed = [*result.get("wrong", []), *result.get("slow", [])]
+    if missed:
+        yield from ("Goals missed:\n", *(f"* {fault}" for fault in missed), "")
+    elif "wrong" in result or "slow" in result:
+        yield "No goal is missed.\n"
+
+
+def _table(shown: Table) -> Iterator[str]:
+    yield f"{shown['title']}:\n"
+    yield _row(shown["columns"])
+    yield _row(["---:" if right else "---" for right in right_aligned(shown)])
+    yield from map(_row, shown["rows"])
+    yield ""
+    if shown["notes"]:
+        yield from (f"* {note}" for note in shown["notes"])
+        yield ""
+
+
+def _row(cells: list[str]) -> str:
+    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"

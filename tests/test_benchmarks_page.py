@@ -1,0 +1,52 @@
+"""The page of figures is what the committed figures give, and nothing was written into it by hand."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks import BENCHMARKS, report
+from benchmarks.measuring import table
+
+MACHINE = {"python": "CPython 3.11.7", "processor": "Fast", "cores": 2, "system": "Linux 6.1", "date": "2026-01-02"}
+
+
+def page(folder: Path, **results: object) -> str:
+    (folder / "run.json").write_text(json.dumps({"machine": MACHINE, **results}), encoding="utf-8")
+    return report.page(folder)
+
+
+def test_the_page_is_made_from_the_figures() -> None:
+    remedy = "run `python -m benchmarks --report`"
+    assert report.PAGE.read_text(encoding="utf-8") == report.page(report.FIGURES), remedy
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_every_benchmark_has_its_module(name: str) -> None:
+    assert importlib.util.find_spec(BENCHMARKS[name][0])
+
+
+@pytest.mark.parametrize("path", sorted(report.FIGURES.glob("*.json")), ids=lambda path: path.stem)
+def test_all_committed_figures_are_on_the_page(path: Path) -> None:
+    assert set(json.loads(path.read_text(encoding="utf-8"))) - {"machine"} <= set(BENCHMARKS)
+
+
+def test_a_section_tells_command_machine_and_versions(tmp_path: Path) -> None:
+    text = page(tmp_path, parser={"versions": {"pymodbus": "3.1"}})
+    assert "$ python -m benchmarks parser\n" in text
+    assert "CPython 3.11.7, Fast, 2 cores, Linux 6.1; 2026-01-02.\nWith pymodbus 3.1.\n" in text
+
+
+def test_a_table_has_numbers_on_the_right_and_its_notes_below(tmp_path: Path) -> None:
+    shown = table("speed", ("name", "times"), [("a|b", "2.5x"), ("c", "<= 3")], ["as a note"])
+    text = page(tmp_path, parser={"tables": [shown]})
+    assert "speed:\n\n| name | times |\n| --- | ---: |\n| a\\|b | 2.5x |\n| c | <= 3 |\n\n* as a note\n" in text
+
+
+def test_missed_goals_are_on_the_page(tmp_path: Path) -> None:
+    text = page(tmp_path, parser={"wrong": ["one lost"], "slow": ["too slow"]}, recall={"wrong": []})
+    assert "Goals missed:\n\n* one lost\n* too slow\n" in text
+    assert text.endswith("No goal is missed.\n")
