@@ -8,6 +8,7 @@ from servolink.client.explain import described
 from servolink.client.link import Link
 from servolink.errors import EncodeError, Rejected
 from servolink.printable import printable
+from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Request, Response, Result
 from servolink.protocol.servos import ExecuteActionRequest
 
@@ -21,6 +22,11 @@ class Chapter:
         """Speak through `link`."""
         self._link = link
         self._known_project_id: int | None = None  # by which the board is known again after a loss
+
+    @property
+    def codec(self) -> Codec:
+        """Byte order and caption encoding of this connection."""
+        return self._link.codec
 
     async def request(
         self, packet: Request[R], *, timeout: float | None = None, retries: int | None = None, exact: bool = False

@@ -56,7 +56,7 @@ class Link:
         self.transport = transport
         self.stops = 0
         """How many times everything was stopped; a movement asked for before a stop is not sent after it."""
-        self._codec = codec
+        self.codec = codec
         self._timeout = timeout
         self._retries = retries
         self._loop = asyncio.get_running_loop()
@@ -94,7 +94,7 @@ class Link:
         what changes the board is sent once and raises OutcomeUnknown. `first` goes before all who wait; `exact`
         gives back what was read from a board (see Codec.encode).
         """
-        frame = self._codec.encode(packet, exact=exact)
+        frame = self.codec.encode(packet, exact=exact)
         lane = self._lanes.of(packet)
         stops = self.stops
         await self._take_turn(lane, alone=isinstance(packet, ClearAllDataRequest), first=first)
@@ -109,7 +109,7 @@ class Link:
 
     async def send(self, packet: Command, *, unless_stopped_since: int | None = None) -> None:
         """Send a packet that is never answered; returns when it is sent."""
-        frame = self._codec.encode(packet)
+        frame = self.codec.encode(packet)
         stops = self.stops if unless_stopped_since is None else unless_stopped_since
         await self._take_turn(None)
         try:
@@ -128,7 +128,7 @@ class Link:
         self._raise_if_ended()
         self.stops += 1
         self.answers.overtake(self._lanes.of(packet), self._sending(packet, self._timeout))
-        await self._write(self._codec.encode(packet))
+        await self._write(self.codec.encode(packet))
 
     async def _take_turn(self, lane: Lane | None, *, alone: bool = False, first: bool = False) -> None:
         self._raise_if_ended()
@@ -224,7 +224,7 @@ class Link:
         self.stats.fences += 1
         try:
             patience = min(self._timeout, until - self._loop.time())
-            pending = await self._send_pending(query, self._codec.encode(query), lane, patience)
+            pending = await self._send_pending(query, self.codec.encode(query), lane, patience)
             while not pending.answer.done() and self._lanes.in_doubt(own):
                 await self._wait(None, pending.answer, self.answers.next_answer())
         finally:
