@@ -25,6 +25,7 @@ from servolink.virtual.network import host_and_port
 from servolink.virtual.script import ButtonChange, parse_script
 from servolink.virtual.serving import serve
 from servolink.virtual.state import load_state, save_state
+from servolink.virtual.storage import ADDS, CLEARS
 from servolink.virtual.terminal import AVAILABLE
 
 _MOST_MEMORY = 2**31 - 1
@@ -48,6 +49,10 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
         metavar="BYTES",
         help=f"for what is stored ({MEMORY})",
     )
+    parser.add_argument("--add", choices=ADDS, default="replace", help="what adding a stored id does (replace)")
+    parser.add_argument("--clear", choices=CLEARS, default="all", help="what clearing clears (all)")
+    parser.add_argument("--reboot", action="store_true", help="it loses its power when its last host is gone")
+    parser.add_argument("--torn", action="store_true", help="losing its power tears what is being stored")
     parser.add_argument(
         "--faults",
         type=_faults,
@@ -64,7 +69,16 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
-    board = VirtualBoard(args.servos, args.seed, Codec(args.byte_order), args.memory)
+    board = VirtualBoard(
+        args.servos,
+        args.seed,
+        Codec(args.byte_order),
+        args.memory,
+        add=args.add,
+        clear=args.clear,
+        torn=args.torn,
+        reboot=args.reboot,
+    )
     if args.state:
         load_state(board, args.state)
     try:

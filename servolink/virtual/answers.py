@@ -9,13 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-import msgspec
-
 from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.frame import MAX_CONTENT
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import ALL_SERVOS
-from servolink.virtual.player import DELAY
+from servolink.virtual.player import playable
+from servolink.virtual.ranges import in_range
 from servolink.virtual.servo import Servo
 from servolink.virtual.storage import Kind
 
@@ -59,15 +58,6 @@ def answers(declared: type[P]) -> Callable[[Handler[P]], Handler[P]]:
         return handler
 
     return register
-
-
-def in_range(packet: Packet) -> bool:
-    """Tell whether all values of `packet` are allowed by its declaration; decoding lets everything pass."""
-    try:
-        msgspec.convert(msgspec.to_builtins(packet), type(packet))
-    except msgspec.ValidationError:
-        return False
-    return True
 
 
 # ── settings, 3.1 ──
@@ -187,9 +177,8 @@ def _macro(asked: Asked[editing.QueryMacroRequest]) -> Answer:
 
 @answers(editing.AddMacroRequest)
 def _add_macro(asked: Asked[editing.AddMacroRequest]) -> Answer:
-    if any(command.type == DELAY and command.command_id < 0 for command in asked.request.commands):
-        return editing.AddMacroResponse(0)
-    return editing.AddMacroResponse(_add(asked, Kind.MACRO, asked.request.macro_id))
+    added = playable(asked.request) and asked.board.storage.put(Kind.MACRO, {asked.request.macro_id: asked.content})
+    return editing.AddMacroResponse(added)
 
 
 @answers(editing.DeleteMacroRequest)
@@ -204,16 +193,15 @@ def _run_macro(asked: Asked[editing.ExecuteMacroRequest]) -> Answer:
 
 @answers(editing.QueryServoParameterRequest)
 def _parameters(asked: Asked[editing.QueryServoParameterRequest]) -> Answer:
-    records = asked.board.storage.all(Kind.SERVO).values()
+    records = [record for _, record in asked.board.storage.all(Kind.SERVO)]
     return _count(asked.board, len(records)) + b"".join(records)
 
 
 @answers(editing.AddServoParameterRequest)
 def _add_parameters(asked: Asked[editing.AddServoParameterRequest]) -> Answer:
-    ids = [servo.servo_id for servo in asked.request.servos]
-    cut = [asked.content[at : at + _PARAMETER] for at in range(2, len(asked.content), _PARAMETER)]
-    known = all(servo_id in asked.board.servos for servo_id in ids)
-    stored = known and in_range(asked.request) and asked.board.storage.put(Kind.SERVO, dict(zip(ids, cut, strict=True)))
+    parameters = cut_parameters(asked.request, asked.content)
+    known = parameters.keys() <= asked.board.servos.keys()
+    stored = known and in_range(asked.request) and asked.board.storage.put(Kind.SERVO, parameters)
     return editing.AddServoParameterResponse(stored)
 
 
@@ -269,6 +257,12 @@ def _subscribe(asked: Asked[joystick.SubscribeButtonEventRequest]) -> Answer:
     return joystick.SubscribeButtonEventResponse(1)
 
 
+def cut_parameters(request: editing.AddServoParameterRequest, content: bytes) -> dict[int, bytes]:
+    """Return the record of each servo in the content of `request`; the last one counts."""
+    cut = [content[at : at + _PARAMETER] for at in range(2, len(content), _PARAMETER)]
+    return dict(zip([servo.servo_id for servo in request.servos], cut, strict=True))
+
+
 def _addressed(board: VirtualBoard, servo_id: int) -> list[Servo]:
     """Return the servos that `servo_id` means: all, one or none."""
     servos_by_id = board.servos
@@ -283,7 +277,7 @@ def _add(asked: Asked[Any], kind: Kind, record_id: int) -> bool:
 
 def _list(board: VirtualBoard, kind: Kind) -> bytes:
     """Return the content of a list answer; records beyond what a frame can hold are not listed."""
-    entries = [record[:_LISTED] for record in board.storage.all(kind).values()][:_MOST_LISTED]
+    entries = [record[:_LISTED] for _, record in board.storage.all(kind)[:_MOST_LISTED]]
     return _count(board, len(entries)) + b"".join(entries)
 
 

@@ -6,6 +6,7 @@ Time is passed in as seconds of any monotonic clock. Hosts are attached as sessi
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from random import Random
 
 from servolink.errors import DecodeError
@@ -18,7 +19,8 @@ from servolink.virtual.answers import ANSWERS, Asked
 from servolink.virtual.buttons import Buttons
 from servolink.virtual.player import Player
 from servolink.virtual.servo import Servo
-from servolink.virtual.storage import Storage
+from servolink.virtual.storage import Add, Clear, Contents, Storage
+from servolink.virtual.tearing import tear
 
 MEMORY = 64 * 1024
 MOST_SERVOS = 254
@@ -31,20 +33,55 @@ _PER_CHARGE = _FULL / (2000.0 * 3600)  # a current of 2000 raw ADC lasts an hour
 _SILENCE = 0.25
 
 
-class VirtualBoard:
-    """A board with `servos` servos, numbered from 1, and `memory` bytes for what is stored."""
+@dataclass(frozen=True, slots=True)
+class Write:
+    """A change of what is stored that a host asked for."""
 
-    def __init__(self, servos: int = 16, seed: int = 0, codec: Codec | None = None, memory: int = MEMORY) -> None:
+    session: Session
+    before: Contents
+    after: Contents
+    answered: int
+    """How many bytes the board has said to the host, the answer with them."""
+
+    @property
+    def under_way(self) -> bool:
+        """Whether the host has not got all of the answer."""
+        return self.session.said - self.session.waiting() < self.answered
+
+
+class VirtualBoard:
+    """A board with `servos` servos, numbered from 1, and `memory` bytes for what is stored.
+
+    Boards differ in what adding an id does that is stored already (`add`), in what clearing leaves (`clear`), in
+    whether they lose their power with their last host (`reboot`), and in what is then left of a write (`torn`).
+
+    There is no clock in the board, so a write takes no time, and is under way as long as its answer is: from the last
+    byte of the request until the host has all of the answer. When the power goes in between, a board that is not
+    `torn` has done it, and of one that is anything may be left that `servolink.virtual.tearing` says.
+    """
+
+    def __init__(
+        self,
+        servos: int = 16,
+        seed: int = 0,
+        codec: Codec | None = None,
+        memory: int = MEMORY,
+        *,
+        add: Add = "replace",
+        clear: Clear = "all",
+        torn: bool = False,
+        reboot: bool = False,
+    ) -> None:
         """Boards with the same `seed` are the same; ValueError for less than 0 or more than 254 servos."""
         if not 0 <= servos <= MOST_SERVOS:
             raise ValueError(f"{servos} servos are outside 0..{MOST_SERVOS}")
-        random = Random(seed)  # noqa: S311 - servos that differ a little, no secrets
+        self._random = random = Random(seed)  # noqa: S311 - servos that differ a little, no secrets
         self.codec = codec or Codec()
         self.servos = {
             servo_id: Servo(servo_id, angle=float(random.randint(-10, 10)), friction=random.uniform(0.9, 1.1))
             for servo_id in range(1, servos + 1)
         }
-        self.storage = Storage(memory)
+        self.storage = Storage(memory, add=add, clear=clear)
         self.player = Player(self.servos, self.storage, self.codec)
         self.mode = NEW_PROTOCOL
         self.battery = _FULL
@@ -54,22 +91,52 @@ class VirtualBoard:
         """The hosts that are connected."""
         self._watchers: list[Callable[[], None]] = []
         self._now: float | None = None
+        self._torn = torn
+        self._reboot = reboot
+        self.last_write: Write | None = None
+        """The last change of what is stored, by a host that is still connected; None if there is none."""
+        self.powered = True
+        """Whether it runs; a board that is powered by its hosts does not between the last one and the next."""
 
-    def attach(self, send: Callable[[bytes], None]) -> Session:
-        """Connect a host; `send` takes what the board has to say to it and must not raise."""
-        session = Session(self, send)
+    def attach(self, send: Callable[[bytes], None], waiting: Callable[[], int] = lambda: 0) -> Session:
+        """Connect a host, and give power if there was none.
+
+        `send` takes what the board has to say to the host and must not raise; `waiting` tells how many bytes of all
+        that it took have not reached the host. Neither is called after `detach`.
+        """
+        if not self.powered:
+            self._switch(on=True)
+        session = Session(self, send, waiting)
         self.sessions.append(session)
         return session
 
-    def detach(self, session: Session) -> None:
-        """Disconnect a host; the board forgets its subscription."""
-        if session in self.sessions:
+    def detach(self, *sessions: Session, now: float | None = None) -> None:
+        """Disconnect hosts, all at once; without `now`, at the last time that the board was told."""
+        if now is not None:
+            self.advance(now)
+        there = [session for session in sessions if session in self.sessions]
+        for session in there:
             self.sessions.remove(session)
+        if self._reboot and there and not self.sessions:
+            self._lose_power()
+        elif self.last_write is not None and self.last_write.session in there:
+            self.last_write = None  # the host is gone, the power is not: the write is done
+
+    def power_cycle(self, now: float) -> None:
+        """Let the power go and come back, whoever is connected.
+
+        Servos stop where they are, what is not stored is forgotten, a write that is under way is torn on boards that
+        are so.
+        """
+        self.advance(now)
+        self._lose_power()
+        self._switch(on=True)
 
     def press_button(self, button_id: int, now: float) -> None:
-        """Let a button go down."""
+        """Let a button go down; nothing happens without power."""
         self.advance(now)
-        self._buttons.press(button_id, now)
+        if self.powered:
+            self._buttons.press(button_id, now)
         self.changed()
 
     def release_button(self, button_id: int, now: float) -> None:
@@ -111,6 +178,24 @@ class VirtualBoard:
     def _due(self) -> float | None:
         return min((due for due in (self._buttons.due, self.player.due) if due is not None), default=None)
 
+    def _lose_power(self) -> None:
+        write = self.last_write
+        if self._torn and write is not None and write.under_way and write.after is self.storage.contents:
+            self.storage.contents = tear(write.before, write.after, self._random, self.codec.byte_order)
+        self.last_write = None
+        self.player.stop()
+        self._buttons.forget()
+        self.mode = NEW_PROTOCOL
+        for session in self.sessions:
+            session.forget()
+        self._switch(on=False)
+        self.changed()
+
+    def _switch(self, *, on: bool) -> None:
+        self.powered = on
+        for servo in self.servos.values():
+            servo.switch(on=on)
+
     def _drain(self, elapsed: float) -> None:
         drawn = sum(servo.take_charge() for servo in self.servos.values())
         self.battery = max(0.0, self.battery - elapsed * _STANDBY - drawn * _PER_CHARGE)
@@ -119,21 +204,23 @@ class VirtualBoard:
         if self.mode == NEW_PROTOCOL:
             for session in list(self.sessions):
                 if session.subscribed:
-                    session.send(frame)
+                    session.say(frame)
 
 
 class Session:
     """One host's conversation with the board."""
 
-    def __init__(self, board: VirtualBoard, send: Callable[[bytes], None]) -> None:
+    def __init__(self, board: VirtualBoard, send: Callable[[bytes], None], waiting: Callable[[], int]) -> None:
         """Use `board.attach`."""
         self.board = board
         self.send = send
+        self.waiting = waiting
+        self.said = 0
+        """Bytes of all answers."""
         self.subscribed = False
         """Whether button events are pushed to it."""
         self._parser = FrameParser(board.codec.byte_order)
         self._heard = 0.0
-        self._attached = True
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes from the host, cut and damaged anyhow, and answer the requests that are now complete."""
@@ -146,17 +233,26 @@ class Session:
                 frames += self._parser.give_up()
         self._heard = now
         for packet_id, content in frames + self._parser.feed(data):
-            if self._attached:
+            if self in self.board.sessions:
                 self._answer(packet_id, content, now)
         self.board.changed()
 
-    def detach(self) -> None:
+    def detach(self, now: float | None = None) -> None:
         """Disconnect; whatever was received and not answered yet stays unanswered."""
-        self._attached = False
-        self.board.detach(self)
+        self.board.detach(self, now=now)
+
+    def say(self, frame: bytes) -> None:
+        """Send `frame` to the host."""
+        self.said += len(frame)
+        self.send(frame)
+
+    def forget(self) -> None:
+        """Know nothing of what the host said before."""
+        self.subscribed = False
+        self._parser = FrameParser(self.board.codec.byte_order)
 
     def _answer(self, packet_id: int, content: bytes, now: float) -> None:
-        codec = self.board.codec
+        codec, storage = self.board.codec, self.board.storage
         try:
             packet = codec.decode(packet_id, content)
         except DecodeError:
@@ -166,8 +262,14 @@ class Session:
             return  # an answer, which only boards send
         if self.board.mode != NEW_PROTOCOL and not isinstance(packet, TransmissionModeSettingRequest):
             return
+        before = storage.contents
         answer = handler(Asked(self, packet, content, now))
         if isinstance(answer, Packet):
-            self.send(codec.encode(answer))
+            frame = codec.encode(answer)
         elif answer is not None:
-            self.send(encode_frame(packet_id + 1, answer, codec.byte_order))
+            frame = encode_frame(packet_id + 1, answer, codec.byte_order)
+        else:
+            return
+        if storage.contents is not before:
+            self.board.last_write = Write(self, before, storage.contents, self.said + len(frame))
+        self.say(frame)

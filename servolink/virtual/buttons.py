@@ -68,6 +68,10 @@ class Buttons:
         else:
             self._run(button.button_up_macro, now)
 
+    def forget(self) -> None:
+        """Know of no button that is down; when it comes up nothing happens."""
+        self._held.clear()
+
     def advance(self, now: float) -> None:
         """Turn what has been held long enough into long presses."""
         for button_id, held in self._held.items():

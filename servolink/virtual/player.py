@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import Action, AddActionRequest, AddMacroRequest, Macro, MacroCommand
 from servolink.protocol.servos import Step
+from servolink.virtual.ranges import in_range
 from servolink.virtual.servo import Servo
 from servolink.virtual.storage import Kind, Storage
 
@@ -22,6 +23,11 @@ STEP_UNIT = 0.01
 # when so many commands and steps were done at one time, the macro goes on later, and late.
 _WORK_AT_ONCE = 2000
 _BREATH = 0.01
+
+
+def playable(macro: AddMacroRequest) -> bool:
+    """Tell whether all values of `macro` are allowed, and no delay is negative; a torn record is not like that."""
+    return in_range(macro) and not any(command.type == DELAY and command.command_id < 0 for command in macro.commands)
 
 
 class _Unplayable(Exception):
@@ -114,14 +120,14 @@ class Player:
         if content is None:
             return None
         packet = self._codec.decode(AddActionRequest.packet_id, content)
-        return packet if isinstance(packet, Action) else None
+        return packet if isinstance(packet, AddActionRequest) and in_range(packet) else None
 
     def _macro(self, macro_id: int) -> Macro | None:
         content = self._storage.get(Kind.MACRO, macro_id)
         if content is None:
             return None
         packet = self._codec.decode(AddMacroRequest.packet_id, content)
-        return packet if isinstance(packet, Macro) else None
+        return packet if isinstance(packet, AddMacroRequest) and playable(packet) else None
 
     def _collect(self, macro_id: int, score: _Score, above: int) -> int:
         """Put all that a macro needs into `score`; return how deep it nests, itself counted."""

@@ -8,12 +8,11 @@ from itertools import count
 
 from servolink.transports.base import Transport
 from servolink.transports.faults import Faults
-from servolink.transports.faulty import FaultyTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.network import host_and_port, serve_network
 from servolink.virtual.pacemaker import Pacemaker
 from servolink.virtual.terminal import serve_terminal
-from servolink.virtual.transport import VirtualTransport
+from servolink.virtual.transport import FaultyVirtualTransport, VirtualTransport
 from servolink.virtual.usbip.server import serve_usbip
 
 
@@ -36,7 +35,7 @@ async def serve(
 
     def connect() -> Transport:
         line = VirtualTransport(board)
-        return line if faults is None else FaultyTransport(line, faults, seed=next(seeds))
+        return line if faults is None else FaultyVirtualTransport(line, faults, seed=next(seeds))
 
     async with AsyncExitStack() as stack:
         stack.callback(Pacemaker(board).stop)

@@ -107,6 +107,10 @@ class Servo:
         if not (is_start and is_hold):
             self._motion = None
 
+    def switch(self, *, on: bool) -> None:
+        """Get power, and hold where it is, or lose it, and be limp; either way it is as new but for where it is."""
+        self.unit, self.is_start, self.is_hold, self._motion = DEGREES, 1, int(on), None
+
     def _pass(self, until: float) -> None:
         elapsed = 0.0 if self._now is None else until - self._now
         if elapsed < 0:

@@ -1,40 +1,33 @@
 """A virtual board's memory as a file, so that it outlives the program as a real board's flash does.
 
 What is stored is written as the requests that would store it again, each a frame in hex: exact to the byte,
-protected by the frames' checksums, checked on loading by the board itself, and readable with `servolink decode`.
+protected by the frames' checksums, and readable with `servolink decode`.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta, Struct
 
+from servolink.atomic import write_atomically
 from servolink.errors import OpenError, PacketError, ServolinkError
 from servolink.printable import printable
 from servolink.protocol import editing, joystick
 from servolink.protocol.frame import HEADER_SIZE, ByteOrder, encode_frame
-from servolink.protocol.packet import Packet, Result
-from servolink.virtual.answers import ANSWERS, Asked
+from servolink.protocol.packet import Packet
+from servolink.virtual.answers import cut_parameters
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.storage import Kind
+from servolink.virtual.storage import Contents, Kind
 
 _STORED: dict[Kind, type[Packet]] = {
     Kind.ACTION: editing.AddActionRequest,
     Kind.MACRO: editing.AddMacroRequest,
     Kind.TABLE: joystick.AddJoystickTableRequest,
 }
-_REBUILDING: tuple[type[Packet], ...] = (
-    editing.WriteProjectIDRequest,
-    editing.AddServoParameterRequest,
-    joystick.SetActiveJoystickTableRequest,
-    *_STORED.values(),
-)
 
 
 class BoardState(Struct, frozen=True, forbid_unknown_fields=True):
@@ -55,29 +48,16 @@ def save_state(board: VirtualBoard, path: Path) -> None:
         requests=[frame.hex() for frame in _requests(board)],
     )
     try:
-        _replace(path, msgspec.json.format(msgspec.json.encode(state), indent=1) + b"\n")
+        write_atomically(path, msgspec.json.format(msgspec.json.encode(state), indent=1) + b"\n")
     except OSError as error:
         raise ServolinkError(f"{printable(str(path))}: the board cannot be saved: {printable(str(error))}") from error
 
 
-def _replace(path: Path, content: bytes) -> None:
-    with NamedTemporaryFile(dir=path.parent, prefix=path.name + ".", delete=False) as file:
-        try:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-            file.close()
-            Path(file.name).replace(path)
-        except BaseException:
-            file.close()
-            Path(file.name).unlink()
-            raise
-
-
 def load_state(board: VirtualBoard, path: Path) -> None:
-    """Put what `path` holds into the fresh `board`; nothing if there is no such file.
+    """Put what `path` holds into `board`, in place of what it keeps; nothing if there is no such file.
 
-    OpenError if it cannot be read, is no state of a board, or does not fit this one.
+    Records come back as they were, doubles and torn ones too, whatever this board does with such.
+    OpenError if the file cannot be read, is no state of a board, or does not fit this one.
     """
     name = printable(str(path))
     try:
@@ -90,6 +70,7 @@ def load_state(board: VirtualBoard, path: Path) -> None:
         raise OpenError(f"{name}: is no saved board: {printable(str(error))}; delete it to begin anew") from error
     if state.byte_order != board.codec.byte_order:
         raise OpenError(f"{name}: was saved by a {state.byte_order}-endian board; use --byte-order {state.byte_order}")
+    board.storage.contents = Contents()
     for at, request in enumerate(state.requests):
         if problem := _store(board, request):
             raise OpenError(f"{name}: requests[{at}]: {problem}")
@@ -103,30 +84,47 @@ def _requests(board: VirtualBoard) -> Iterator[bytes]:
     """Yield the frames that rebuild what `board` keeps."""
     codec, storage = board.codec, board.storage
     yield codec.encode(editing.WriteProjectIDRequest(storage.project_id))
-    parameters = storage.all(Kind.SERVO)
-    content = len(parameters).to_bytes(2, codec.byte_order) + b"".join(parameters.values())
+    parameters = [record for _, record in storage.all(Kind.SERVO)]
+    content = len(parameters).to_bytes(2, codec.byte_order) + b"".join(parameters)
     yield encode_frame(editing.AddServoParameterRequest.packet_id, content, codec.byte_order)
     for kind, declared in _STORED.items():
-        for record in storage.all(kind).values():
+        for _, record in storage.all(kind):
             yield encode_frame(declared.packet_id, record, codec.byte_order)
-    if storage.chosen_table:
-        yield codec.encode(joystick.SetActiveJoystickTableRequest(storage.chosen_table))
+    chosen = storage.contents.chosen_table
+    if chosen and storage.get(Kind.TABLE, chosen) is not None:  # its number outlives a table whose deletion was torn
+        yield codec.encode(joystick.SetActiveJoystickTableRequest(chosen))
 
 
 def _store(board: VirtualBoard, request: str) -> str:
-    """Let `board` do one request of a file; return what is wrong with it, empty if it was done."""
+    """Let `board` keep what one request of a file says; return what is wrong with it, empty if nothing is."""
     try:
         frame = bytes.fromhex(request)
         packet = board.codec.decode_frame(frame)
     except (PacketError, ValueError) as error:
         return printable(str(error))
-    if not isinstance(packet, _REBUILDING):
+    kept = _kept(board, packet, frame[HEADER_SIZE:-1])
+    if kept is None:
         return f"{type(packet).__name__} stores nothing"
-    session = board.attach(lambda _: None)
-    answer = ANSWERS[type(packet)](Asked(session, packet, frame[HEADER_SIZE:-1], now=0.0))
-    session.detach()
-    if not isinstance(answer, Result) or not answer.result:
-        return (
-            f"the board refuses this {type(packet).__name__}; it needs more memory or servos, or a value is not allowed"
-        )
-    return ""
+    return "" if kept else f"this {type(packet).__name__} needs more memory or servos, or what is not stored"
+
+
+def _kept(board: VirtualBoard, packet: Packet, content: bytes) -> bool | None:
+    """Keep the content of a request; False if it does not fit the board, None if it is nothing to be kept."""
+    storage = board.storage
+    match packet:
+        case editing.WriteProjectIDRequest():
+            storage.project_id = packet.project_id
+            return True
+        case editing.AddServoParameterRequest():
+            parameters = cut_parameters(packet, content)
+            return parameters.keys() <= board.servos.keys() and storage.put(Kind.SERVO, parameters)
+        case editing.AddActionRequest():
+            return storage.put(Kind.ACTION, {packet.action_id: content}, add="append")
+        case editing.AddMacroRequest():
+            return storage.put(Kind.MACRO, {packet.macro_id: content}, add="append")
+        case joystick.AddJoystickTableRequest():
+            return storage.put(Kind.TABLE, {packet.table_id: content}, add="append")
+        case joystick.SetActiveJoystickTableRequest():
+            return storage.activate(packet.table_id)
+        case _:
+            return None

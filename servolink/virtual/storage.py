@@ -7,7 +7,10 @@ translation either: the content of an "add" request is the content of the answer
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Literal, TypeAlias, get_args
 
 
 class Kind(StrEnum):
@@ -19,17 +22,58 @@ class Kind(StrEnum):
     SERVO = "servo"
 
 
-class Storage:
-    """Records by kind and id, in the order in which their ids were first added, within `memory` bytes."""
+Add = Literal["replace", "append", "reject"]
+"""What becomes of a record whose id is stored already: it replaces the other, is stored besides it, or is refused."""
+Clear = Literal["all", "records"]
+"""What clearing clears: everything, or all but project id and servo parameters."""
+ADDS: tuple[Add, ...] = get_args(Add)
+CLEARS: tuple[Clear, ...] = get_args(Clear)
 
-    def __init__(self, memory: int) -> None:
-        """Have nothing stored."""
+Record: TypeAlias = tuple[int, bytes]
+"""Id and content."""
+
+
+def _nothing() -> dict[Kind, tuple[Record, ...]]:
+    return dict.fromkeys(Kind, ())
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """All that is stored at one moment; it never changes, a write makes another."""
+
+    records: Mapping[Kind, tuple[Record, ...]] = field(default_factory=_nothing)
+    """In the order in which they were added; one that replaces another takes its place.
+
+    A record that is not the same object in the next contents was written anew, if only with the same bytes."""
+    project_id: int = 0
+    chosen_table: int = 0
+    """The table that was made active, 0 if none was."""
+
+    @property
+    def size(self) -> int:
+        """Bytes of all records."""
+        return sum([len(record) for records in self.records.values() for _, record in records])
+
+
+class Storage:
+    """The contents, within `memory` bytes, and how they change."""
+
+    def __init__(self, memory: int, *, add: Add = "replace", clear: Clear = "all") -> None:
+        """Have nothing stored; ValueError if `add` or `clear` is none of its values."""
+        if add not in ADDS:
+            raise ValueError(f"add is {add!r}, but must be one of {', '.join(ADDS)}")
+        if clear not in CLEARS:
+            raise ValueError(f"clear is {clear!r}, but must be one of {', '.join(CLEARS)}")
         self.memory = memory
-        self.used = 0
-        self.project_id = 0
-        self.chosen_table = 0
-        """The table that was made active, 0 if none was."""
-        self._records: dict[Kind, dict[int, bytes]] = {kind: {} for kind in Kind}
+        self.contents = Contents()
+        """All that is stored: kept, and later set again, it brings that moment back."""
+        self._add: Add = add
+        self._clear: Clear = clear
+
+    @property
+    def used(self) -> int:
+        """Bytes used."""
+        return self.contents.size
 
     @property
     def free(self) -> int:
@@ -37,53 +81,82 @@ class Storage:
         return self.memory - self.used
 
     @property
+    def project_id(self) -> int:
+        """The project id, 0 if none was written."""
+        return self.contents.project_id
+
+    @project_id.setter
+    def project_id(self, project_id: int) -> None:
+        self.contents = replace(self.contents, project_id=project_id)
+
+    @property
     def active_table(self) -> int:
         """Id of the table that was made active, else of the only one there is, else 0."""
-        tables = self._records[Kind.TABLE]
-        if self.chosen_table in tables:
-            return self.chosen_table
-        return next(iter(tables)) if len(tables) == 1 else 0
+        tables = {record_id for record_id, _ in self.all(Kind.TABLE)}
+        if self.contents.chosen_table in tables:
+            return self.contents.chosen_table
+        return tables.pop() if len(tables) == 1 else 0
 
     def activate(self, table_id: int) -> bool:
         """Make a table the active one; False if there is no such table."""
-        if table_id not in self._records[Kind.TABLE]:
+        if self.get(Kind.TABLE, table_id) is None:
             return False
-        self.chosen_table = table_id
+        self.contents = replace(self.contents, chosen_table=table_id)
         return True
 
-    def put(self, kind: Kind, records: dict[int, bytes]) -> bool:
-        """Add `records`, in place of those with the same ids: all of them, or none and False if they do not fit.
+    def put(self, kind: Kind, records: Mapping[int, bytes], *, add: Add | None = None) -> bool:
+        """Add `records`, by `add` or as this board does: all of them, or none and False if refused or too large.
 
-        The id 0 says "no such record" in every answer, so nothing can be stored under it.
+        Servo parameters always replace those of the same servo, as no request deletes them. The id 0 says "no such
+        record" in every answer, so nothing can be stored under it.
         """
-        shelf = self._records[kind]
-        growth = sum(len(record) - len(shelf.get(record_id, b"")) for record_id, record in records.items())
-        if growth > self.free or 0 in records:
+        if kind is Kind.SERVO:
+            add = "replace"
+        elif add is None:
+            add = self._add
+        stored = self.all(kind)
+        known = {record_id for record_id, _ in stored} & records.keys()
+        if 0 in records or (known and add == "reject"):
             return False
-        shelf.update(records)
-        self.used += growth
+        if known and add == "replace":
+            kept = tuple([(old[0], records[old[0]]) if old[0] in known else old for old in stored])
+            added = tuple([new for new in records.items() if new[0] not in known])
+        else:
+            kept, added = stored, tuple(records.items())
+        contents = self._with(kind, kept + added)
+        if contents.size > self.memory:
+            return False
+        self.contents = contents
         return True
 
     def get(self, kind: Kind, record_id: int) -> bytes | None:
-        """Return a record, None if there is none."""
-        return self._records[kind].get(record_id)
+        """Return a record, of several with one id the first; None if there is none."""
+        return next((record for stored_id, record in self.all(kind) if stored_id == record_id), None)
 
-    def all(self, kind: Kind) -> dict[int, bytes]:
-        """Return a copy of all records of a kind, by id."""
-        return dict(self._records[kind])
+    def all(self, kind: Kind) -> tuple[Record, ...]:
+        """Return all records of a kind."""
+        return self.contents.records[kind]
 
     def delete(self, kind: Kind, record_id: int) -> bool:
-        """Delete a record; False if there was none."""
-        record = self._records[kind].pop(record_id, None)
-        if record is None:
+        """Delete a record, of several with one id the first; False if there was none."""
+        stored = self.all(kind)
+        at = next((at for at, (stored_id, _) in enumerate(stored) if stored_id == record_id), None)
+        if at is None:
             return False
-        self.used -= len(record)
-        if kind is Kind.TABLE and record_id == self.chosen_table:
-            self.chosen_table = 0
+        contents = self._with(kind, stored[:at] + stored[at + 1 :])
+        self.contents = contents
+        if kind is Kind.TABLE and record_id == contents.chosen_table and self.get(kind, record_id) is None:
+            self.contents = replace(contents, chosen_table=0)
         return True
 
     def clear(self) -> None:
-        """Forget everything."""
-        for shelf in self._records.values():
-            shelf.clear()
-        self.used = self.project_id = self.chosen_table = 0
+        """Forget everything, or all records but servo parameters, as this board does."""
+        if self._clear == "all":
+            self.contents = Contents()
+        else:
+            parameters = {**_nothing(), Kind.SERVO: self.all(Kind.SERVO)}
+            self.contents = Contents(parameters, self.project_id)
+
+    def _with(self, kind: Kind, records: tuple[Record, ...]) -> Contents:
+        """Return the contents with other records of one kind."""
+        return replace(self.contents, records={**self.contents.records, kind: records})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from typing import cast
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.printable import printable
@@ -15,6 +16,7 @@ from servolink.transports.faulty import FaultyTransport
 from servolink.virtual.board import MEMORY, MOST_SERVOS, Session, VirtualBoard
 from servolink.virtual.pacemaker import Pacemaker
 from servolink.virtual.state import load_state, save_state
+from servolink.virtual.storage import ADDS, CLEARS, Add, Clear
 
 
 def from_address(address: Address) -> VirtualTransport | FaultyVirtualTransport:
@@ -27,6 +29,10 @@ def from_address(address: Address) -> VirtualTransport | FaultyVirtualTransport:
         seed=seed,
         codec=Codec("big" if address.choice("byte_order", "little", ("little", "big")) == "big" else "little"),
         memory=address.integer("memory", MEMORY, 0, 2**31 - 1),
+        add=cast("Add", address.choice("add", "replace", ADDS)),
+        clear=cast("Clear", address.choice("clear", "all", CLEARS)),
+        torn=address.flag("torn", default=False),
+        reboot=address.flag("reboot", default=False),
     )
     state = address.text("state", "")
     faults = Faults.from_address(address)
@@ -47,7 +53,9 @@ class VirtualTransport:
         self._session: Session | None = None
         self._pacemaker: Pacemaker | None = None
         self._spent = False
+        self._unsaved = False
         self._said: list[bytes] = []
+        self._waiting = 0  # bytes that the board said and the receiver does not have
 
     @property
     def url(self) -> str:
@@ -62,7 +70,8 @@ class VirtualTransport:
             load_state(self.board, self._state)
         self._spent = True
         self._receiver = receiver
-        self._session = self.board.attach(self._hear)
+        self._unsaved = True
+        self._session = self.board.attach(self._hear, lambda: self._waiting)
         self._pacemaker = Pacemaker(self.board)
 
     async def send(self, data: bytes) -> None:
@@ -73,17 +82,22 @@ class VirtualTransport:
 
     async def close(self) -> None:
         """Detach from the board; ServolinkError if its state cannot be saved."""
-        attached = self._session is not None
         self._spent = True
         self._end(None)
-        if attached and self._state is not None:
+        if self._unsaved and self._state is not None:
+            self._unsaved = False
             save_state(self.board, self._state)
+
+    def unplug(self) -> None:
+        """Pull the plug: the connection is lost at once, with all that the receiver does not have yet."""
+        self._end(ConnectionLost(f"{printable(self.url)}: the connection was lost: it was unplugged"))
 
     def _hear(self, data: bytes) -> None:
         # Never from within send(): a real board cannot answer before its caller has finished writing.
         if not self._said:
             asyncio.get_running_loop().call_soon(self._deliver)
         self._said.append(data)
+        self._waiting += len(data)
 
     def _deliver(self) -> None:
         chunk = b"".join(self._said)
@@ -93,20 +107,18 @@ class VirtualTransport:
         try:
             self._receiver.data(chunk)
         except Exception as error:  # noqa: BLE001 - whatever it is, bytes were lost, and that ends the connection
-            self._end(error)
+            lost = ConnectionLost(f"{printable(self.url)}: the receiver failed: {printable(str(error))}")
+            lost.__cause__ = error
+            self._end(lost)
+        self._waiting -= len(chunk)
 
-    def _end(self, cause: Exception | None) -> None:
+    def _end(self, error: ConnectionLost | None) -> None:
         if self._session is None or self._pacemaker is None or self._receiver is None:
             return
         self._pacemaker.stop()
-        self._session.detach()
+        self._session.detach(asyncio.get_running_loop().time())
         receiver, self._receiver, self._session, self._pacemaker = self._receiver, None, None, None
-        if cause is None:
-            receiver.lost(None)
-        else:
-            error = ConnectionLost(f"{printable(self.url)}: the receiver failed: {printable(str(cause))}")
-            error.__cause__ = cause
-            receiver.lost(error)
+        receiver.lost(error)
 
 
 class FaultyVirtualTransport(FaultyTransport):
@@ -116,3 +128,8 @@ class FaultyVirtualTransport(FaultyTransport):
         """Wrap `inner`."""
         super().__init__(inner, faults, seed=seed)
         self.board = inner.board
+        self._line = inner
+
+    def _break(self, reason: str) -> None:
+        super()._break(reason)
+        self._line.unplug()  # now: closing takes a turn of the loop, in which an answer would arrive

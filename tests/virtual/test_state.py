@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,7 @@ from servolink.protocol.joystick import AddJoystickTableRequest, Button, SetActi
 from servolink.protocol.servos import ExecuteActionRequest, Step
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.state import load_state, save_state
-from servolink.virtual.storage import Kind
+from servolink.virtual.storage import ADDS, Add, Kind
 from tests.virtual.host import START, Host
 
 
@@ -117,7 +118,10 @@ MACRO = Codec().encode(AddMacroRequest(1, "", (MacroCommand(1),)))
         ({"requests": ["zz"]}, r"requests\[0\]: non-hexadecimal"),
         ({"requests": [MACRO.hex(), MACRO[:-1].hex()]}, r"requests\[1\]: .*bytes"),
         ({"requests": [Codec().encode(ExecuteMacroRequest(1)).hex()]}, "ExecuteMacroRequest stores nothing"),
-        ({"requests": [Codec().encode(SetActiveJoystickTableRequest(3)).hex()]}, "refuses this SetActiveJoystickTable"),
+        (
+            {"requests": [Codec().encode(SetActiveJoystickTableRequest(3)).hex()]},
+            "SetActiveJoystickTableRequest needs",
+        ),
         ({"requests": [Codec().encode(AddServoParameterRequest((ServoParameter(2),))).hex()]}, "more memory or servos"),
     ],
 )
@@ -146,3 +150,25 @@ def test_a_board_with_less_memory_refuses_what_does_not_fit(board: VirtualBoard,
     save_state(board, path)
     with pytest.raises(OpenError, match="needs more memory"):
         load_state(VirtualBoard(servos=3, codec=board.codec, memory=50), path)
+
+
+@pytest.mark.parametrize("add", ADDS)
+def test_doubles_and_torn_records_come_back_whatever_the_board_does_with_such(add: Add, tmp_path: Path) -> None:
+    path = tmp_path / "board.json"
+    host = Host(VirtualBoard(servos=1, add="append"))
+    for degree in (1, 2):
+        host.store_action(7, (1, degree, 3))
+        host.ask(AddJoystickTableRequest(degree, "pad"))
+    host.store_macro(2, MacroCommand(7))
+    host.ask(SetActiveJoystickTableRequest(2))
+    storage = host.board.storage
+    ((_, macro),) = storage.all(Kind.MACRO)
+    storage.put(Kind.MACRO, {2: macro[:40] + bytes([0xFF]) * 10})
+    storage.delete(Kind.TABLE, 2)
+    storage.contents = replace(storage.contents, chosen_table=2)  # as a deletion that was torn may leave it
+    save_state(host.board, path)
+    loaded = VirtualBoard(servos=1, add=add)
+    for _ in range(2):  # again, it takes the place of what is there
+        load_state(loaded, path)
+        assert loaded.storage.contents == replace(storage.contents, chosen_table=0)
+    assert loaded.powered

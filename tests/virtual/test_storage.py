@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.virtual.storage import Kind, Storage
+from servolink.virtual.storage import ADDS, Add, Contents, Kind, Storage
 
 
 def test_what_was_put_is_there_until_it_is_deleted() -> None:
@@ -33,9 +33,9 @@ def test_the_same_id_replaces_and_only_the_difference_counts() -> None:
 def test_of_several_records_all_are_stored_or_none() -> None:
     storage = Storage(10)
     assert not storage.put(Kind.SERVO, {1: b"12345", 2: b"123456"})
-    assert storage.all(Kind.SERVO) == {}
+    assert storage.all(Kind.SERVO) == ()
     assert storage.put(Kind.SERVO, {1: b"12345", 2: b"12345"})
-    assert storage.all(Kind.SERVO) == {1: b"12345", 2: b"12345"}
+    assert storage.all(Kind.SERVO) == ((1, b"12345"), (2, b"12345"))
 
 
 @pytest.mark.parametrize("kind", list(Kind))
@@ -77,19 +77,100 @@ def test_clear_forgets_everything() -> None:
     storage.project_id = 5
     storage.activate(1)
     storage.clear()
-    assert [storage.all(kind) for kind in Kind] == [{}] * len(Kind)
-    assert (storage.project_id, storage.chosen_table, storage.free) == (0, 0, 100)
+    assert storage.contents == Contents()
+    assert storage.free == 100
+
+
+@pytest.mark.parametrize("kind", [Kind.ACTION, Kind.MACRO, Kind.TABLE])
+def test_appended_records_are_found_and_deleted_first_come_first(kind: Kind) -> None:
+    storage = Storage(10, add="append")
+    assert storage.put(kind, {1: b"first"})
+    assert storage.put(kind, {2: b"2"})
+    assert storage.put(kind, {1: b"1"})
+    assert not storage.put(kind, {1: b"long"})  # both count
+    assert storage.all(kind) == ((1, b"first"), (2, b"2"), (1, b"1"))
+    assert storage.get(kind, 1) == b"first"
+    assert storage.delete(kind, 1)
+    assert storage.all(kind) == ((2, b"2"), (1, b"1"))
+    assert storage.get(kind, 1) == b"1"
+    assert storage.free == 8
+
+
+@pytest.mark.parametrize("kind", [Kind.ACTION, Kind.MACRO, Kind.TABLE])
+def test_rejected_records_change_nothing(kind: Kind) -> None:
+    storage = Storage(100, add="reject")
+    assert storage.put(kind, {1: b"first"})
+    before = storage.contents
+    assert not storage.put(kind, {2: b"2", 1: b"1"})
+    assert storage.contents is before
+    assert storage.delete(kind, 1)
+    assert storage.put(kind, {2: b"2", 1: b"1"})
+
+
+@pytest.mark.parametrize("add", ["replace", "append", "reject"])
+def test_servo_parameters_are_always_replaced(add: Add) -> None:
+    storage = Storage(100, add=add)
+    assert storage.put(Kind.SERVO, {1: b"1", 2: b"2"})
+    assert storage.put(Kind.SERVO, {3: b"3", 1: b"one"})
+    assert storage.all(Kind.SERVO) == ((1, b"one"), (2, b"2"), (3, b"3"))
+
+
+def test_the_active_table_stays_active_while_one_with_its_id_is_left() -> None:
+    storage = Storage(100, add="append")
+    storage.put(Kind.TABLE, {1: b"a"})
+    storage.put(Kind.TABLE, {1: b"b"})
+    assert storage.active_table == 1
+    storage.put(Kind.TABLE, {2: b"c"})
+    assert storage.active_table == 0
+    storage.activate(1)
+    storage.delete(Kind.TABLE, 1)
+    assert storage.active_table == 1
+    storage.delete(Kind.TABLE, 1)
+    assert storage.contents.chosen_table == 0
+
+
+def test_clearing_records_leaves_project_id_and_servo_parameters() -> None:
+    storage = Storage(100, clear="records")
+    for kind in Kind:
+        storage.put(kind, {1: b"1"})
+    storage.project_id = 5
+    storage.activate(1)
+    storage.clear()
+    assert {kind: storage.all(kind) for kind in Kind if storage.all(kind)} == {Kind.SERVO: ((1, b"1"),)}
+    assert (storage.project_id, storage.contents.chosen_table, storage.free) == (5, 0, 99)
+
+
+def test_kept_contents_bring_their_moment_back() -> None:
+    storage = Storage(100)
+    storage.put(Kind.ACTION, {1: b"a"})
+    storage.project_id = 3
+    moment = storage.contents
+    storage.put(Kind.ACTION, {1: b"b", 2: b"c"})
+    storage.clear()
+    storage.contents = moment
+    assert storage.all(Kind.ACTION) == ((1, b"a"),)
+    assert (storage.project_id, storage.used) == (3, 1)
+
+
+def test_values_that_do_not_exist_are_refused() -> None:
+    with pytest.raises(ValueError, match="add is 'update', but must be one of replace, append, reject"):
+        Storage(1, add="update")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="clear is 'most', but must be one of all, records"):
+        Storage(1, clear="most")  # type: ignore[arg-type]
 
 
 records = st.dictionaries(st.integers(-1, 3), st.binary(max_size=30), max_size=3)
+changes = st.lists(st.tuples(st.sampled_from(Kind), records | st.integers(-1, 3)), max_size=30)
 
 
-@given(st.lists(st.tuples(st.sampled_from(Kind), records | st.integers(-1, 3)), max_size=30))
-def test_used_is_always_the_sum_of_what_is_there(changes: list[tuple[Kind, dict[int, bytes] | int]]) -> None:
-    storage = Storage(60)
+@given(st.sampled_from(ADDS), changes)
+def test_used_is_always_the_sum_of_what_is_there(add: Add, changes: list[tuple[Kind, dict[int, bytes] | int]]) -> None:
+    storage = Storage(60, add=add)
     for kind, change in changes:
         if isinstance(change, int):
             storage.delete(kind, change)
         else:
             storage.put(kind, change)
-        assert storage.used == sum(len(record) for kind in Kind for record in storage.all(kind).values()) <= 60
+        assert storage.used == sum(len(record) for kind in Kind for _, record in storage.all(kind)) <= 60
+        ids = [record_id for record_id, _ in storage.all(kind)]
+        assert add == "append" or len(ids) == len(set(ids))

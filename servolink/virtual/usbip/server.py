@@ -14,6 +14,7 @@ from servolink.virtual.usbip import messages
 from servolink.virtual.usbip.descriptors import HID_IN
 from servolink.virtual.usbip.device import UsbDevice
 from servolink.virtual.usbip.endpoint import Urb
+from servolink.virtual.usbip.pipe import Pipe
 
 MOST_OUTSTANDING = 4096
 """URBs that a host may have under way; Linux's drivers have some dozens."""
@@ -144,14 +145,17 @@ class UsbIpServer:
 @contextmanager
 def plugged(board: VirtualBoard, device: UsbDevice) -> Iterator[None]:
     """Let each pipe of `device` be a session of `board`."""
-    sessions = [board.attach(pipe.send) for pipe in device.pipes]
+    sessions = [board.attach(pipe.send, _waiting(pipe)) for pipe in device.pipes]
     for pipe, session in zip(device.pipes, sessions, strict=True):
         pipe.receive = _hearing(session)
     try:
         yield
     finally:
-        for session in sessions:
-            session.detach()
+        board.detach(*sessions, now=asyncio.get_running_loop().time())
+
+
+def _waiting(pipe: Pipe) -> Callable[[], int]:
+    return lambda: pipe.to_host.waiting
 
 
 def _hearing(session: Session) -> Callable[[bytes], None]:
