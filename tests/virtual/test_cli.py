@@ -13,11 +13,23 @@ from pathlib import Path
 
 import pytest
 
-from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse, WriteProjectIDRequest
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import (
+    AddMacroRequest,
+    MacroEntry,
+    QueryMacroListRequest,
+    QueryMacroListResponse,
+    QueryProjectIDRequest,
+    QueryProjectIDResponse,
+    WriteProjectIDRequest,
+)
 from servolink.protocol.joystick import LONG_PRESS, PRESS, UP, ButtonEventResponse, SubscribeButtonEventRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.protocol.settings import ClearAllDataRequest
 from servolink.transports.registry import create
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.state import load_state
 from tests.virtual.receiving import GUARD, Heard, ask
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo-terminals are those of Unix")
@@ -139,6 +151,50 @@ def test_what_is_stored_outlives_it(tmp_path: Path) -> None:
     asyncio.run(main())
 
 
+def test_adding_and_clearing_are_as_the_options_say() -> None:
+    async def kept(*options: str) -> list[Packet]:
+        async with served(*TCP, *options) as process:
+            asked = (WriteProjectIDRequest(77), AddMacroRequest(1), AddMacroRequest(1), QueryMacroListRequest())
+            answers = await talk(await url(process), *asked, ClearAllDataRequest(), QueryProjectIDRequest())
+            assert await ended(process, signal.SIGINT) == (0, "", "")
+            return [answers[3], answers[5]]
+
+    one = MacroEntry(1, "")
+    assert asyncio.run(kept()) == [QueryMacroListResponse((one,)), QueryProjectIDResponse(0)]
+    appended = [QueryMacroListResponse((one, one)), QueryProjectIDResponse(77)]
+    assert asyncio.run(kept("--add", "append", "--clear", "records")) == appended
+
+
+def test_a_board_that_is_unplugged_is_torn_as_the_options_say(tmp_path: Path) -> None:
+    write, path = Codec().encode(WriteProjectIDRequest(77)), tmp_path / "board.json"
+
+    async def left(*options: str) -> int:
+        path.unlink(missing_ok=True)
+        cut = ("--faults", f"unplug={len(write)}", "--state", str(path))
+        async with served(*TCP, *cut, *options) as process:
+            transport, heard = create(await url(process)), Heard()
+            await transport.open(heard)
+            await transport.send(write)
+            assert await heard.until_lost() is not None
+            await transport.close()
+            await ended(process, signal.SIGINT)
+        board = VirtualBoard()
+        load_state(board, path)
+        return board.storage.project_id
+
+    def keeps_the_old_one(seed: int) -> bool:
+        board = VirtualBoard(seed=seed, torn=True, reboot=True)
+        session = board.attach(lambda _: None, lambda: 1)
+        session.receive(write, 0.0)
+        session.detach()
+        return board.storage.project_id == 0
+
+    seed = ("--seed", str(next(filter(keeps_the_old_one, range(99)))))
+    assert asyncio.run(left("--torn", "--reboot", *seed)) == 0
+    assert asyncio.run(left("--reboot", *seed)) == 77
+    assert asyncio.run(left("--torn", *seed)) == 77
+
+
 async def pressed(address: str, then: asyncio.Event | None, count: int) -> list[Packet]:
     """Subscribe, set `then`, and return the next `count` events."""
     transport, heard = create(address), Heard()
@@ -237,6 +293,8 @@ def test_it_ends_with_its_terminal() -> None:
         (("--tcp", "[::1:0"), 2, "IPv6"),
         (("--servos", "255"), 2, "from 0 to 254"),
         (("--memory", "-1"), 2, "from 0 to"),
+        (("--add", "update"), 2, "append"),
+        (("--clear", "most"), 2, "records"),
         (("--faults", "dorp=0.1"), 2, "unknown option dorp"),
         (("--script", "missing"), 2, "missing"),
         (("--tcp", "192.0.2.1:80"), 3, "try another port"),

@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from servolink.errors import ConnectionLost, OpenError, TransportUnavailable
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddMacroRequest, ExecuteMacroRequest, MacroCommand
+from servolink.protocol.editing import (
+    AddMacroRequest,
+    AddMacroResponse,
+    ExecuteMacroRequest,
+    MacroCommand,
+    WriteProjectIDRequest,
+    WriteProjectIDResponse,
+)
 from servolink.protocol.joystick import LONG_PRESS, PRESS, ButtonEventResponse, SubscribeButtonEventRequest
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
-from servolink.protocol.settings import QueryMemorySizeRequest, QueryMemorySizeResponse
+from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, QueryServoListResponse, Step
+from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest, QueryMemorySizeResponse
 from servolink.transports.address import Address
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.state import load_state
+from servolink.virtual.storage import Kind
 from servolink.virtual.transport import FaultyVirtualTransport, VirtualTransport, from_address
 from tests.virtual.receiving import Heard, ask
 from tests.virtual_time import run
@@ -48,6 +58,25 @@ def test_the_address_makes_the_board() -> None:
     assert transport.url == "virtual://?servos=3&seed=4&memory=1000&byte_order=big"
 
 
+def test_the_address_says_what_adding_and_clearing_do() -> None:
+    async def main(url: str) -> tuple[int, int, int]:
+        transport, heard = made(url), Heard()
+        await transport.open(heard)
+        await ask(transport, heard, WriteProjectIDRequest(5))
+        for _ in range(2):
+            await ask(transport, heard, AddMacroRequest(1))
+        count = len(transport.board.storage.all(Kind.MACRO))
+        refused = heard.packets.count(AddMacroResponse(0))
+        await ask(transport, heard, ClearAllDataRequest())
+        await transport.close()
+        return count, refused, transport.board.storage.project_id
+
+    assert run(main("virtual://")) == (1, 0, 0)
+    assert run(main("virtual://?add=replace&clear=all")) == (1, 0, 0)
+    assert run(main("virtual://?add=append&clear=records")) == (2, 0, 5)
+    assert run(main("virtual://?add=reject")) == (1, 1, 0)
+
+
 @pytest.mark.parametrize(
     "url",
     [
@@ -57,6 +86,10 @@ def test_the_address_makes_the_board() -> None:
         "virtual://here",
         "virtual:///dev/x",
         "virtual://?drop=2",
+        "virtual://?add=update",
+        "virtual://?clear=none",
+        "virtual://?torn=yes",
+        "virtual://?reboot=2",
     ],
 )
 def test_other_addresses_are_refused(url: str) -> None:
@@ -192,6 +225,95 @@ def test_faults_of_the_address_are_applied() -> None:
         await transport.close()
 
     run(main())
+
+
+WRITE = Codec().encode(WriteProjectIDRequest(77))
+
+
+def left(url: str) -> int:
+    """Write a project id over `url`, which unplugs itself, and return the one that the board then has."""
+
+    async def main() -> int:
+        transport, heard = made(url), Heard()
+        await transport.open(heard)
+        with suppress(ConnectionLost):
+            await transport.send(WRITE)
+        assert isinstance(await heard.until_lost(), ConnectionLost)
+        await transport.close()
+        assert transport.board.powered == ("reboot" not in url)
+        return transport.board.storage.project_id
+
+    return run(main())
+
+
+def test_a_write_can_be_torn_when_the_line_is_unplugged_before_its_answer() -> None:
+    assert {left(f"virtual://?torn=1&reboot=1&seed={seed}&unplug={len(WRITE)}") for seed in range(20)} == {0, 77}
+    assert {left(f"virtual://?reboot=1&seed={seed}&unplug={len(WRITE)}") for seed in range(20)} == {77}
+    assert {left(f"virtual://?torn=1&seed={seed}&unplug={len(WRITE)}") for seed in range(20)} == {77}
+
+
+def test_an_unplugged_transport_is_lost_at_once_with_what_was_on_its_way(tmp_path: Path) -> None:
+    async def main(seed: int, *, answered: bool) -> int:
+        board = VirtualBoard(seed=seed, torn=True, reboot=True)
+        path = tmp_path / "board.json"
+        path.unlink(missing_ok=True)
+        transport, heard = VirtualTransport(board, state=path), Heard()
+        await transport.open(heard)
+        if answered:
+            assert await ask(transport, heard, WriteProjectIDRequest(77)) == WriteProjectIDResponse(1)
+        else:
+            await transport.send(WRITE)
+        transport.unplug()
+        assert "unplugged" in str(heard.ends[0])
+        assert not board.powered
+        with pytest.raises(ConnectionLost):
+            await transport.send(WRITE)
+        await asyncio.sleep(1)
+        assert len(heard.packets) == answered
+        await transport.close()
+        assert len(heard.ends) == 1
+        loaded = VirtualBoard()
+        load_state(loaded, path)  # saved, as it was closed
+        assert loaded.storage.project_id == board.storage.project_id
+        return board.storage.project_id
+
+    assert {run(main(seed, answered=True)) for seed in range(20)} == {77}
+    assert {run(main(seed, answered=False)) for seed in range(20)} == {0, 77}
+
+
+def test_a_plug_that_is_pulled_while_an_answer_is_taken_takes_it_away() -> None:
+    class Pulled(Heard):
+        def data(self, chunk: bytes) -> None:
+            transport.unplug()
+
+    async def main() -> int:
+        heard = Pulled()
+        await transport.open(heard)
+        await transport.send(WRITE)
+        await heard.until_lost()
+        return transport.board.storage.project_id
+
+    seen = set()
+    for seed in range(20):
+        transport = VirtualTransport(VirtualBoard(seed=seed, torn=True, reboot=True))
+        seen.add(run(main()))
+    assert seen == {0, 77}
+
+
+def test_closing_loses_the_power_at_that_time() -> None:
+    async def main() -> float:
+        board = VirtualBoard(reboot=True)
+        board.servos[1].angle = 0.0
+        transport = VirtualTransport(board)
+        await transport.open(Heard())
+        await transport.send(Codec().encode(ExecuteActionRequest((Step(1, 90, 100),))))
+        await asyncio.sleep(0.5)
+        await transport.close()
+        await asyncio.sleep(1)
+        board.advance(asyncio.get_running_loop().time())
+        return board.servos[1].angle
+
+    assert run(main()) == pytest.approx(45)
 
 
 def test_a_state_file_is_loaded_on_opening_and_saved_on_closing(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 from servolink.protocol.codec import Codec
+from servolink.protocol.editing import WriteProjectIDRequest
 from servolink.protocol.joystick import PRESS, ButtonEventResponse, SubscribeButtonEventRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
@@ -163,6 +164,27 @@ def test_pulling_the_plug_ends_everything_and_it_can_be_plugged_in_again() -> No
                     await detached(usbip)
                     assert not board.sessions
             usbip.unplug()  # nobody has it: nothing to do
+
+    in_time(main)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_plug_pulled_before_the_answer_was_fetched_can_tear_what_was_stored(way: str) -> None:
+    async def left(seed: int, *, fetched: bool) -> int:
+        board = VirtualBoard(servos=3, seed=seed, torn=True, reboot=True)
+        async with exported(board) as (place, usbip), attached(*place) as host:
+            if fetched:
+                await ask(host, way, WriteProjectIDRequest(77))
+            else:
+                await host.transfer(WAYS[way][0], data=CODEC.encode(WriteProjectIDRequest(77)))
+            usbip.unplug()
+            await detached(usbip)
+        assert not board.powered
+        return board.storage.project_id
+
+    async def main() -> None:
+        assert {await left(seed, fetched=True) for seed in range(20)} == {77}
+        assert {await left(seed, fetched=False) for seed in range(20)} == {0, 77}
 
     in_time(main)
 
