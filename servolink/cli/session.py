@@ -16,6 +16,10 @@ from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import OutcomeUnknown, RequestTimeout
 
+UNFINISHED_IMPORT = (
+    "this board holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes it"
+)
+_UNMOVED = "no servo was moved"
 _PATIENCE = 1.0  # seconds for the board to be closed in good order after Ctrl-C
 
 
@@ -45,7 +49,7 @@ class Interruption:
             raise
 
 
-def run_interruptible(main: Callable[[Interruption], Awaitable[int]], state: str = "no servo was moved") -> int:
+def run_interruptible(main: Callable[[Interruption], Awaitable[int]], state: str = _UNMOVED) -> int:
     """Run `main` until it returns the exit code or Ctrl-C comes."""
     interruption = Interruption(state)
 
@@ -65,12 +69,14 @@ def converse(
     talk: Callable[[Board, Interruption], Awaitable[int]],
     *,
     greet: bool = True,
+    state: str = _UNMOVED,
     **options: Any,
 ) -> int:
     """Connect to the board of `args`, let `talk` talk to it and return what that returns.
 
-    `greet` asks for something harmless first, so that a silent board is told from a command that failed.
-    `options` are those of `connect`.
+    `greet` asks for something harmless first, so that a silent board is told from a command that failed, and says
+    so if an import was left unfinished on the board. `state` is what Ctrl-C says at first; `options` are those of
+    `connect`.
     """
     try:
         connection = connect(
@@ -83,12 +89,12 @@ def converse(
         async with connection as board:
             try:
                 with interruption.watched():
-                    if greet:
-                        await board.project_id()
+                    if greet and await board.has_unfinished_import():
+                        print(UNFINISHED_IMPORT, file=sys.stderr, flush=True)
                     return await talk(board, interruption)
             except (RequestTimeout, OutcomeUnknown) as error:
                 if board.stats.frames_received:
                     raise
                 return fail(error, NO_BOARD)
 
-    return run_interruptible(main)
+    return run_interruptible(main, state)

@@ -8,15 +8,14 @@ from servolink.client.angles import AngleUnit
 from servolink.client.explain import lost, same
 from servolink.client.link import Link
 from servolink.client.motion import MotionLimits
-from servolink.client.read_back import ReadBack
+from servolink.client.projects import Projects
 from servolink.client.reconnect import ConnectionState, Reconnector, States
 from servolink.client.servos import Servos
-from servolink.client.settings import Settings
 from servolink.client.stats import Stats
 from servolink.errors import ConnectionLost
 
 
-class Board(Settings, Servos, ReadBack):
+class Board(Servos, Projects):
     """A connected board; one file per chapter of the document holds its commands."""
 
     def __init__(
@@ -33,11 +32,6 @@ class Board(Settings, Servos, ReadBack):
         if reopen is not None:
             self._reconnector = Reconnector(lambda: self._open_again(reopen), self._resume)
         link.answers.on_end = self._link_ended
-
-    @property
-    def url(self) -> str:
-        """The address of the board."""
-        return self._link.transport.url
 
     @property
     def stats(self) -> Stats:

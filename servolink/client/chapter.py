@@ -24,6 +24,11 @@ class Chapter:
         self._known_project_id: int | None = None  # by which the board is known again after a loss
 
     @property
+    def url(self) -> str:
+        """The address of the board."""
+        return self._link.transport.url
+
+    @property
     def codec(self) -> Codec:
         """Byte order and caption encoding of this connection."""
         return self._link.codec
@@ -58,4 +63,4 @@ class Chapter:
     async def _do(self, packet: Request[Result], reasons: str) -> None:
         """Send a command and raise Rejected, with the likely `reasons`, if the board says it failed."""
         if not (await self._link.request(packet)).result:
-            raise Rejected(f"{printable(self._link.transport.url)} refused {described(packet)}: {reasons}", packet)
+            raise Rejected(f"{printable(self.url)} refused {described(packet)}: {reasons}", packet)

@@ -49,6 +49,11 @@ class Kind:
         values = [getattr(response, name) for name in self.record.__struct_fields__]
         return self.record(*values) if values[0] else None
 
+    def query(self, record_id: int) -> Query[Any]:
+        """Return the request that asks for a record."""
+        (field,) = self.querying.__struct_fields__
+        return self.querying(**{field: record_id})
+
     def add(self, record: Any) -> Request[Result]:
         """Return the request that stores `record`."""
         return self.adding(*(getattr(record, name) for name in self.record.__struct_fields__))

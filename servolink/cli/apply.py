@@ -1,0 +1,141 @@
+"""`servolink apply` and `servolink rollback`: a project onto a board, and what was there before back again."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+from servolink.cli.main import OK, refuse
+from servolink.cli.output import print_json, print_text
+from servolink.cli.plan import plan_object, print_plan
+from servolink.cli.progress import PHASES, shown_progress
+from servolink.cli.session import Interruption, converse
+from servolink.client.board import Board
+from servolink.errors import ServolinkError
+from servolink.printable import printable
+from servolink.project.apply import Applied
+from servolink.project.file import load_project
+from servolink.project.model import Project
+from servolink.project.plan import Plan
+from servolink.project.progress import Progress, Tell
+from servolink.project.rollback import backup_for
+from servolink.project.store import Store
+
+_UNTOUCHED = "nothing was changed on the board"
+
+
+def configure(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `command`."""
+    parser.add_argument("--yes", action="store_true", help="do not ask")
+    if command == "rollback":
+        parser.add_argument(
+            "backup", nargs="?", type=Path, metavar="BACKUP", help="one of `servolink backups`; by default the last"
+        )
+        return
+    parser.add_argument("file", type=Path, metavar="FILE", help="a project file")
+    parser.add_argument(
+        "--replace", action="store_true", help="delete everything on the board first, instead of only what differs"
+    )
+    parser.add_argument(
+        "--no-backup", action="store_true", help="keep nothing of what is on the board; what is replaced is lost"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Show what would change, ask, and do it."""
+    if not (args.yes or _can_ask()):
+        refuse(args, "there is no terminal to ask on; --yes goes on without asking")
+    return _apply(args) if args.command == "apply" else _roll_back(args)
+
+
+def _apply(args: argparse.Namespace) -> int:
+    project = load_project(args.file)
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        async def work(tell: Tell) -> Applied:
+            return await board.apply(project, replace=args.replace, backup=not args.no_backup, progress=tell)
+
+        with shown_progress(board, quiet=args.json) as tell:
+            plan = await board.plan(project, replace=args.replace, progress=tell)
+        return await _Change(args, board, interruption).make(plan, work)
+
+    return converse(args, talk, state=_UNTOUCHED)
+
+
+def _roll_back(args: argparse.Namespace) -> int:
+    project: Project | None = load_project(args.backup, exact=True) if args.backup else None
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        path = args.backup or await backup_for(board, Store())
+        if not args.json:
+            print_text(f"from {path}")
+        with shown_progress(board, quiet=args.json) as tell:
+            plan = await board.plan(project or load_project(path, exact=True), exact=True, progress=tell)
+
+        async def work(tell: Tell) -> Applied:
+            return await board.rollback(path, progress=tell)
+
+        return await _Change(args, board, interruption).make(plan, work)
+
+    return converse(args, talk, state=_UNTOUCHED)
+
+
+class _Change:
+    """Asks, works, and keeps true what Ctrl-C or an error says."""
+
+    def __init__(self, args: argparse.Namespace, board: Board, interruption: Interruption) -> None:
+        self._args = args
+        self._board = board
+        self._interruption = interruption
+
+    async def make(self, plan: Plan, work: Callable[[Tell], Awaitable[Applied]]) -> int:
+        """Do it, if it is wanted."""
+        if not self._args.json:
+            print_plan(plan)
+        if not plan.changes:
+            if self._args.json:
+                print_json({"changed": False, "plan": plan_object(plan)})
+            return OK
+        if not (self._args.yes or await _yes()):
+            print_text(_UNTOUCHED)
+            return OK
+        try:
+            with shown_progress(self._board, quiet=self._args.json) as tell:
+                applied = await work(lambda progress: self._note(progress, tell))
+        except ServolinkError:
+            print(f"servolink: {self._interruption.state}", file=sys.stderr)
+            raise
+        self._report(plan, applied)
+        return OK
+
+    def _note(self, progress: Progress, tell: Tell) -> None:
+        tell(progress)
+        if progress.phase not in ("reading", "saving"):
+            self._interruption.state = (
+                f"the board holds an unfinished import, stopped while {PHASES[progress.phase]}, at "
+                f"{printable(progress.item)} ({progress.done} of {progress.total}); nothing is lost: "
+                "the same command goes on, `servolink rollback` goes back"
+            )
+
+    def _report(self, plan: Plan, applied: Applied) -> None:
+        self._interruption.state = "the import is finished"
+        backup = applied.backup and str(applied.backup)
+        if self._args.json:
+            described = {"changed": applied.changed, "resumed": applied.resumed, "backup": backup}
+            print_json({**described, "plan": plan_object(plan)})
+            return
+        print_text("done, and verified by reading the whole board twice", "green")
+        if backup:
+            print_text(f"what was there before is in {backup}; `servolink rollback` brings it back")
+
+
+def _can_ask() -> bool:
+    return sys.stdin is not None and sys.stdin.isatty() and sys.stdout is not None and sys.stdout.isatty()
+
+
+async def _yes() -> bool:
+    answer = await asyncio.to_thread(input, "do it? [y/N] ")
+    return answer.strip().lower() in ("y", "yes")

@@ -1,0 +1,51 @@
+"""`servolink export`: everything on a board into a project file."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from servolink.cli.main import OK
+from servolink.cli.output import print_json, print_text
+from servolink.cli.progress import shown_progress
+from servolink.cli.session import Interruption, converse
+from servolink.client.board import Board
+from servolink.errors import ProjectError
+from servolink.printable import printable
+from servolink.project.file import load_project, save_project
+
+
+def configure(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink export`."""
+    parser.add_argument("file", type=Path, metavar="FILE", help="such as robot.servolink.json")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read everything and write the file, whole or not at all."""
+    _refuse_other_files(args.file)
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        with shown_progress(board, quiet=args.json) as tell:
+            project = await board.export_project(progress=tell)
+        save_project(args.file, project)
+        if args.json:
+            counts = {name: len(getattr(project, name)) for name in _COUNTED}
+            print_json({"file": str(args.file), "project_id": project.project_id, **counts})
+        else:
+            counted = ", ".join(f"{len(getattr(project, name))} {name.replace('_', ' ')}" for name in _COUNTED)
+            print_text(f"{args.file}: project {project.project_id or 'without id'}, {counted}")
+        return OK
+
+    return converse(args, talk, state=f"{printable(str(args.file))} was not written")
+
+
+_COUNTED = ("servo_parameters", "actions", "macros", "joystick_tables")
+
+
+def _refuse_other_files(path: Path) -> None:
+    """Raise ProjectError rather than write over something that is no project."""
+    if path.exists():
+        try:
+            load_project(path, exact=True)
+        except ProjectError as error:
+            raise ProjectError(f"{error}; it is not overwritten, choose another name") from error

@@ -1,0 +1,78 @@
+"""`servolink plan`: what an import would change on the board."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from servolink.cli.difference import kind_of, print_changes
+from servolink.cli.main import FAILED, OK
+from servolink.cli.output import Table, print_json, print_table, print_text
+from servolink.cli.progress import shown_progress
+from servolink.cli.session import Interruption, converse
+from servolink.client.board import Board
+from servolink.project.file import load_project
+from servolink.project.file_types import to_file
+from servolink.project.plan import Plan
+
+
+def configure(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink plan`."""
+    parser.add_argument("file", type=Path, metavar="FILE", help="a project file")
+    parser.add_argument("--replace", action="store_true", help="as for `servolink apply --replace`")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the differences: 0 if there are none, 1 if there are."""
+    project = load_project(args.file)
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        with shown_progress(board, quiet=args.json) as tell:
+            plan = await board.plan(project, replace=args.replace, progress=tell)
+        if args.json:
+            print_json(plan_object(plan))
+        else:
+            print_plan(plan)
+        return FAILED if plan.changes else OK
+
+    return converse(args, talk, state="nothing was changed")
+
+
+def plan_object(plan: Plan) -> dict[str, object]:
+    """Return a plan for programs."""
+    changes = [
+        {"what": one.what, "change": kind_of(one), "old": _object(one.old), "new": _object(one.new)}
+        for one in plan.changes
+    ]
+    return {
+        "changes": changes,
+        "requests": plan.requests,
+        "wire_bytes": plan.wire_bytes,
+        "estimated_seconds": plan.seconds,
+        "memory_size_bytes": plan.memory_size,
+        "memory_free_before_bytes": plan.free_before,
+        "memory_free_after_bytes": plan.free_after,
+        "is_unfinished": plan.is_unfinished,
+    }
+
+
+def _object(value: Any) -> Any:
+    return value if value is None or isinstance(value, int) else to_file(value)
+
+
+def print_plan(plan: Plan) -> None:
+    """Print a plan for people."""
+    if not plan.changes:
+        print_text("0 differences: the board holds this project")
+        return
+    print_changes(plan.changes)
+    size = "" if plan.memory_size is None else f" of {plan.memory_size:,}"
+    facts = [
+        ("differences", len(plan.changes)),
+        ("on the line", f"{plan.wire_bytes:,} bytes in {plan.requests:,} requests, with backup and verification"),
+        ("takes about", f"{plan.seconds:.1f} s"),
+        ("memory free", f"{plan.free_before:,} bytes{size}, afterwards {plan.free_after:,}"),
+    ]
+    print_text("")
+    print_table(Table((), facts))

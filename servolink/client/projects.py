@@ -1,0 +1,77 @@
+"""Whole projects: export, plan, import, rollback (document, 4.2 and 4.3)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from servolink.client.read_back import ReadBack
+from servolink.client.settings import Settings
+from servolink.project.progress import Tell, tell_nobody
+
+if TYPE_CHECKING:
+    from servolink.project.apply import Applied
+    from servolink.project.model import Project
+    from servolink.project.plan import Plan
+
+
+class Projects(Settings, ReadBack):
+    """Everything stored on the board at once; `servolink.project` has what is done, and is loaded when it is used."""
+
+    async def export_project(self, *, progress: Tell = tell_nobody) -> Project:
+        """Return everything stored on the board, each part read until two consecutive readings agree (4.3).
+
+        ProjectError if they never do, or if the board lists what it does not give.
+        """
+        from servolink.project.read import read_project
+
+        return await read_project(self, progress)
+
+    async def plan(
+        self, project: Project, *, replace: bool = False, exact: bool = False, progress: Tell = tell_nobody
+    ) -> Plan:
+        """Return what `apply` would change, and what that costs; changes nothing.
+
+        `exact` is for a project that was read from a board and may hold what this library would not write by itself.
+        """
+        from servolink.project.plan import plan_project
+
+        return await plan_project(self, project, tell=progress, replace=replace, exact=exact)
+
+    async def apply(
+        self,
+        project: Project,
+        *,
+        replace: bool = False,
+        backup: bool = True,
+        folder: Path | None = None,
+        progress: Tell = tell_nobody,
+    ) -> Applied:
+        """Make the board hold `project`: only what differs is written, or with `replace` all of it (4.2).
+
+        Before anything is changed the board's content is kept in `folder` (the user's data folder). Whatever
+        interrupts it, a cancellation too, the next `apply` goes on, and `rollback` goes back. ProjectError for a
+        project that cannot be written or does not fit, if no backup can be made, and if the board does not take it.
+        """
+        from servolink.project.apply import apply_project
+        from servolink.project.store import Store
+
+        return await apply_project(self, project, store=Store(folder), tell=progress, replace=replace, backup=backup)
+
+    async def rollback(
+        self, backup: Path | None = None, *, folder: Path | None = None, progress: Tell = tell_nobody
+    ) -> Applied:
+        """Make the board hold what it held before the last import, or what `backup` holds.
+
+        ProjectError if there is no such backup.
+        """
+        from servolink.project.rollback import roll_back
+        from servolink.project.store import Store
+
+        return await roll_back(self, backup, store=Store(folder), tell=progress)
+
+    async def has_unfinished_import(self) -> bool:
+        """Tell whether an import was begun on the board and not finished; `apply` again, or `rollback`."""
+        from servolink.project.journal import is_unfinished
+
+        return is_unfinished(await self.project_id())

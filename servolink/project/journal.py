@@ -1,0 +1,52 @@
+"""The journal of one import: what a later run needs to go on with it, or to undo it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Literal, TypeAlias
+
+from msgspec import Meta, Struct
+
+from servolink.project.model import UNFINISHED
+
+JournalPhase: TypeAlias = Literal["clearing", "writing"]
+
+
+class Journal(Struct, frozen=True, forbid_unknown_fields=True):
+    """Written before each step after which another step must follow.
+
+    The marker is what makes it the journal of a board: the board's project id is the marker while the import is
+    under way, wherever and to whichever computer it is plugged in.
+    """
+
+    marker: Annotated[int, Meta(ge=UNFINISHED.start, lt=UNFINISHED.stop)]
+    url: str
+    """Where the board was."""
+    digest: str
+    """Of the project that is written."""
+    backup: str | None
+    """The file with what the board held before; none if it was told to do without."""
+    phase: JournalPhase
+    """`clearing`: the board may be without the marker, because it deletes its project id too."""
+
+
+def is_unfinished(project_id: int) -> bool:
+    """Tell whether a project id says that an import is under way."""
+    return project_id in UNFINISHED
+
+
+def journal_of(journals: Iterable[Journal], project_id: int, url: str) -> Journal | None:
+    """Return the journal of the import that the board with this project id is in the middle of, if there is one."""
+    for journal in journals:
+        if journal.marker == project_id:
+            return journal
+        if project_id == 0 and journal.phase == "clearing" and journal.url == url:
+            return journal
+    return None
+
+
+def free_marker(journals: Iterable[Journal], wish: int) -> int:
+    """Return a marker that no journal has, `wish` deciding which."""
+    taken = {journal.marker for journal in journals}
+    first = UNFINISHED[wish % len(UNFINISHED)]
+    return next(marker for marker in (*range(first, UNFINISHED.stop), *UNFINISHED) if marker not in taken)

@@ -1,0 +1,73 @@
+"""What an import would do, and cost; nothing is changed to find out."""
+
+from __future__ import annotations
+
+import asyncio
+
+from msgspec import Struct
+
+from servolink.project.apply import check_writable
+from servolink.project.compare import Change, compare
+from servolink.project.cost import Cost, cost_of_reading, cost_of_writing
+from servolink.project.journal import is_unfinished
+from servolink.project.model import Project
+from servolink.project.progress import Tell
+from servolink.project.read import Asked, Content, read_content
+from servolink.project.size import total_size
+from servolink.project.writes import Write, writes
+from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
+
+
+class Plan(Struct, frozen=True):
+    """What would change on the board."""
+
+    changes: tuple[Change, ...]
+    """In the order of a project file; none if the board holds the project."""
+    requests: int
+    """Of the whole import: backup, writing, verification."""
+    wire_bytes: int
+    """In both directions, on a line without damage."""
+    seconds: float
+    """Estimated from the time that reading the board took."""
+    memory_size: int | None
+    """Bytes of the board's memory; None on boards that do not say."""
+    free_before: int
+    free_after: int
+    """Below 0: it does not fit."""
+    is_unfinished: bool
+    """The board holds an unfinished import."""
+
+
+async def plan_project(board: Asked, project: Project, *, tell: Tell, replace: bool = False, exact: bool = False) -> Plan:
+    """Return what `apply_project` would do; ProjectError for a project that cannot be written to any board."""
+    check_writable(board, project, exact=exact)
+    loop = asyncio.get_running_loop()
+    begun = loop.time()
+    content = await read_content(board, tell)
+    taken = loop.time() - begun
+    memory = await board.request(QueryMemorySizeRequest())
+    here = content.readable()
+    reading = cost_of_reading(here)
+    changes = compare(here, project)
+    cost = _cost(board, content, project, replace=replace) if changes else Cost()
+    growth = total_size(project) - total_size(here)
+    return Plan(
+        changes,
+        cost.requests,
+        cost.wire_bytes,
+        round(cost.requests * taken / reading.requests, 3),
+        memory.total_size,
+        memory.size,
+        memory.size - growth,
+        is_unfinished(content.project_id),
+    )
+
+
+def _cost(board: Asked, content: Content, project: Project, *, replace: bool) -> Cost:
+    codec = board.codec
+    backup, verification = cost_of_reading(content.readable()), cost_of_reading(project.sorted())
+    if not replace:
+        return backup + cost_of_writing(writes(content, project), codec) + verification
+    clearing = Write("everything", ClearAllDataRequest())
+    cleared = cost_of_reading(Project())
+    return backup + cost_of_writing([clearing, *writes(Content(), project)], codec) + cleared + cleared + verification

@@ -1,0 +1,204 @@
+"""Imports that are interrupted, on boards of every make, and what must be true afterwards."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from servolink.client.board import Board
+from servolink.client.connect import connect
+from servolink.errors import ServolinkError
+from servolink.project.file import load_project
+from servolink.project.model import Project
+from servolink.project.read import Content
+from servolink.project.store import Store
+from servolink.project.writes import writes
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
+from servolink.protocol.joystick import Button, JoystickTable
+from servolink.protocol.servos import Step
+from servolink.transports.base import Transport
+from servolink.transports.faults import Faults
+from servolink.transports.faulty import FaultyTransport
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.storage import Add, Clear, Contents, Kind
+from tests.project.cable import Cable
+
+OLD = Project(
+    project_id=77,
+    servo_parameters=(ServoParameter(1, -3, "left hip"), ServoParameter(2, 5, "右肩")),
+    actions=(
+        Action(1, "Bow", (Step(1, 60, 50), Step(2, -60, 50))),
+        Action(2, "raw \udcff bytes", (Step(1, 0, 10),)),
+        Action(5, "Only old", ()),
+    ),
+    macros=(Macro(1, "Greet", (MacroCommand(1), MacroCommand(300, 1), MacroCommand(2))), Macro(4, "Old", ())),
+    joystick_tables=(JoystickTable(1, "Pad", (Button(3, "Hello", 1),)), JoystickTable(2, "Old pad", ())),
+    active_joystick_table=2,
+).sorted()
+NEW = Project(
+    project_id=88,
+    servo_parameters=(ServoParameter(1, -3, "left hip"), ServoParameter(3, 1, "neck")),
+    actions=(
+        Action(1, "Bow", (Step(1, 60, 50), Step(2, -60, 50))),
+        Action(2, "Nod", (Step(3, 20, 10), Step(1, 5, 10))),
+        Action(9, "New", (Step(2, 1, 1),)),
+    ),
+    macros=(Macro(1, "Greet", (MacroCommand(1), MacroCommand(500, 1), MacroCommand(9))),),
+    joystick_tables=(
+        JoystickTable(1, "Pad", (Button(3, "Hello", 1), Button(4, "Nod", 1))),
+        JoystickTable(7, "New", ()),
+    ),
+    active_joystick_table=1,
+).sorted()
+
+
+NO_FAULTS = Faults()
+
+
+@dataclass(frozen=True)
+class Make:
+    """One kind of board."""
+
+    add: Add = "replace"
+    clear: Clear = "all"
+    torn: bool = False
+    reboot: bool = False
+
+    def board(self, contents: Contents, seed: int) -> VirtualBoard:
+        """Return such a board, with `contents` stored."""
+        board = VirtualBoard(3, seed, add=self.add, clear=self.clear, torn=self.torn, reboot=self.reboot)
+        board.storage.contents = contents
+        return board
+
+
+MAKES = [
+    Make(add, clear, torn, reboot)
+    for add in ("replace", "append", "reject")
+    for clear in ("all", "records")
+    for torn, reboot in ((False, False), (False, True), (True, True))
+]
+
+
+def contents_of(project: Project) -> Contents:
+    """Return what a board has stored that holds `project`."""
+    board = VirtualBoard(3)
+    session = board.attach(lambda _: None)
+    codec = Codec()
+    for write in writes(Content(), project):
+        session.receive(codec.encode(write.request, exact=True), 0.0)
+    board.storage.project_id = project.project_id
+    return board.storage.contents
+
+
+def same(contents: Contents, wanted: Contents) -> bool:
+    """Tell whether two boards hold the same, byte for byte, in whatever order, neutral servo parameters aside."""
+    return _comparable(contents) == _comparable(wanted)
+
+
+def _comparable(contents: Contents) -> Any:
+    records = {kind: sorted(contents.records[kind]) for kind in Kind}
+    records[Kind.SERVO] = [one for one in records[Kind.SERVO] if any(one[1][1:])]
+    return records, contents.project_id, contents.chosen_table
+
+
+Work = Callable[[Board], Awaitable[Any]]
+
+
+async def attempt(transport: Transport, work: Work) -> ServolinkError | None:
+    """Let `work` use a new connection; return what ended it early."""
+    try:
+        async with connect(transport) as board:
+            await work(board)
+    except ServolinkError as error:
+        return error
+    return None
+
+
+@dataclass(frozen=True)
+class Point:
+    """One place at which the cable is pulled."""
+
+    make: Make
+    replace: bool
+    sent: int | None = None
+    received: int | None = None
+    seed: int = 0
+    faults: Faults = NO_FAULTS
+    """What else is wrong with the line."""
+
+    async def judge(self, folder: Path) -> Verdict:
+        """Pull the cable at this place of an import of NEW over OLD, and see what becomes of both."""
+        board = self.make.board(OLD_CONTENTS, self.seed)
+        cable = Cable(board, sent=self.sent, received=self.received)
+        error = await attempt(self._line(cable), lambda board: board.apply(NEW, replace=self.replace, folder=folder))
+        left, kept = board.storage.contents, shutil.copytree(folder, folder.with_suffix(".kept"))
+        lost = not (same(left, OLD_CONTENTS) or has_backup(folder, OLD))
+        connections = await self._until_done(board, lambda board: board.apply(NEW, replace=self.replace, folder=folder))
+        new = same(board.storage.contents, NEW_CONTENTS)
+        board = self.make.board(left, self.seed + 1)
+        await self._until_done(board, lambda board: _undo(board, kept))
+        old = same(board.storage.contents, OLD_CONTENTS)
+        return Verdict(error is not None, lost, new, old, connections)
+
+    def _line(self, cable: Cable) -> Transport:
+        return cable if self.faults == NO_FAULTS else FaultyTransport(cable, self.faults, seed=self.seed)
+
+    async def _until_done(self, board: VirtualBoard, work: Work) -> int:
+        """Connect until `work` is done; return how many times that took, at most MOST."""
+        for count in range(1, MOST):
+            cable = Cable(board)
+            line = cable if self.faults == NO_FAULTS else FaultyTransport(cable, self.faults, seed=self.seed + count)
+            if await attempt(line, work) is None:
+                return count
+        return MOST
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of both projects."""
+
+    interrupted: bool
+    lost: bool
+    """The board does not hold the old project, and no backup does."""
+    new: bool
+    """Applying again ended with the new one on the board."""
+    old: bool
+    """Rolling back instead ended with the old one."""
+    connections: int
+    """That the new one took after the cable was pulled."""
+
+    @property
+    def good(self) -> bool:
+        """Whether all is as it must be, on a line that is not bad otherwise."""
+        return not self.lost and self.new and self.old and self.connections == 1
+
+
+MOST = 20
+
+
+async def _undo(board: Board, folder: Path) -> None:
+    """Roll back, unless the import was interrupted before there was anything to roll back."""
+    if await board.has_unfinished_import() or Store(folder).backups():
+        await board.rollback(folder=folder)
+
+
+async def bytes_of_import(make: Make, *, replace: bool, folder: Path) -> tuple[int, int]:
+    """Return how many bytes an import that nothing interrupts sends and receives."""
+    cable = Cable(make.board(OLD_CONTENTS, 0))
+    error = await attempt(cable, lambda board: board.apply(NEW, replace=replace, folder=folder))
+    if error is not None:
+        raise error
+    return cable.sent, cable.received
+
+
+def has_backup(folder: Path, project: Project) -> bool:
+    """Tell whether one of the backups holds `project`."""
+    return any(load_project(backup.path, exact=True) == project for backup in Store(folder).backups())
+
+
+OLD_CONTENTS = contents_of(OLD)
+NEW_CONTENTS = contents_of(NEW)
