@@ -56,7 +56,7 @@ def _places(before: tuple[Record, ...], after: tuple[Record, ...]) -> Iterator[_
 def _half(kind: Kind, place: _Place, random: Random, byte_order: ByteOrder) -> Record | None:
     """Return a state that a record goes through between before and after."""
     halves = [tear_record(kind, record, random, byte_order) for record in place if record is not None]
-    return random.choice([place[0], None, *halves])
+    return random.choice([*dict.fromkeys((place[0], None)), *halves])
 
 
 def tear_record(kind: Kind, record: Record, random: Random, byte_order: ByteOrder) -> Record:

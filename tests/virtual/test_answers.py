@@ -178,6 +178,39 @@ def test_records_are_listed_read_replaced_and_deleted(host: Host) -> None:
     assert host.ask(editing.QueryActionListRequest()).actions == entries[1:]
 
 
+def test_a_board_that_appends_lists_an_id_twice_and_gives_and_deletes_the_first() -> None:
+    host = Host(VirtualBoard(add="append"))
+    for caption in ("one", "two"):
+        assert host.ask(editing.AddActionRequest(7, caption)).result == 1
+    entries = (editing.ActionEntry(7, "one"), editing.ActionEntry(7, "two"))
+    assert host.ask(editing.QueryActionListRequest()).actions == entries
+    assert host.ask(editing.QueryActionRequest(7)).action_caption == "one"
+    assert host.ask(editing.DeleteActionRequest(7)).result == 1
+    assert host.ask(editing.QueryActionListRequest()).actions == entries[1:]
+    assert host.ask(editing.QueryActionRequest(7)).action_caption == "two"
+
+
+def test_a_board_that_rejects_keeps_what_it_has() -> None:
+    host = Host(VirtualBoard(add="reject"))
+    results = [host.ask(joystick.AddJoystickTableRequest(7, caption)).result for caption in ("one", "two")]
+    assert results == [1, 0]
+    assert host.ask(joystick.QueryJoystickTableListRequest()).tables == (joystick.JoystickTableEntry(7, "one"),)
+
+
+def test_clearing_the_records_ends_the_macro_and_leaves_project_id_and_parameters() -> None:
+    host = Host(VirtualBoard(clear="records"))
+    host.ask(editing.WriteProjectIDRequest(5))
+    parameters = (editing.ServoParameter(1, 2, "hip"),)
+    host.ask(editing.AddServoParameterRequest(parameters))
+    host.store_macro(1, editing.MacroCommand(100, 1))
+    host.ask(editing.ExecuteMacroRequest(1))
+    assert host.ask(settings.ClearAllDataRequest()).result == 1
+    assert host.board.next_due(START) is None
+    assert host.ask(editing.QueryMacroListRequest()).macros == ()
+    assert host.ask(editing.QueryProjectIDRequest()).project_id == 5
+    assert host.ask(editing.QueryServoParameterRequest()).servos == parameters
+
+
 def test_what_is_not_there_is_answered_with_id_0_or_result_0(host: Host) -> None:
     assert host.ask(editing.QueryActionRequest(5)).action_id == 0
     assert host.ask(editing.QueryMacroRequest(5)).macro_id == 0

@@ -20,6 +20,7 @@ from servolink.protocol.servos import ExecuteActionExRequest, SetServoParameterR
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.player import DELAY, MACRO, MAX_NESTING
+from servolink.virtual.storage import Kind
 from tests.virtual.host import START, Host
 
 
@@ -53,6 +54,27 @@ def test_all_steps_of_an_action_run_together_each_in_its_own_time(host: Host) ->
     assert host.angle(1, START + 0.5) == 50
     assert host.angle(1, START + 1) == 100
     assert host.angle(2, START + 2) == 50  # the last step of a servo counts
+
+
+@pytest.mark.parametrize("at", [43, 45, 47])
+def test_a_torn_action_is_not_run(host: Host, at: int) -> None:
+    host.store_action(1, (1, 90, 100), (2, 90, 100))
+    storage = host.board.storage
+    whole = storage.get(Kind.ACTION, 1) or b""
+    for record in (whole[:at].ljust(48, b"\xff"), whole):
+        storage.put(Kind.ACTION, {1: record})
+        host.tell(ExecuteActionExRequest(1))
+        assert any(servo.moving for servo in host.board.servos.values()) == (record == whole)
+
+
+@pytest.mark.parametrize("at", range(39, 50))
+def test_a_torn_macro_is_not_run(host: Host, at: int) -> None:
+    host.store_macro(1, MacroCommand(10, ratio=50, total_interval=1))
+    storage = host.board.storage
+    whole = storage.get(Kind.MACRO, 1) or b""
+    for record in (whole[:at].ljust(50, b"\xff"), whole):
+        storage.put(Kind.MACRO, {1: record})
+        assert execute(host, 1) == (record == whole)
 
 
 def test_an_unknown_action_does_nothing(host: Host) -> None:

@@ -164,7 +164,7 @@ STORED = AddActionRequest(2, "kept", (Step(1, 1, 1),))
 def left(packet: Packet, after: int, *, torn: bool, reboot: bool) -> list[Contents]:
     """Return what may be stored when the cable is cut `after` bytes of the answer."""
     seen: list[Contents] = []
-    for seed in range(200):
+    for seed in range(60):
         board = VirtualBoard(servos=1, seed=seed, torn=torn, reboot=reboot)
         host = Host(board)
         host.ask(STORED)
@@ -184,7 +184,7 @@ ANSWER = 10
 @pytest.mark.parametrize("packet", [ACTION, DeleteActionRequest(2), ClearAllDataRequest()])
 def test_a_write_is_torn_until_the_host_has_all_of_its_answer(packet: Packet) -> None:
     (done,) = left(packet, ANSWER, torn=True, reboot=True)
-    for after in range(ANSWER):
+    for after in (0, 1, ANSWER - 1):
         assert len(left(packet, after, torn=True, reboot=True)) > 3
         assert left(packet, after, torn=False, reboot=True) == [done]
         assert left(packet, after, torn=True, reboot=False) == [done]
