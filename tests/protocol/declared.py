@@ -57,7 +57,7 @@ def _snake_cased(value: Any) -> Any:
 
 VECTORS = _vectors()
 
-_plain_captions = (
+plain_captions = (
     st.text(st.characters(exclude_categories=("Cc", "Cs")), max_size=32)
     .map(lambda text: text.encode()[:32].decode(errors="ignore"))
     .filter(lambda text: MAGIC not in text.encode())
@@ -65,11 +65,11 @@ _plain_captions = (
 _any_captions = st.binary(max_size=32).map(lambda raw: raw.partition(b"\0")[0].decode("utf-8", "surrogateescape"))
 
 
-def _values(kind: inspect.Type, captions: st.SearchStrategy[str]) -> st.SearchStrategy[Any]:
+def values_of(kind: inspect.Type, captions: st.SearchStrategy[str]) -> st.SearchStrategy[Any]:
     """Return all values of a field, in the range of its `msgspec.Meta`."""
     match kind:
         case inspect.Metadata():
-            return _values(kind.type, captions)
+            return values_of(kind.type, captions)
         case inspect.IntType():
             low, high = cast("int", kind.ge), cast("int", kind.le)
             return st.sampled_from((low, high, min(high, low + 1))) | st.integers(low, high)
@@ -78,21 +78,21 @@ def _values(kind: inspect.Type, captions: st.SearchStrategy[str]) -> st.SearchSt
         case inspect.BytesType():
             return st.binary(max_size=300)
         case inspect.VarTupleType():
-            return st.lists(_values(kind.item_type, captions), max_size=6).map(tuple)
+            return st.lists(values_of(kind.item_type, captions), max_size=6).map(tuple)
         case inspect.UnionType():
-            return st.one_of([_values(member, captions) for member in kind.types])
+            return st.one_of([values_of(member, captions) for member in kind.types])
         case inspect.NoneType():
             return st.none()
         case inspect.StructType():
-            return st.builds(kind.cls, **{field.name: _values(field.type, captions) for field in kind.fields})
+            return st.builds(kind.cls, **{field.name: values_of(field.type, captions) for field in kind.fields})
         case _:
             raise TypeError(f"no strategy for {kind}")
 
 
 def packets_of(declared: type[Packet]) -> st.SearchStrategy[Packet]:
     """Draw packets of one class, with every value that the declaration allows."""
-    captions = _any_captions if issubclass(declared, Response) else _plain_captions
-    return cast("st.SearchStrategy[Packet]", _values(inspect.type_info(declared), captions))
+    captions = _any_captions if issubclass(declared, Response) else plain_captions
+    return cast("st.SearchStrategy[Packet]", values_of(inspect.type_info(declared), captions))
 
 
 any_packet = st.sampled_from(sorted(PACKETS)).flatmap(lambda packet_id: packets_of(PACKETS[packet_id]))

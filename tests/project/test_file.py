@@ -1,0 +1,355 @@
+"""The project file: what it looks like, that nothing is lost in it, and what is said of a wrong one."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from servolink.errors import ProjectError
+from servolink.printable import printable
+from servolink.project.file import format_project, load_project, parse_project, save_project
+from servolink.project.model import Project
+from servolink.project.text import MAX_SIZE
+from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
+from servolink.protocol.joystick import Button, JoystickTable
+from servolink.protocol.servos import Step
+from tests.project.drawn import projects, said_projects
+
+ROBOT = Project(
+    7,
+    (ServoParameter(2, -3, "right elbow"), ServoParameter(1, 4, "左肘")),
+    (
+        Action(2, "down", (Step(1, 0, 50),)),
+        Action(1, "up", (Step(1, 90, 100), Step(2, -90, 50))),
+    ),
+    (
+        Macro(
+            5,
+            "wave",
+            (MacroCommand(1, 0, 50, 2, 4000), MacroCommand(250, 1, total_interval=250), MacroCommand(6, 2)),
+        ),
+    ),
+    (JoystickTable(1, "pad", (Button(4, "A", 5), Button(5, "B", 0, 5, 5, uninterruptible=1))),),
+    1,
+)
+TEXT = """\
+{
+  "schema": 1,
+  "project_id": 7,
+  "servo_parameters": [
+    {"servo_id": 1, "adjusted_degree": 4, "servo_caption": "左肘"},
+    {"servo_id": 2, "adjusted_degree": -3, "servo_caption": "right elbow"}
+  ],
+  "actions": [
+    {
+      "action_id": 1,
+      "action_caption": "up",
+      "steps": [
+        {"servo_id": 1, "degree": 90, "interval_ms": 1000},
+        {"servo_id": 2, "degree": -90, "interval_ms": 500}
+      ]
+    },
+    {
+      "action_id": 2,
+      "action_caption": "down",
+      "steps": [
+        {"servo_id": 1, "degree": 0, "interval_ms": 500}
+      ]
+    }
+  ],
+  "macros": [
+    {
+      "macro_id": 5,
+      "macro_caption": "wave",
+      "commands": [
+        {"type": "action", "action_id": 1, "ratio_percent": 50, "loop": 2, "total_interval_ms": 4000},
+        {"type": "delay", "delay_ms": 250, "ratio_percent": 100, "loop": 1, "total_interval_ms": 250},
+        {"type": "macro", "macro_id": 6, "ratio_percent": 100, "loop": 1, "total_interval_ms": 0}
+      ]
+    }
+  ],
+  "joystick_tables": [
+    {
+      "table_id": 1,
+      "table_caption": "pad",
+      "buttons": [
+        {"button_id": 4, "button_caption": "A", "button_press_macro": 5, "button_long_press_macro": 0, \
+"button_up_macro": 0, "uninterruptible": 0},
+        {"button_id": 5, "button_caption": "B", "button_press_macro": 0, "button_long_press_macro": 5, \
+"button_up_macro": 5, "uninterruptible": 1}
+      ]
+    }
+  ],
+  "active_joystick_table": 1
+}
+"""
+
+
+def refusal(text: str, *, exact: bool = False) -> str:
+    """Return what is said of a file, empty if it is taken."""
+    try:
+        parse_project(text, exact=exact)
+    except ProjectError as error:
+        return str(error)
+    return ""
+
+
+def test_a_file_is_in_order_and_has_a_step_a_line() -> None:
+    assert format_project(ROBOT) == TEXT
+    assert parse_project(TEXT) == ROBOT.sorted()
+
+
+def test_what_is_left_out_is_as_in_a_new_project() -> None:
+    assert parse_project('{"schema": 1}') == Project()
+    written = (
+        '{"$schema": "x.json", "schema": 1, "actions": [{"action_id": 3}], "macros": [{"macro_id": 4, "commands": '
+    )
+    written += '[{"type": "delay", "delay_ms": 5}]}]}'
+    assert parse_project(written) == Project(actions=(Action(3),), macros=(Macro(4, "", (MacroCommand(5, 1),)),))
+
+
+def test_reading_keeps_the_order_of_the_file() -> None:
+    written = '{"schema": 1, "actions": [{"action_id": 2}, {"action_id": 1}, {"action_id": 2}]}'
+    assert [action.action_id for action in parse_project(written).actions] == [2, 1, 2]
+
+
+@given(projects)
+def test_every_project_comes_back(project: Project) -> None:
+    assert parse_project(format_project(project)) == project.sorted()
+
+
+@given(said_projects())
+@settings(max_examples=200)
+def test_whatever_a_board_says_comes_back_from_text_that_can_be_shown(project: Project) -> None:
+    text = format_project(project)
+    assert parse_project(text, exact=True) == project.sorted()
+    assert all(printable(line) == line for line in text.split("\n"))
+    assert parse_project(text.encode(), exact=True) == project.sorted()
+
+
+@given(said_projects())
+def test_what_this_library_would_not_say_is_refused_with_its_place(project: Project) -> None:
+    said = refusal(format_project(project))
+    assert said == "" or said.startswith(("servo_parameters[", "actions[", "macros[", "joystick_tables["))
+
+
+def test_characters_that_hide_or_turn_text_are_escaped() -> None:
+    written = format_project(Project(actions=(Action(1, "a\x1b[2J\u202eb\udcff\U000e0041\x7f\u200d"),)))
+    assert r'"a\u001b[2J\u202eb\udcff\udb40\udc41\u007f' + '\u200d"' in written
+
+
+def test_a_type_of_command_that_nobody_knows_is_kept_as_a_number_for_backups_only() -> None:
+    project = Project(macros=(Macro(1, "", (MacroCommand(-5, 7, 0, -1, -2),)),))
+    text = format_project(project)
+    line = (
+        '{"type": "other", "type_number": 7, "command_id": -5, "ratio_percent": 0, "loop": -1, "total_interval_ms": -2}'
+    )
+    assert line in text
+    assert parse_project(text, exact=True) == project
+    with pytest.raises(
+        ProjectError, match=r"^macros\[0\].commands\[0\].type: 'other' is none of action, delay, macro$"
+    ):
+        parse_project(text)
+
+
+ACTIONS = '"actions": [{{"action_id": 1}}, {{"action_id": 2, "steps": [{}]}}]'
+STEP = '{"servo_id": 1, "degree": 2, "interval_ms": 30}'
+MACROS = '"macros": [{{"macro_id": 1, "commands": [{}]}}]'
+
+
+def replaced(old: str, new: str) -> str:
+    """Return the actions with the second one's second step changed."""
+    return ACTIONS.format(f"{STEP}, {STEP.replace(old, new)}")
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        (replaced("2", "40000"), "actions[1].steps[1].degree: 40000 is outside -32768..32767"),
+        (replaced("2", "-32769"), "actions[1].steps[1].degree: -32769 is outside -32768..32767"),
+        (replaced("2", "9" * 70), f"actions[1].steps[1].degree: {'9' * 70} is outside -32768..32767"),
+        (replaced("1", "256"), "actions[1].steps[1].servo_id: 256 is outside 0..255"),
+        (replaced("2", "2.0"), "actions[1].steps[1].degree: 2.0 is no integer"),
+        (replaced("2", "true"), "actions[1].steps[1].degree: true is no integer"),
+        (replaced("2", '"2"'), "actions[1].steps[1].degree: '2' is no integer"),
+        (replaced("2", "null"), "actions[1].steps[1].degree: null is no integer"),
+        (replaced("30", "35"), "actions[1].steps[1].interval_ms: 35 is no multiple of 10, in which boards count"),
+        (replaced("30", "327680"), "actions[1].steps[1].interval_ms: 327680 is outside 0..327670"),
+        (replaced("30", "-10"), "actions[1].steps[1].interval_ms: -10 is outside 0..327670"),
+        (replaced(', "interval_ms": 30', ""), "actions[1].steps[1]: 'interval_ms' is missing"),
+        (replaced(', "degree": 2, "interval_ms": 30', ""), "actions[1].steps[1]: 'degree', 'interval_ms' are missing"),
+        (
+            replaced("_ms", ""),
+            "actions[1].steps[1]: 'interval' is no field; there are servo_id, degree, interval_ms",
+        ),
+        (replaced("degree", "servo_id"), "actions[1].steps[1]: 'servo_id' is there twice; keep one of them"),
+        (ACTIONS.format("[]"), "actions[1].steps[0]: [] is no object"),
+        ('"actions": {}', "actions: {} is no list"),
+        ('"actions": [{"action_id": 1, "action_caption": 5}]', "actions[0].action_caption: 5 is no text"),
+        (
+            '"actions": [{"action_id": 1, "action_caption": "a\\n"}]',
+            "actions[0].action_caption: 'a\\n' holds control characters; captions are plain text",
+        ),
+        (
+            f'"actions": [{{"action_id": 1, "action_caption": "{"é" * 33}"}}]',
+            f"actions[0].action_caption: '{'é' * 33}' has 33 characters; a caption has at most 32 bytes",
+        ),
+        (MACROS.format("{}"), 'macros[0].commands[0]: "type" is missing; it is one of action, delay, macro'),
+        (MACROS.format('{"type": 1}'), "macros[0].commands[0].type: 1 is none of action, delay, macro"),
+        (MACROS.format('{"type": ["x"]}'), "macros[0].commands[0].type: ['x'] is none of action, delay, macro"),
+        (MACROS.format("7"), "macros[0].commands[0]: 7 is no object"),
+        (
+            MACROS.format('{"type": "delay", "delay_ms": -1}'),
+            "macros[0].commands[0].delay_ms: -1 is outside 0..2147483647",
+        ),
+        (
+            MACROS.format('{"type": "macro", "action_id": 1}'),
+            "macros[0].commands[0]: 'action_id' is no field; there are type, macro_id, ratio_percent, ...",
+        ),
+        (
+            MACROS.format('{"type": "action", "action_id": 1, "ratio_percent": 0}'),
+            "macros[0].commands[0].ratio_percent: 0 is outside 1..100",
+        ),
+        ('"active_joystick_table": "pad"', "active_joystick_table: 'pad' is neither an integer nor null"),
+        ('"active_joystick_table": 4294967296', "active_joystick_table: 4294967296 is neither an integer nor null"),
+        (
+            '"action": []',
+            "'action' is no field; there are schema, $schema, project_id, servo_parameters, actions, macros, ...",
+        ),
+        ('"$schema": 1', "$schema: 1 is no text"),
+        ('"\\u001b[2J": 1', "'\\x1b[2J' is no field; there are schema, ..."),
+        ('"\\ud800": 1', "'\\ud800' names neither a field nor a type"),
+        (MACROS.format('{"type": "\\udc00"}'), "'\\udc00' names neither a field nor a type"),
+        ('"project_id": 1, "x": {"y": [0, {"z": 1, "z": 2}]}', "x.y[1]: 'z' is there twice; keep one of them"),
+        ('"x": {"z": 1, "z": {"y": 1, "y": 2}}', "x: 'z' is there twice; keep one of them"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_place_and_what_it_should_be(fields: str, said: str) -> None:
+    with pytest.raises(ProjectError) as caught:
+        parse_project(f'{{"schema": 1, {fields}}}')
+    if said.endswith("..."):
+        assert str(caught.value).startswith(said[:-3])
+    else:
+        assert str(caught.value) == said
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is no JSON: Expecting value in line 1, column 1; correct it there"),
+        ('{"schema": 1,\n  "actions": [}', "is no JSON: Expecting value in line 2, column 15; correct it there"),
+        ("[1]", "[1] is no project, which is an object"),
+        ("null", "null is no project, which is an object"),
+        ("{}", '"schema" is missing; a project file begins with "schema": 1'),
+        ('{"schema": 2, "new": 1}', "schema: 2 is newer than 1, which this servolink reads; use a newer one"),
+        ('{"schema": 0}', "schema: 0 is no version of the format; 1 is"),
+        ('{"schema": "1"}', "schema: '1' is no version of the format; 1 is"),
+        ('{"schema": true}', "schema: true is no version of the format; 1 is"),
+        ('{"schema": 1, "schema": 1}', "'schema' is there twice; keep one of them"),
+        ('{"schema": NaN}', "holds a number that is none, or one of thousands of digits; a board has neither"),
+        ('{"schema": ' + "1" * 5000, "holds a number that is none, or one of thousands of digits; a board has neither"),
+        ("[" * 200_000, "holds lists in lists without end; a project has a few levels"),
+        (b'{"schema": "\xe9"}', "is no text in UTF-8 (byte 12); save it as UTF-8"),
+        (b"\xff\xfe{\0}\0", "is no text in UTF-8 (byte 0); save it as UTF-8"),
+        (b" " * (MAX_SIZE + 1), "is larger than the 16 MiB that a project file may have"),
+    ],
+    ids=lambda value: str(value[:20]),
+)
+def test_what_is_no_project_file_is_told_from_one(text: str | bytes, said: str) -> None:
+    with pytest.raises(ProjectError) as caught:
+        parse_project(text)
+    assert str(caught.value) == said
+
+
+_nonsense = st.recursive(
+    st.sampled_from((None, True, 0, -1, 2**70, 0.5, "action", "delay", "\udc00", "\x1b")) | st.text(st.characters()),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(st.characters(), max_size=3), inner, max_size=3)
+    ),
+    max_leaves=6,
+)
+
+
+@given(st.data(), _nonsense, st.booleans())
+@settings(max_examples=300)
+def test_nonsense_in_any_place_gives_one_clear_error(data: st.DataObject, nonsense: Any, exact: bool) -> None:
+    said = place = json.loads(TEXT)
+    while True:
+        key = data.draw(st.sampled_from(list(place) if isinstance(place, dict) else range(len(place))))
+        if not isinstance(place[key], (dict, list)) or data.draw(st.booleans()):
+            break
+        place = place[key]
+    place[key] = nonsense
+    message = refusal(json.dumps(said), exact=exact)
+    assert printable(message) == message
+    assert len(message) < 400
+    assert not any(word in message for word in ("Expected", "Object", "Invalid"))  # msgspec's
+
+
+def test_a_saved_project_is_loaded(tmp_path: Path) -> None:
+    path = tmp_path / "robot.servolink.json"
+    save_project(path, ROBOT)
+    assert path.read_bytes() == TEXT.encode()
+    assert load_project(path) == ROBOT.sorted()
+    save_project(path, Project())
+    assert load_project(path) == Project()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_from_an_editor_that_marks_utf_8_is_loaded(tmp_path: Path) -> None:
+    path = tmp_path / "robot.json"
+    path.write_text(TEXT, encoding="utf-8-sig")
+    assert load_project(path) == ROBOT.sorted()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("none.json", None, "none.json: cannot be read: No such file or directory"),
+        ("", None, ": cannot be read: Is a directory"),
+        ("a\0b", None, "a\\x00b: cannot be read: embedded null byte"),
+        ("a\x1b.json", b"{", "a\\x1b.json: is no JSON: "),
+        (
+            "x.json",
+            TEXT.replace(": 90", ": 40000").encode(),
+            "x.json: actions[0].steps[0].degree: 40000 is outside -32768..32767",
+        ),
+    ],
+)
+def test_the_file_stands_in_front_of_what_is_wrong_with_it(
+    tmp_path: Path, name: str, content: bytes | None, said: str
+) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(ProjectError) as caught:
+        load_project(tmp_path / name)
+    assert str(caught.value).removeprefix(str(tmp_path)).removeprefix("/").startswith(said)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no such device")
+def test_a_file_without_end_is_not_read_to_its_end() -> None:
+    with pytest.raises(ProjectError, match=r"^/dev/zero: is larger than the 16 MiB"):
+        load_project(Path("/dev/zero"))
+
+
+def test_what_cannot_be_written_is_said_and_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(ProjectError, match=r"none/x.json: cannot be written: No such file or directory$"):
+        save_project(tmp_path / "none" / "x.json", ROBOT)
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(ProjectError, match=r"folder: cannot be written: Is a directory$"):
+        save_project(tmp_path / "folder", ROBOT)
+    assert list(tmp_path.iterdir()) == [tmp_path / "folder"]
+
+
+def test_no_file_is_written_that_could_not_be_read_again(tmp_path: Path) -> None:
+    steps = (Step(1, -30000, 30000),) * 13_000
+    large = Project(actions=tuple(Action(number, "", steps) for number in range(1, 24)))
+    with pytest.raises(ProjectError, match=r"x.json: would be larger than the 16 MiB that can be read again$"):
+        save_project(tmp_path / "x.json", large)
+    assert not list(tmp_path.iterdir())
