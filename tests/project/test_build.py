@@ -1,0 +1,153 @@
+"""Projects from parts that call each other by object."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from servolink.errors import EncodeError, ProjectError
+from servolink.project.model import Project
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import Action, AddMacroRequest, Macro, MacroCommand, ServoParameter
+from servolink.protocol.joystick import Button, JoystickTable
+from servolink.protocol.servos import Step
+
+UP = Action.pose("Up", {1: 60, 2: -30}, seconds=0.5)
+DOWN = Action.pose("Down", {1: 20, 2: 0}, seconds=0.25)
+WAVE = Macro.of("Wave", UP, DOWN, loop=2)
+HELLO = Macro.of("Hello", WAVE, 0.3, MacroCommand.of(UP, ratio=50, loop=3))
+PAD = JoystickTable.of("Pad", Button.of(1, "hello", press=HELLO, up=WAVE, uninterruptible=True))
+
+
+def test_a_pose() -> None:
+    assert Action(0, "Up", (Step(1, 60, 50), Step(2, -30, 50))) == UP
+    assert Action.pose("Now", {}, seconds=0, action_id=7) == Action(7, "Now")
+    assert Action.pose("Long", {1: 0}, seconds=327.67).steps[0].interval == 0x7FFF
+    assert Action.pose("", {1: 0}, seconds=0.285).steps[0].interval in {28, 29}
+
+
+def test_a_project_has_all_that_its_parts_call() -> None:
+    project = Project.of(PAD)
+    assert project.actions == (Action(1, "Up", UP.steps), Action(2, "Down", DOWN.steps))
+    assert [macro.macro_id for macro in project.macros] == [1, 2]
+    assert [(one.command_id, one.type, one.ratio, one.loop) for one in project.macros[0].commands] == [
+        (1, 0, 100, 1),
+        (2, 0, 100, 1),
+    ] * 2
+    assert [(one.command_id, one.type, one.ratio, one.loop) for one in project.macros[1].commands] == [
+        (1, 2, 100, 1),
+        (300, 1, 100, 1),
+        (1, 0, 50, 3),
+    ]
+    assert project.joystick_tables == (JoystickTable(1, "Pad", (Button(1, "hello", 2, 0, 1, 1),)),)
+    assert project.active_joystick_table is None
+
+
+def test_numbers_are_given_in_the_order_of_the_parts() -> None:
+    assert [one.action_caption for one in Project.of(DOWN, HELLO).actions] == ["Down", "Up"]
+    assert Project.of(DOWN, UP, WAVE, HELLO, PAD) == Project.of(DOWN, PAD)
+    assert Project.of() == Project()
+
+
+def test_numbers_that_are_given_are_kept_from_others() -> None:
+    second = Action.pose("Second", {1: 1}, action_id=1)
+    project = Project.of(UP, Macro.of("Both", DOWN, second, macro_id=5), Macro.of("One", second), project_id=9)
+    assert [(one.action_id, one.action_caption) for one in project.actions] == [(2, "Up"), (3, "Down"), (1, "Second")]
+    assert [one.macro_id for one in project.macros] == [5, 1]
+    assert [one.command_id for one in project.macros[0].commands] == [3, 1]
+    assert project.project_id == 9
+
+
+def test_the_same_without_a_number_is_one() -> None:
+    again = Action.pose("Up", {1: 60, 2: -30}, seconds=0.5)
+    assert Project.of(UP, again, Macro.of("M", again)).actions == (Action(1, "Up", UP.steps),)
+    other = Action.pose("Up", {1: 61, 2: -30}, seconds=0.5)
+    assert len(Project.of(UP, other).actions) == 2
+
+
+def test_macros_that_differ_in_what_they_call_are_two() -> None:
+    project = Project.of(Macro.of("M", UP), Macro.of("M", DOWN))
+    assert [one.commands[0].command_id for one in project.macros] == [1, 2]
+
+
+def test_more_is_added_to_a_project() -> None:
+    before = Project.of(PAD, project_id=3)
+    after = before.adding(WAVE, Macro.of("More", UP, Action.pose("New", {3: 1})))
+    assert after.actions[:2] == before.actions
+    assert [one.action_caption for one in after.actions] == ["Up", "Down", "New"]
+    assert after.macros[:2] == before.macros
+    assert [one.command_id for one in after.macros[2].commands] == [1, 3]
+    assert after.project_id == 3
+    assert before.adding() == before
+
+
+def test_servos_get_captions() -> None:
+    project = Project.of(ServoParameter(1, 4, "x"), captions={1: "left arm", 2: "neck"})
+    assert project.servo_parameters == (ServoParameter(1, 4, "left arm"), ServoParameter(2, 0, "neck"))
+    assert project.adding(captions={2: "head"}).servo_parameters[1] == ServoParameter(2, 0, "head")
+
+
+def test_a_table_is_made_the_active_one() -> None:
+    second = JoystickTable.of("Second")
+    assert Project.of(PAD, second, active=second).active_joystick_table == 1
+    project = Project.of(PAD).adding(active=second)
+    assert (project.active_joystick_table, len(project.joystick_tables)) == (2, 2)
+    assert project.adding(UP).active_joystick_table == 2
+
+
+def test_numbers_without_objects_are_left_alone() -> None:
+    macro = Macro(2, "By hand", (MacroCommand(77), MacroCommand(UP.action_id, 1)))
+    assert Project.of(macro).macros == (macro,)
+
+
+def test_two_with_one_number_are_refused() -> None:
+    with pytest.raises(ProjectError, match="action 1 'A' has the id of action 1 'B'"):
+        Project.of(Action.pose("A", {1: 1}, action_id=1), Action.pose("B", {1: 1}, action_id=1))
+    with pytest.raises(ProjectError, match="action 1 'Up' has the id of"):
+        Project.of(UP).adding(Action.pose("B", {1: 1}, action_id=1))
+
+
+@pytest.mark.parametrize("part", ["wave", 3, None, MacroCommand(1)])
+def test_what_is_no_part_is_refused(part: Any) -> None:
+    with pytest.raises(ProjectError, match="is no action, macro or joystick table"):
+        Project.of(part)
+
+
+@pytest.mark.parametrize("seconds", [-0.1, 327.68, math.nan, math.inf, True, "1", None, 10**400])
+def test_times_that_are_not_possible_are_refused(seconds: Any) -> None:
+    with pytest.raises(EncodeError, match=r"is no time of 0..327.67 s"):
+        Action.pose("x", {1: 1}, seconds=seconds)
+
+
+@pytest.mark.parametrize("pause", [-1, 2147483.648, math.nan, True, "1", None, PAD])
+def test_what_is_no_part_of_a_macro_is_refused(pause: Any) -> None:
+    with pytest.raises(EncodeError, match="is no time of 0"):
+        Macro.of("x", pause)
+
+
+@pytest.mark.parametrize("started", ["wave", 3, UP])
+def test_buttons_start_macros_only(started: Any) -> None:
+    with pytest.raises(EncodeError, match=r"long_press: buttons start macros, and .* is none"):
+        Button.of(1, long_press=started)
+
+
+def test_a_macro_of_numbered_parts_can_be_sent_as_it_is() -> None:
+    numbered = Macro.of("M", Action(3, "A"), macro_id=2)
+    frame = Codec().encode(AddMacroRequest(numbered.macro_id, numbered.macro_caption, numbered.commands))
+    assert Codec().decode_frame(frame) == AddMacroRequest(2, "M", (MacroCommand(3),))
+
+
+def nested(depth: int) -> Macro:
+    """Return a macro that calls one that calls one..., each twice."""
+    macro = Macro.of("deepest", UP)
+    for _ in range(depth):
+        macro = Macro.of("M", macro, macro)
+    return macro
+
+
+def test_deep_macros_are_built_or_refused() -> None:
+    assert len(Project.of(nested(30)).macros) == 31
+    with pytest.raises(ProjectError, match="nest deeper than 100"):
+        Project.of(nested(5000))
