@@ -1,0 +1,158 @@
+"""Two projects in one."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servolink.errors import ProjectError
+from servolink.project.kinds import ACTION, MACRO, TABLE
+from servolink.project.merge import merged
+from servolink.project.model import Project
+from servolink.project.records import calls
+from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
+from servolink.protocol.joystick import Button, JoystickTable
+from servolink.protocol.servos import Step
+from tests.project.projects import HUMANOID, NOD, PAD, RAISE, SHOW, WAVE
+
+
+def test_the_same_twice_is_the_same() -> None:
+    assert merged(HUMANOID, HUMANOID) == (HUMANOID, [])
+    assert merged(HUMANOID, Project()) == (HUMANOID, [])
+    assert merged(Project(), HUMANOID)[0] == HUMANOID
+
+
+def test_what_has_another_id_is_added_under_its_own() -> None:
+    bow = Action(9, "Bow", (Step(1, 5, 5),))
+    project, said = merged(HUMANOID, Project(actions=(bow,)))
+    assert project == msgspec.structs.replace(HUMANOID, actions=(RAISE, NOD, bow))
+    assert said == ["action 9 'Bow' added"]
+
+
+def test_what_means_something_else_gets_a_new_id_and_its_callers_follow() -> None:
+    bow = Action(1, "Bow", (Step(1, 5, 5),))
+    greet = Macro(4, "Greet", (MacroCommand(1), MacroCommand(1, 1), MacroCommand(2)))
+    twice = Macro(6, "Twice", (MacroCommand(4, 2, loop=2),))
+    other = Project(
+        actions=(bow, NOD),
+        macros=(greet, twice),
+        joystick_tables=(JoystickTable(7, "Other", (Button(1, "", 6, 4, 0),)),),
+        active_joystick_table=7,
+    )
+    project, said = merged(HUMANOID, other)
+    assert project.actions == (RAISE, NOD, Action(3, "Bow", bow.steps))
+    assert project.macros == (
+        WAVE,
+        SHOW,
+        Macro(1, "Greet", (MacroCommand(3), MacroCommand(1, 1), MacroCommand(2))),
+        Macro(6, "Twice", (MacroCommand(1, 2, loop=2),)),
+    )
+    assert project.joystick_tables == (PAD, JoystickTable(1, "Other", (Button(1, "", 6, 1, 0),)))
+    assert project.active_joystick_table == 7
+    assert said == [
+        "action 1 'Bow' added as 3",
+        "macro 4 'Greet' added as 1",
+        "macro 6 'Twice' added",
+        "joystick table 7 'Other' added as 1",
+        "joystick table 7 stays the active one",
+    ]
+
+
+def test_the_active_table_follows_its_new_id() -> None:
+    one = Project(joystick_tables=(PAD,))
+    other = Project(joystick_tables=(JoystickTable(7, "Other"),), active_joystick_table=7)
+    project, _ = merged(one, other)
+    assert project.active_joystick_table == 1
+    assert TABLE.of(project)[1].table_caption == "Other"
+
+
+def test_a_macro_that_calls_what_got_a_new_id_is_another_macro() -> None:
+    other = msgspec.structs.replace(HUMANOID, actions=(Action(1, "Raise left arm", (Step(1, 61, 50),)), NOD))
+    project, _ = merged(HUMANOID, other)
+    wave, show = project.macros[2:]
+    assert wave.commands[0].command_id == 3
+    assert show.commands[0].command_id == wave.macro_id
+    assert project.joystick_tables[1].buttons[0] == Button(1, "wave", wave.macro_id, 0, show.macro_id)
+
+
+def test_merging_again_adds_nothing() -> None:
+    other = msgspec.structs.replace(HUMANOID, actions=(Action(1, "Raise left arm", (Step(1, 61, 50),)), NOD))
+    once, _ = merged(HUMANOID, other)
+    again, said = merged(once, other)
+    assert again == once
+    assert "action 1 'Raise left arm' is action 3 'Raise left arm'" in said
+
+
+def test_of_what_can_be_there_once_the_first_stays() -> None:
+    one = Project(project_id=1, servo_parameters=(ServoParameter(1, 0, "knee"), ServoParameter(2)))
+    other = Project(
+        project_id=2,
+        servo_parameters=(ServoParameter(1, 4, "Knie"), ServoParameter(2, 1), ServoParameter(3), ServoParameter(4, 9)),
+    )
+    project, said = merged(one, other)
+    assert project.project_id == 1
+    assert project.servo_parameters == (ServoParameter(1, 0, "knee"), ServoParameter(2, 1), ServoParameter(4, 9))
+    assert said == [
+        "servo 1 stays 'knee' with a correction of 0; 'Knie' with 4 goes",
+        "servo 2 '' added",
+        "servo 4 '' added",
+        "project id 1 stays, 2 goes",
+    ]
+    assert merged(Project(), other)[0].project_id == 2
+
+
+@pytest.mark.parametrize("first", [Project(), HUMANOID])
+def test_ids_that_are_used_twice_are_refused(first: Project) -> None:
+    with pytest.raises(ProjectError, match="macro 4 is there twice"):
+        merged(first, Project(macros=(WAVE, WAVE)))
+    with pytest.raises(ProjectError, match="servo 3 is there twice"):
+        merged(first, Project(servo_parameters=(ServoParameter(3, 1), ServoParameter(3, 2))))
+
+
+ids = st.integers(1, 4)
+small = st.builds(
+    lambda degrees, called: Project(
+        actions=tuple(Action(number, "", (Step(1, degree, 1),)) for number, degree in degrees.items()),
+        macros=tuple(
+            Macro(number, "", tuple(MacroCommand(one, kind) for one, kind in commands))
+            for number, commands in called.items()
+        ),
+    ),
+    st.dictionaries(ids, st.integers(0, 1), max_size=3),
+    st.dictionaries(ids, st.lists(st.tuples(ids, st.sampled_from((0, 1, 2))), max_size=2), max_size=4),
+)
+
+
+def meaning(project: Project, macro_id: int, depth: int = 6) -> object:
+    """Return what a macro does, whatever the ids are, down to some depth."""
+    macro = MACRO.of(project).get(macro_id)
+    if macro is None or depth == 0:
+        return macro is None
+    done: list[object] = []
+    for command in macro.commands:
+        if command.type == 2:
+            done.append(meaning(project, command.command_id, depth - 1))
+        elif command.type == 0:
+            action = ACTION.of(project).get(command.command_id)
+            done.append(action and action.steps)
+        else:
+            done.append(command.command_id)
+    return done
+
+
+def whole(project: Project) -> bool:
+    """Tell whether all that is called is there."""
+    shelves = {ACTION.word: ACTION.of(project), MACRO.word: MACRO.of(project)}
+    return all(number in shelves[kind.word] for macro in project.macros for kind, number in calls(macro))
+
+
+@given(small.filter(whole), small.filter(whole))
+def test_each_macro_still_does_what_it_did(one: Project, other: Project) -> None:
+    project, _ = merged(one, other)
+    assert whole(project)
+    here = [meaning(project, macro.macro_id) for macro in project.macros]
+    assert here[: len(one.macros)] == [meaning(one, macro.macro_id) for macro in one.macros]
+    assert all(meaning(other, macro.macro_id) in here for macro in other.macros)
+    assert merged(project, one)[0] == project

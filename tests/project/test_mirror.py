@@ -1,0 +1,156 @@
+"""Left and right exchanged, by captions and by a map."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servolink.errors import ProjectError
+from servolink.project.mirror import Mirror, mirror_by_captions, mirrored
+from servolink.project.model import Project
+from servolink.project.sides import other_side
+from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
+from servolink.protocol.servos import Step
+from tests.project.projects import HUMANOID, NOD, RAISE, SHOW, WAVE
+
+ARMS = Mirror({1: 2, 2: 1, 3: 4, 4: 3})
+
+
+@pytest.mark.parametrize(
+    ("caption", "other"),
+    [
+        ("left knee", "right knee"),
+        ("Knee Right", "Knee Left"),
+        ("LEFT", "RIGHT"),
+        ("leftKnee", "rightKnee"),
+        ("KneeLeft", "KneeRight"),
+        ("kneeleft", "kneeright"),
+        ("L knee", "R knee"),
+        ("l_knee", "r_knee"),
+        ("knee-R", "knee-L"),
+        ("knee.l", "knee.r"),
+        ("R2", "L2"),
+        ("2L", "2R"),
+        ("LKnee", "RKnee"),
+        ("kneeL", "kneeR"),
+        ("左膝", "右膝"),
+        ("手(右)", "手(左)"),
+        ("left and right", "right and left"),
+        ("neck", "neck"),
+        ("RGB lamp", "RGB lamp"),
+        ("LED", "LED"),
+        ("roll", "roll"),
+        ("él", "él"),
+        ("", ""),
+    ],
+)
+def test_sides_in_captions(caption: str, other: str) -> None:
+    assert other_side(caption) == other
+    assert other_side(other) == caption
+
+
+@given(st.text(alphabet="lLrR _-.aZéleftrigh左右1", max_size=20))
+def test_the_other_side_of_the_other_side_names_the_same_servo(caption: str) -> None:
+    assert other_side(other_side(caption)).casefold() == caption.casefold()
+
+
+def test_an_action_is_mirrored_by_the_captions_of_its_servos() -> None:
+    mirror = mirror_by_captions(HUMANOID, [RAISE])
+    assert mirror.partners == {1: 2, 2: 1, 3: 4, 4: 3}
+    project, said = mirrored(HUMANOID, [RAISE], mirror)
+    image = Action(3, "Raise right arm", (Step(2, -60, 50), Step(4, 30, 40), Step(5, 10, 20)))
+    assert project == msgspec.structs.replace(HUMANOID, actions=(RAISE, NOD, image))
+    assert said == ["action 1 'Raise left arm' mirrored as action 3 'Raise right arm'"]
+
+
+def test_the_image_of_the_image_is_there_already() -> None:
+    project, _ = mirrored(HUMANOID, [RAISE], ARMS)
+    again, said = mirrored(project, [project.actions[-1]], ARMS)
+    assert again == project
+    assert said == ["action 3 'Raise right arm' has its image already: action 1 'Raise left arm'"]
+
+
+def test_servos_with_the_same_sign_keep_their_angle() -> None:
+    for given_servo in (3, 4):
+        project, _ = mirrored(HUMANOID, [RAISE], mirror_by_captions(HUMANOID, [RAISE], {given_servo}))
+        assert project.actions[-1].steps == (Step(2, -60, 50), Step(4, -30, 40), Step(5, 10, 20))
+
+
+def test_a_servo_that_is_its_own_partner_turns_the_other_way() -> None:
+    project, said = mirrored(HUMANOID, [NOD], Mirror({5: 5}))
+    assert project.actions[-1] == Action(3, "Nod mirrored", (Step(5, -20, 30),))
+    assert said == ["action 2 'Nod' mirrored as action 3 'Nod mirrored'"]
+
+
+def test_what_looks_the_same_is_not_added() -> None:
+    both = Action(9, "Both", (Step(1, 10, 5), Step(2, -10, 5)))
+    project = HUMANOID.adding(both)
+    assert mirrored(project, [NOD, both], ARMS) == (
+        project,
+        [
+            "action 2 'Nod' looks the same in the mirror: nothing added",
+            "action 9 'Both' looks the same in the mirror: nothing added",
+        ],
+    )
+
+
+def test_a_macro_is_mirrored_with_what_it_calls() -> None:
+    project, said = mirrored(HUMANOID, [SHOW], mirror_by_captions(HUMANOID, [SHOW]))
+    wave = Macro(1, "Wave right", (MacroCommand(3, 0, 50, 2, 2000), *WAVE.commands[1:]))
+    show = Macro(2, "Show mirrored", (MacroCommand(1, 2, total_interval=2300), *SHOW.commands[1:]))
+    assert project.macros == (WAVE, SHOW, wave, show)
+    assert project.actions[-1].action_caption == "Raise right arm"
+    assert project.joystick_tables == HUMANOID.joystick_tables
+    assert len(said) == 3
+
+
+def test_an_angle_without_an_opposite_is_refused() -> None:
+    lowest = Action(9, "Lowest", (Step(1, -0x8000, 5),))
+    with pytest.raises(ProjectError, match="servo 1: -32768 has no opposite"):
+        mirrored(HUMANOID.adding(lowest), [lowest], ARMS)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "text"),
+    [
+        ((), "no servo in it has a caption that says left or right.*1=2,3=4"),
+        (
+            (ServoParameter(1, 0, "left"),),
+            "servo 1 is called 'left', and no servo is called 'right'; give the pairs, as in 1=2",
+        ),
+        ((ServoParameter(1, 0, "left"), ServoParameter(2, 0, "Left")), "2 servos are called 'left'"),
+        (
+            (ServoParameter(1, 0, "left"), ServoParameter(2, 0, "right"), ServoParameter(3, 0, "RIGHT")),
+            "and 2 servos are called 'right'",
+        ),
+    ],
+)
+def test_pairs_that_are_not_clear_are_asked_for(parameters: tuple[ServoParameter, ...], text: str) -> None:
+    project = Project(servo_parameters=parameters, actions=(RAISE,))
+    with pytest.raises(ProjectError, match=text):
+        mirror_by_captions(project, [RAISE])
+
+
+def test_captions_of_other_servos_do_not_matter() -> None:
+    doubled = (*HUMANOID.servo_parameters, ServoParameter(8, 0, "left hip"), ServoParameter(9, 0, "left hip"))
+    project = msgspec.structs.replace(HUMANOID, servo_parameters=doubled)
+    assert mirror_by_captions(project, [RAISE]) == mirror_by_captions(HUMANOID, [RAISE])
+
+
+def test_a_macro_that_runs_itself_ends() -> None:
+    one, two = Macro(1, "One", (MacroCommand(2, 2),)), Macro(2, "Two", (MacroCommand(1, 2), MacroCommand(1)))
+    project = Project(servo_parameters=HUMANOID.servo_parameters, actions=(RAISE,), macros=(one, two))
+    with pytest.raises(ProjectError, match="macro 1 runs itself"):
+        mirrored(project, [one], mirror_by_captions(project, [one]))
+
+
+def test_a_call_of_nothing_is_named() -> None:
+    with pytest.raises(ProjectError, match="there is no action 9"):
+        mirrored(Project(macros=(Macro(1, "One", (MacroCommand(9),)),)), [Macro(1)], ARMS)
+
+
+def test_nothing_is_lost_where_an_id_is_used_twice() -> None:
+    with pytest.raises(ProjectError, match="action 1 is there twice"):
+        mirrored(Project(actions=(RAISE, RAISE)), [RAISE], ARMS)
