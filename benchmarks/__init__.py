@@ -5,6 +5,7 @@ BENCHMARKS = {
     "packets": ("benchmarks.packets", True, "Bytes to typed packets, against the bare tuples of `struct`"),
     "hostile": ("benchmarks.hostile", True, "Streams that were made to hurt"),
     "recall": ("benchmarks.recall", True, "Intact frames found on a damaged line"),
+    "imports": ("benchmarks.imports", True, "Projects written while the cable is pulled"),
 }
 """Name to the module, whether `--short` without names runs it, and its heading, in the order of docs/benchmarks.md.
 

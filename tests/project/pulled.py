@@ -96,7 +96,7 @@ def contents_of(project: Project) -> Contents:
 
 def same(contents: Contents, wanted: Contents) -> bool:
     """Tell whether two boards hold the same, byte for byte, in whatever order, neutral servo parameters aside."""
-    return _comparable(contents) == _comparable(wanted)
+    return bool(_comparable(contents) == _comparable(wanted))
 
 
 def _comparable(contents: Contents) -> Any:
@@ -119,40 +119,57 @@ async def attempt(transport: Transport, work: Work) -> ServolinkError | None:
 
 
 @dataclass(frozen=True)
-class Point:
-    """One place at which the cable is pulled."""
+class Pull:
+    """Where the cable is pulled: after so many bytes in one direction."""
+
+    sent: int | None = None
+    received: int | None = None
+
+    @staticmethod
+    def at(byte: int, size: tuple[int, int]) -> Pull:
+        """Return the pull at one byte of an import of that `size`, first all that it sends, then all it receives."""
+        return Pull(sent=byte + 1) if byte < size[0] else Pull(received=byte - size[0] + 1)
+
+
+@dataclass(frozen=True)
+class History:
+    """An import of NEW over OLD on which the cable is pulled, once or more."""
 
     make: Make
     replace: bool
-    sent: int | None = None
-    received: int | None = None
+    pulls: tuple[Pull, ...]
     seed: int = 0
     faults: Faults = NO_FAULTS
     """What else is wrong with the line."""
 
     async def judge(self, folder: Path) -> Verdict:
-        """Pull the cable at this place of an import of NEW over OLD, and see what becomes of both."""
+        """Let it happen, and see what becomes of both projects; `folder` is a new one."""
         board = self.make.board(OLD_CONTENTS, self.seed)
-        cable = Cable(board, sent=self.sent, received=self.received)
-        error = await attempt(self._line(cable), lambda board: board.apply(NEW, replace=self.replace, folder=folder))
-        left, kept = board.storage.contents, shutil.copytree(folder, folder.with_suffix(".kept"))
-        lost = not (same(left, OLD_CONTENTS) or has_backup(folder, OLD))
-        connections = await self._until_done(board, lambda board: board.apply(NEW, replace=self.replace, folder=folder))
+        lost = False
+        for at, pull in enumerate(self.pulls):
+            await attempt(self._line(board, pull, at), lambda board: self._import(board, folder))
+            lost = lost or not (same(board.storage.contents, OLD_CONTENTS) or has_backup(folder, OLD))
+        left, kept = board.storage.contents, folder.with_name(folder.name + ".kept")
+        if folder.exists():
+            shutil.copytree(folder, kept)
+        connections = await self._until_done(board, lambda board: self._import(board, folder))
         new = same(board.storage.contents, NEW_CONTENTS)
         board = self.make.board(left, self.seed + 1)
-        await self._until_done(board, lambda board: _undo(board, kept))
+        back = await self._until_done(board, lambda board: undo(board, kept))
         old = same(board.storage.contents, OLD_CONTENTS)
-        return Verdict(error is not None, lost, new, old, connections)
+        return Verdict(lost, new, old, max(connections, back))
 
-    def _line(self, cable: Cable) -> Transport:
-        return cable if self.faults == NO_FAULTS else FaultyTransport(cable, self.faults, seed=self.seed)
+    async def _import(self, board: Board, folder: Path) -> object:
+        return await board.apply(NEW, replace=self.replace, folder=folder)
+
+    def _line(self, board: VirtualBoard, pull: Pull, at: int) -> Transport:
+        cable = Cable(board, sent=pull.sent, received=pull.received)
+        return cable if self.faults == NO_FAULTS else FaultyTransport(cable, self.faults, seed=self.seed + at)
 
     async def _until_done(self, board: VirtualBoard, work: Work) -> int:
-        """Connect until `work` is done; return how many times that took, at most MOST."""
+        """Connect until `work` is done; return how many times that took."""
         for count in range(1, MOST):
-            cable = Cable(board)
-            line = cable if self.faults == NO_FAULTS else FaultyTransport(cable, self.faults, seed=self.seed + count)
-            if await attempt(line, work) is None:
+            if await attempt(self._line(board, Pull(), 100 + count), work) is None:
                 return count
         return MOST
 
@@ -161,26 +178,25 @@ class Point:
 class Verdict:
     """What became of both projects."""
 
-    interrupted: bool
     lost: bool
-    """The board does not hold the old project, and no backup does."""
+    """At some moment the board did not hold the old project, and no backup did."""
     new: bool
     """Applying again ended with the new one on the board."""
     old: bool
     """Rolling back instead ended with the old one."""
     connections: int
-    """That the new one took after the cable was pulled."""
+    """That it took after the last pull."""
 
     @property
-    def good(self) -> bool:
-        """Whether all is as it must be, on a line that is not bad otherwise."""
-        return not self.lost and self.new and self.old and self.connections == 1
+    def right(self) -> bool:
+        """Whether nothing is lost and nothing is wrong."""
+        return self.new and self.old and not self.lost
 
 
 MOST = 20
 
 
-async def _undo(board: Board, folder: Path) -> None:
+async def undo(board: Board, folder: Path) -> None:
     """Roll back, unless the import was interrupted before there was anything to roll back."""
     if await board.has_unfinished_import() or Store(folder).backups():
         await board.rollback(folder=folder)
