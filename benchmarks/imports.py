@@ -54,11 +54,11 @@ def run(*, short: bool) -> Result:
         naive = bench.naive(short=short)
         shutil.rmtree(bench.folder)
     rows = [[name, *(f"{count[word]:,}" for word in _WORDS), count["most"]] for name, count in counts.items()]
+    share = f"{naive[0]:,} of {naive[1]:,} places ({100 * naive[0] / naive[1]:.1f} %)"
     notes = [
-        "In virtual time, on virtual boards of every make. From where the last pull left board and files, the import "
-        + "is once repeated and once rolled back.",
-        f"Delete all and write all, pulled at each byte: neither project on the board at {naive[0]:,} of {naive[1]:,} "
-        + f"places ({100 * naive[0] / naive[1]:.1f} %).",
+        "In virtual time, on virtual boards of every make.",
+        "From where the last pull left board and files, the import is once repeated and once rolled back.",
+        f"Delete all and write all, pulled at each byte: neither project on the board at {share}.",
     ]
     columns = ["import", *_WORDS, "connections after the last pull, most"]
     wrong = [f"{name}: {count[word]} {word}" for name, count in counts.items() for word in _WRONG if count[word]]
