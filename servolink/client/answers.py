@@ -22,6 +22,10 @@ from servolink.protocol.packet import Response
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.settings import ClearAllDataRequest
 
+_PAUSE = 0.05
+"""Seconds without a byte after which a begun frame that nobody waits for is no longer taken to be arriving."""
+_MOST_PAUSES = 20  # a board that never stops sending must not put deadlines off for ever
+
 
 class Answers:
     """The receiver of a link's transport."""
@@ -40,6 +44,7 @@ class Answers:
         self._lanes = lanes
         self._turns = turns
         self._now = now
+        self._heard_at = 0.0
         self._silent_since: float | None = None
         self._next_answer: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._parser = FrameParser(codec.byte_order)
@@ -51,6 +56,7 @@ class Answers:
     def data(self, chunk: bytes, /) -> None:
         """Take bytes from the transport."""
         self.stats.bytes_received += len(chunk)
+        self._heard_at = self._now()
         for frame in self._parser.feed(chunk):
             self._take(frame)
 
@@ -165,7 +171,7 @@ class Answers:
 
     def _expire(self, now: float) -> None:
         due = [(lane, pending) for lane, pending in self._lanes.pending() if pending.deadline <= now]
-        while due and self._parser.begun and not any(self._is_arriving(lane, pending, now) for lane, pending in due):
+        while due and self._parser.begun and not self._is_arriving(due, now):
             for frame in self._parser.give_up():
                 self._take(frame)
         for lane, pending in due:
@@ -175,12 +181,24 @@ class Answers:
         for _, pending in self._lanes.pending():
             self._deadlines.arm(pending.deadline)
 
-    def _is_arriving(self, lane: Lane, pending: Pending, now: float) -> bool:
-        """Move the deadline if this very answer is still arriving, at least a hundredth of it per timeout."""
-        begun = self._parser.begun
-        if begun is None or begun[0] != lane.response_id:
+    def _is_arriving(self, due: list[tuple[Lane, Pending]], now: float) -> bool:
+        """Tell whether the begun frame is no false start; move the deadlines that it may hold back."""
+        packet_id, received, wanted = self._parser.begun or (0, 0, 0)
+        lane = self._lanes.by_response_id.get(packet_id)
+        if lane is not None and lane.pending is not None:
+            return self._answer_is_arriving(lane.pending, now, received, wanted)
+        if now >= self._heard_at + _PAUSE:
             return False
-        _, received, wanted = begun
+        waiting = [pending for lane, pending in due if lane.pending is pending and pending.pauses < _MOST_PAUSES]
+        for pending in waiting:  # an event, or what came late: give it the time to end
+            pending.pauses += 1
+            pending.deadline = max(pending.deadline, self._heard_at + _PAUSE)
+        return bool(waiting)
+
+    def _answer_is_arriving(self, pending: Pending, now: float, received: int, wanted: int) -> bool:
+        """Move a deadline if this very answer is still arriving, at least a hundredth of it per timeout."""
+        if pending.deadline > now:
+            return True  # its own deadline decides, not that of another
         if received - pending.received < wanted / 100:
             return False
         pending.received = received

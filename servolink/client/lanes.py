@@ -41,6 +41,8 @@ class Pending:
     """Its answer may be that to an earlier sending on its lane, and so proves nothing."""
     received: int = 0
     """Bytes of the answer that had come when the deadline was last moved."""
+    pauses: int = 0
+    """How often the deadline was moved because something else was arriving."""
 
 
 @dataclass(slots=True, eq=False)

@@ -1,0 +1,99 @@
+"""A deadline that passes while a frame comes in pieces must not cut that frame off, whoever it is for."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from servolink.errors import OutcomeUnknown, RequestTimeout
+from servolink.protocol.editing import AddActionRequest, AddActionResponse, WriteProjectIDRequest
+from servolink.protocol.frame import HEADER, MAGIC
+from servolink.protocol.joystick import ButtonEventResponse
+from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from tests.client.fake_board import SWALLOWED, FakeBoard, linked, now
+from tests.virtual_time import run
+
+
+def in_pieces(board: FakeBoard, data: bytes, *when: float) -> None:
+    """Bring `data` at these moments from now, a few bytes each time and the rest at the last."""
+    loop = asyncio.get_running_loop()
+    for at, seconds in enumerate(when):
+        piece = data[at * 4 : None if at == len(when) - 1 else at * 4 + 4]
+        loop.call_later(seconds, board.deliver, piece)
+
+
+@pytest.mark.parametrize("ends", [1.01, 1.4])
+def test_an_answer_is_not_cut_off_by_the_deadlines_of_other_requests(ends: float) -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=SWALLOWED)
+        async with linked(board, window=3, retries=0) as link:
+            others = [
+                asyncio.create_task(link.request(WriteProjectIDRequest(1), timeout=1.0)),
+                asyncio.create_task(link.request(QueryServoListRequest(), timeout=1.001)),
+            ]
+            await asyncio.sleep(0.5)
+            awaited = asyncio.create_task(link.request(AddActionRequest(1)))
+            in_pieces(board, board.codec.encode(AddActionResponse(1)), 0.1, 0.2, ends - 0.5)
+            await asyncio.wait(others)
+            assert now() == pytest.approx(1001.001)
+            assert await awaited == AddActionResponse(1)
+            assert now() == 1000 + ends
+
+    run(main())
+
+
+def test_an_event_that_comes_just_when_a_deadline_passes_is_not_lost() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        board.plan(WriteProjectIDRequest, SWALLOWED)
+        async with linked(board) as link:
+            events: list[ButtonEventResponse] = []
+            link.answers.on_event = events.append
+            in_pieces(board, board.codec.encode(ButtonEventResponse(7, 1)), 0.97, 0.99, 1.02)
+            with pytest.raises(OutcomeUnknown):
+                await link.request(WriteProjectIDRequest(1))
+            assert now() == pytest.approx(1001.04)
+            assert events == [ButtonEventResponse(7, 1)]
+            assert sum(link.stats.skipped.values()) == 0
+
+    run(main())
+
+
+def test_a_late_answer_that_comes_just_when_the_deadline_of_the_fence_passes_still_counts() -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=SWALLOWED)
+        async with linked(board) as link:
+            answer = board.codec.encode(QueryServoListResponse((5, 6)))
+            in_pieces(board, answer, 1.99, 2.02)
+            assert await link.request(QueryServoListRequest()) == QueryServoListResponse((5, 6))
+            assert link.stats.rescued == 1
+
+    run(main())
+
+
+def test_what_trickles_in_holds_no_deadline_up_for_long() -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=SWALLOWED)
+        async with linked(board, retries=0) as link:
+            endless = HEADER["little"].pack(MAGIC, 10050, 0xFFFF) + bytes(10_000)
+            in_pieces(board, endless, *(at / 100 for at in range(1, 1000)))
+            with pytest.raises(RequestTimeout):
+                await link.request(QueryServoListRequest())
+            assert 1001.5 < now() < 1002.1
+
+    run(main())
+
+
+def test_what_has_been_silent_for_a_moment_is_given_up_at_the_deadline() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        board.plan(WriteProjectIDRequest, SWALLOWED)
+        async with linked(board) as link:
+            in_pieces(board, HEADER["little"].pack(MAGIC, 10050, 100), 0.1, 0.5, 0.949)
+            with pytest.raises(OutcomeUnknown):
+                await link.request(WriteProjectIDRequest(1))
+            assert now() == 1001
+            assert link.stats.skipped["incomplete"] == 8
+
+    run(main())
