@@ -13,9 +13,9 @@ T = TypeVar("T")
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
     """Sleeping costs nothing: when nothing is ready, time moves on to the next timer."""
 
-    def __init__(self) -> None:
+    def __init__(self, selector: Callable[[VirtualTimeLoop], selectors.BaseSelector] | None = None) -> None:
         self.now = 1000.0
-        super().__init__(_JumpingSelector(self))
+        super().__init__((selector or _JumpingSelector)(self))
 
     def time(self) -> float:
         return self.now

@@ -9,27 +9,15 @@ import asyncio
 import contextvars
 import random
 from collections import deque
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
+from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import (
-    QueryActionRequest,
-    QueryActionResponse,
-    QueryProjectIDRequest,
-    QueryProjectIDResponse,
-    WriteProjectIDRequest,
-    WriteProjectIDResponse,
-)
-from servolink.protocol.joystick import QueryActiveJoystickTableRequest, QueryActiveJoystickTableResponse
-from servolink.protocol.packet import Packet, Response
+from servolink.protocol.packet import Packet, Response, Result
 from servolink.protocol.parser import FrameParser
-from servolink.protocol.servos import QueryServoRequest, QueryServoResponse, ServoState
-from servolink.protocol.settings import (
-    QueryMemorySizeRequest,
-    QueryMemorySizeResponse,
-    QueryRemainPowerRequest,
-    QueryRemainPowerResponse,
-)
+from servolink.protocol.servos import ServoState
 from servolink.transports.base import Receiver
 
 CALL: contextvars.ContextVar[int] = contextvars.ContextVar("CALL", default=0)
@@ -96,20 +84,57 @@ class NumberedBoard:
 
 
 def numbered(request: Packet, number: int) -> Response:
-    """Return the answer to sending `number`, with that number in it."""
-    match request:
-        case QueryProjectIDRequest():
-            return QueryProjectIDResponse(number)
-        case QueryMemorySizeRequest():
-            return QueryMemorySizeResponse(number, 0)
-        case QueryRemainPowerRequest():
-            return QueryRemainPowerResponse(number % 32749)
-        case QueryActiveJoystickTableRequest():
-            return QueryActiveJoystickTableResponse(number)
-        case QueryActionRequest():
-            return QueryActionResponse(request.action_id, str(number))
-        case QueryServoRequest():
-            return QueryServoResponse((ServoState(request.servo_id, number % 32749, 0, 0, 0, 1, 1),))
-        case WriteProjectIDRequest():
-            return WriteProjectIDResponse(1 + number % 199)
-    raise AssertionError(f"nobody asks for {request}")
+    """Return the answer to sending `number`, with that number, or what fits of it, in it."""
+    return _ANSWERS[type(request)](request, number)
+
+
+def _servos(number: int, servo_ids: Iterable[int]) -> tuple[ServoState, ...]:
+    return tuple(ServoState(servo_id, number % 32749, servo_id, 0, 0, 0, 1) for servo_id in servo_ids)
+
+
+def _result(declared: type[Result]) -> Callable[[Any, int], Response]:
+    return lambda request, number: declared(1 + number % 199)
+
+
+_ANSWERS: dict[type[Packet], Callable[[Any, int], Response]] = {
+    settings.TransmissionModeSettingRequest: lambda request, n: settings.TransmissionModeSettingResponse(n % 251),
+    settings.ClearAllDataRequest: _result(settings.ClearAllDataResponse),
+    settings.QueryMemorySizeRequest: lambda request, n: settings.QueryMemorySizeResponse(n, 0),
+    settings.QueryRemainPowerRequest: lambda request, n: settings.QueryRemainPowerResponse(n % 32749),
+    servos.QueryServoListRequest: lambda request, n: servos.QueryServoListResponse((n % 251, n % 241, n % 239)),
+    servos.QueryServoRequest: lambda request, n: servos.QueryServoResponse(
+        _servos(n, range(1, 9) if request.servo_id == servos.ALL_SERVOS else [request.servo_id])
+    ),
+    servos.SetServoParameterRequest: lambda request, n: servos.SetServoParameterResponse(
+        request.servo_id, n % 251, n % 241
+    ),
+    servos.SetAngleUnitRequest: lambda request, n: servos.SetAngleUnitResponse(request.servo_id, n % 251),
+    editing.QueryActionListRequest: lambda request, n: editing.QueryActionListResponse(
+        tuple(editing.ActionEntry(n + at, "action") for at in range(10))
+    ),
+    editing.QueryActionRequest: lambda request, n: editing.QueryActionResponse(request.action_id, str(n)),
+    editing.AddActionRequest: _result(editing.AddActionResponse),
+    editing.DeleteActionRequest: _result(editing.DeleteActionResponse),
+    editing.QueryMacroListRequest: lambda request, n: editing.QueryMacroListResponse((editing.MacroEntry(n, ""),)),
+    editing.QueryMacroRequest: lambda request, n: editing.QueryMacroResponse(request.macro_id, str(n)),
+    editing.AddMacroRequest: _result(editing.AddMacroResponse),
+    editing.DeleteMacroRequest: _result(editing.DeleteMacroResponse),
+    editing.ExecuteMacroRequest: _result(editing.ExecuteMacroResponse),
+    editing.QueryServoParameterRequest: lambda request, n: editing.QueryServoParameterResponse(
+        (editing.ServoParameter(1, n % 32749, str(n)),)
+    ),
+    editing.AddServoParameterRequest: _result(editing.AddServoParameterResponse),
+    editing.WriteProjectIDRequest: _result(editing.WriteProjectIDResponse),
+    editing.QueryProjectIDRequest: lambda request, n: editing.QueryProjectIDResponse(n),
+    joystick.QueryJoystickTableListRequest: lambda request, n: joystick.QueryJoystickTableListResponse(
+        (joystick.JoystickTableEntry(n, ""),)
+    ),
+    joystick.QueryJoystickTableRequest: lambda request, n: joystick.QueryJoystickTableResponse(
+        request.table_id, str(n), (joystick.Button(n, "fire"),)
+    ),
+    joystick.AddJoystickTableRequest: _result(joystick.AddJoystickTableResponse),
+    joystick.DeleteJoystickTableRequest: _result(joystick.DeleteJoystickTableResponse),
+    joystick.SetActiveJoystickTableRequest: _result(joystick.SetActiveJoystickTableResponse),
+    joystick.QueryActiveJoystickTableRequest: lambda request, n: joystick.QueryActiveJoystickTableResponse(n),
+    joystick.SubscribeButtonEventRequest: _result(joystick.SubscribeButtonEventResponse),
+}
