@@ -34,19 +34,13 @@ _SILENCE = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Write:
-    """A change of what is stored that a host asked for."""
+class _Write:
+    """A change of what is stored."""
 
-    session: Session
     before: Contents
     after: Contents
     answered: int
-    """How many bytes the board has said to the host, the answer with them."""
-
-    @property
-    def under_way(self) -> bool:
-        """Whether the host has not got all of the answer."""
-        return self.session.said - self.session.waiting() < self.answered
+    """How many bytes have been said to the host with its answer."""
 
 
 class VirtualBoard:
@@ -93,8 +87,6 @@ class VirtualBoard:
         self._now: float | None = None
         self._torn = torn
         self._reboot = reboot
-        self.last_write: Write | None = None
-        """The last change of what is stored, by a host that is still connected; None if there is none."""
         self.powered = True
         """Whether it runs; a board that is powered by its hosts does not between the last one and the next."""
 
@@ -118,9 +110,7 @@ class VirtualBoard:
         for session in there:
             self.sessions.remove(session)
         if self._reboot and there and not self.sessions:
-            self._lose_power()
-        elif self.last_write is not None and self.last_write.session in there:
-            self.last_write = None  # the host is gone, the power is not: the write is done
+            self._lose_power(there)
 
     def power_cycle(self, now: float) -> None:
         """Let the power go and come back, whoever is connected.
@@ -129,7 +119,7 @@ class VirtualBoard:
         are so.
         """
         self.advance(now)
-        self._lose_power()
+        self._lose_power(self.sessions)
         self._switch(on=True)
 
     def press_button(self, button_id: int, now: float) -> None:
@@ -178,16 +168,16 @@ class VirtualBoard:
     def _due(self) -> float | None:
         return min((due for due in (self._buttons.due, self.player.due) if due is not None), default=None)
 
-    def _lose_power(self) -> None:
-        write = self.last_write
-        if self._torn and write is not None and write.under_way and write.after is self.storage.contents:
-            self.storage.contents = tear(write.before, write.after, self._random, self.codec.byte_order)
-        self.last_write = None
+    def _lose_power(self, sessions: list[Session]) -> None:
+        """Stop, with `sessions` as the hosts that were there."""
+        for session in sessions:
+            write = session._unanswered  # noqa: SLF001 - sessions are part of the board
+            if self._torn and write is not None and write.after is self.storage.contents:
+                self.storage.contents = tear(write.before, write.after, self._random, self.codec.byte_order)
+            session.forget()
         self.player.stop()
         self._buttons.forget()
         self.mode = NEW_PROTOCOL
-        for session in self.sessions:
-            session.forget()
         self._switch(on=False)
         self.changed()
 
@@ -214,13 +204,13 @@ class Session:
         """Use `board.attach`."""
         self.board = board
         self.send = send
-        self.waiting = waiting
-        self.said = 0
-        """Bytes of all answers."""
         self.subscribed = False
         """Whether button events are pushed to it."""
         self._parser = FrameParser(board.codec.byte_order)
         self._heard = 0.0
+        self._waiting = waiting
+        self._said = 0  # bytes
+        self._write: _Write | None = None  # the last one that it asked for
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes from the host, cut and damaged anyhow, and answer the requests that are now complete."""
@@ -243,13 +233,20 @@ class Session:
 
     def say(self, frame: bytes) -> None:
         """Send `frame` to the host."""
-        self.said += len(frame)
+        self._said += len(frame)
         self.send(frame)
 
     def forget(self) -> None:
         """Know nothing of what the host said before."""
         self.subscribed = False
         self._parser = FrameParser(self.board.codec.byte_order)
+        self._write = None
+
+    @property
+    def _unanswered(self) -> _Write | None:
+        """The last write, unless the host has all of its answer."""
+        write = self._write
+        return None if write is None or self._said - self._waiting() >= write.answered else write
 
     def _answer(self, packet_id: int, content: bytes, now: float) -> None:
         codec, storage = self.board.codec, self.board.storage
@@ -271,5 +268,5 @@ class Session:
         else:
             return
         if storage.contents is not before:
-            self.board.last_write = Write(self, before, storage.contents, self.said + len(frame))
+            self._write = _Write(before, storage.contents, self._said + len(frame))
         self.say(frame)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from servolink.protocol.codec import Codec
@@ -23,7 +25,7 @@ from servolink.protocol.servos import (
     Step,
 )
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
-from servolink.virtual.board import VirtualBoard
+from servolink.virtual.board import Session, VirtualBoard
 from servolink.virtual.servo import ADC, DEGREES
 from servolink.virtual.storage import Contents
 from tests.virtual.host import START, Host
@@ -188,3 +190,56 @@ def test_a_write_is_torn_until_the_host_has_all_of_its_answer(packet: Packet) ->
         assert len(left(packet, after, torn=True, reboot=True)) > 3
         assert left(packet, after, torn=False, reboot=True) == [done]
         assert left(packet, after, torn=True, reboot=False) == [done]
+
+
+def project_ids(end: Callable[[VirtualBoard, Session], None]) -> set[int]:
+    """Write a project id, hear nothing, let that `end`, and return which ids the board may then have."""
+    seen = set()
+    for seed in range(20):
+        board = VirtualBoard(seed=seed, torn=True, reboot=True)
+        session = board.attach(lambda _: None, lambda: ANSWER)
+        session.receive(CODEC.encode(WriteProjectIDRequest(77)), START)
+        end(board, session)
+        seen.add(board.storage.project_id)
+    return seen
+
+
+def test_a_power_cycle_tears_once() -> None:
+    def cycle(board: VirtualBoard, session: Session) -> None:
+        board.power_cycle(START)
+        board.power_cycle(START + 1)
+        contents = board.storage.contents
+        session.detach()
+        assert board.storage.contents is contents
+
+    assert project_ids(cycle) == {0, 77}
+
+
+def test_a_write_is_done_when_its_host_goes_and_the_power_stays() -> None:
+    def first(board: VirtualBoard, session: Session) -> None:
+        other = Host(board)
+        session.detach()
+        other.session.detach()
+
+    assert project_ids(first) == {77}
+
+
+def test_of_several_hosts_at_once_the_last_write_is_torn() -> None:
+    def together(board: VirtualBoard, session: Session) -> None:
+        board.detach(session, Host(board).session)
+
+    def overtaken(board: VirtualBoard, session: Session) -> None:
+        other = Host(board)
+        other.ask(WriteProjectIDRequest(5))
+        board.detach(session, other.session)
+
+    assert project_ids(together) == {0, 77}
+    assert project_ids(overtaken) == {5}
+
+
+def test_what_was_set_from_outside_is_not_torn() -> None:
+    def change(board: VirtualBoard, session: Session) -> None:
+        board.storage.project_id = 9
+        session.detach()
+
+    assert project_ids(change) == {9}
