@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import os
 import sys
 import threading
 from collections.abc import Callable
@@ -30,11 +31,27 @@ class _Port(serial.Serial):  # type: ignore[misc]
     failed: Callable[[Exception], None]
 
     def read(self, size: int = 1) -> bytes:
+        if data := self._read_at_once(size):
+            return data
         try:
             return bytes(super().read(size))
         except serial.SerialException as error:
             self.failed(error)
             return b""
+
+    def _read_at_once(self, size: int) -> bytes:
+        """Read as someone who was told that there is something; if not, pyserial finds out why, with `select`."""
+        try:  # on Windows, where a port has no descriptor, this fails with an OSError too
+            return os.read(self.fileno(), size)
+        except OSError:
+            return b""
+
+    def write_at_once(self, data: bytes) -> int:
+        """Return how much of `data` the system took; if not all, the write that waits for it finds out why."""
+        try:
+            return os.write(self.fileno(), data)
+        except OSError:
+            return 0
 
     def write(self, b: Any, /) -> int | None:
         try:
@@ -108,6 +125,12 @@ class SerialTransport(StreamTransport):
         gone = ConnectionResetError("the device is gone; is it unplugged or switched off?")
         gone.__cause__ = error
         self._end(gone)
+
+    def _write(self, data: bytes) -> None:
+        """Do not wait a turn of the loop for what the system takes at once, which is most often all."""
+        taken = 0 if self._full else self._port.write_at_once(data)
+        if taken < len(data):
+            super()._write(data[taken:])
 
     def _unsent(self) -> int:
         try:

@@ -253,15 +253,34 @@ async def test_a_drained_port_no_longer_waits_for_room(monkeypatch: pytest.Monke
 
 
 @on_loop
+async def test_a_frame_is_with_the_system_before_the_next_turn_of_the_loop() -> None:
+    async with PtyWire() as wire:
+        await wire.open()
+        with pytest.raises(StopIteration):
+            wire.transport.send(b"now").send(None)
+        assert await wire.far.hear(3) == b"now"
+
+
+@on_loop
+async def test_bytes_that_are_not_there_after_all_are_no_end() -> None:
+    async with PtyWire() as wire:
+        ear = await wire.open()
+        assert isinstance(wire.transport, SerialTransport)
+        assert wire.transport._port.read(1024) == b""  # as when another program has just taken them
+        await wire.say(b"more")
+        assert await ear.hear(4) == b"more"
+
+
+@on_loop
 async def test_a_write_that_fails_is_the_end_and_no_noise(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def fail(*_: object) -> None:
-        raise serial.SerialException("write failed: [Errno 5] Input/output error")
+    def fail(*_: object) -> int:
+        raise OSError(errno.EIO, "Input/output error")
 
     async with PtyWire() as wire:
         ear = await wire.open()
-        monkeypatch.setattr(serial.Serial, "write", fail)
+        monkeypatch.setattr(os, "write", fail)
         with pytest.raises(ConnectionLost, match="unplugged") as caught:
             await wire.transport.send(b"x")
         assert caught.value.__cause__ is not None
