@@ -1,0 +1,152 @@
+"""A request and its answer over a pseudo-terminal: what each layer adds to the bare system calls."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from statistics import median
+from time import process_time_ns
+
+from benchmarks.measuring import CORES, Result, Table, table
+from benchmarks.responder import Responder, language
+from benchmarks.roundtrip_clients import LAYERS, PEERS, RAW, Client, Modbus, NewLoop, Ours, Polling
+
+SIZES = (14, 186)
+GOALS = {"asyncio": 2.0, "uvloop": 1.6}
+"""How many times the median of epoll a whole request may take, by event loop."""
+PEER_GOAL = 2.0
+"""How many times as long pymodbus takes."""
+
+
+@dataclass
+class _Case:
+    client: Client
+    loop: str
+    p50: list[float] = field(default_factory=list)  # one per round, nanoseconds
+    p99: list[float] = field(default_factory=list)
+    wall: list[float] = field(default_factory=list)  # per request, nanoseconds
+    cpu: list[float] = field(default_factory=list)
+
+    def measure(self, times: int) -> None:
+        gc.collect()
+        cpu = process_time_ns()
+        took = sorted(self.client.ask(times))
+        self.cpu.append((process_time_ns() - cpu) / times)
+        self.wall.append(sum(took) / times)
+        self.p50.append(took[times // 2])
+        self.p99.append(took[times * 99 // 100])
+
+
+def run(*, short: bool) -> Result:
+    """Measure all clients in turns, for each size of answer."""
+    rounds, times = (3, 100) if short else (21, 500)
+    result: Result = {"tables": [], "slow": [], "versions": {}, "goals": GOALS, "cases": []}
+    for size in SIZES:
+        cases = list(_cases(size, result["versions"]))
+        with ExitStack() as stack:
+            for case in cases:
+                responder = Responder(case.client.request_size, case.client.answer)
+                stack.callback(responder.close)
+                case.client.open(responder.path)
+                stack.callback(case.client.close)
+            _measure(cases, rounds, times)
+        result["tables"].append(_table(size, cases))
+        result["slow"] += _slow(size, cases)
+        result["cases"] += [
+            {"answer": size, "client": case.client.name, "loop": case.loop}
+            | {name: getattr(case, name) for name in ("p50", "p99", "wall", "cpu")}
+            for case in cases
+        ]
+    return result
+
+
+def _measure(cases: list[_Case], rounds: int, times: int) -> None:
+    for case in cases:
+        case.client.ask(times)  # not counted
+    for at in range(rounds):
+        for case in cases if at % 2 else reversed(cases):
+            case.measure(times)
+
+
+def _cases(size: int, versions: dict[str, str]) -> Iterator[_Case]:
+    for raw in RAW:
+        yield _Case(raw(size), "")
+    for loop, new in _loops(versions):
+        for kind in (*LAYERS, *PEERS):
+            if not kind.package or _note(kind.package, versions):
+                yield _Case(kind(size, new), loop)
+
+
+def _loops(versions: dict[str, str]) -> Iterator[tuple[str, NewLoop]]:
+    yield "asyncio", asyncio.new_event_loop
+    if _note("uvloop", versions):
+        yield "uvloop", import_module("uvloop").new_event_loop
+
+
+def _note(package: str, versions: dict[str, str]) -> bool:
+    """Note the version of `package`; False if it is not installed."""
+    try:
+        versions[package] = version(package)
+    except PackageNotFoundError:
+        return False
+    return True
+
+
+def _ratio(case: _Case, to: _Case) -> float:
+    return median(one / other for one, other in zip(case.p50, to.p50, strict=True))
+
+
+def _spread(case: _Case, to: _Case) -> float:
+    """Half the distance between the quartiles of the rounds' ratios, as a share of their median."""
+    ratios = sorted(one / other for one, other in zip(case.p50, to.p50, strict=True))
+    return (ratios[len(ratios) * 3 // 4] - ratios[len(ratios) // 4]) / 2 / median(ratios)
+
+
+def _only(cases: list[_Case], kind: type[Client], loop: str = "") -> _Case | None:
+    return next((case for case in cases if type(case.client) is kind and case.loop == loop), None)
+
+
+def _slow(size: int, cases: list[_Case]) -> Iterator[str]:
+    epoll = _only(cases, Polling)
+    for loop, goal in GOALS.items():
+        ours, modbus = _only(cases, Ours, loop), _only(cases, Modbus, loop)
+        if ours is None or epoll is None:
+            continue
+        if (ratio := _ratio(ours, epoll)) > goal:
+            yield f"{size}-byte answers, {loop}: {ratio:.2f}x the time of epoll, the goal is {goal}x"
+        if modbus is not None and (ratio := _ratio(modbus, ours)) < PEER_GOAL:
+            yield f"{size}-byte answers, {loop}: pymodbus takes {ratio:.2f}x our time, the goal is {PEER_GOAL}x"
+
+
+def _table(size: int, cases: list[_Case]) -> Table:
+    epoll = _only(cases, Polling)
+    assert epoll is not None  # noqa: S101 - it is one of RAW
+    return table(
+        f"request and answer of {size} bytes over a pseudo-terminal, µs",
+        ("client", "loop", "p50", "p99", "CPU", "requests/s", "p50 / epoll", "spread"),
+        [
+            (
+                case.client.name,
+                case.loop,
+                *(f"{median(values) / 1000:.1f}" for values in (case.p50, case.p99, case.cpu)),
+                f"{1e9 / median(case.wall):,.0f}",
+                f"{_ratio(case, epoll):.2f}x",
+                f"{_spread(case, epoll):.0%}",
+            )
+            for case in cases
+        ],
+        [
+            f"The other end is a program in {language()}, " + _where() + ".",
+            "Times are those that a clock on the wall shows, but for CPU, which is the client's own.",
+            "Spread: half the distance between the quartiles of the rounds' ratios.",
+        ],
+    )
+
+
+def _where() -> str:
+    return "on another core than the clients" if len(CORES) > 1 else "wherever the system puts it"
