@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import re
 import unicodedata
+from collections.abc import Sequence
 
 from servolink.errors import EncodeError
 from servolink.printable import printable, shown
@@ -57,6 +58,14 @@ def decode_caption(raw: bytes, encoding: str) -> str:
     return text.decode(encoding, _BYTES_AS_CODE_POINTS)
 
 
+def decode_captions(raws: Sequence[bytes], encoding: str) -> list[str]:
+    """Return what `decode_caption` does for each; where they are UTF-8, all at once."""
+    if encoding == "utf-8" and raws:
+        texts = b"\0".join([raw.partition(b"\0")[0] for raw in raws])
+        return texts.decode(encoding, _BYTES_AS_CODE_POINTS).split("\0")
+    return [decode_caption(raw, encoding) for raw in raws]
+
+
 def encode_caption(text: object, encoding: str, where: str, *, from_us: bool) -> bytes:
     """Return the 32 bytes for `text`; EncodeError, naming `where`, if it does not fit whole and unchanged.
 
@@ -65,20 +74,41 @@ def encode_caption(text: object, encoding: str, where: str, *, from_us: bool) ->
     """
     if not isinstance(text, str):
         raise EncodeError(f"{where}: {shown(text)} is no text")
-    given = f"{where}: '{printable(text)}'"
+    if _is_simple(text, encoding) and len(text) <= CAPTION_SIZE:
+        return text.encode().ljust(CAPTION_SIZE, b"\0")
+    raw, fault = _raw_caption(text, encoding, from_us=from_us)
+    if fault:
+        raise EncodeError(f"{where}: '{printable(text)}' {fault}")
+    return raw.ljust(CAPTION_SIZE, b"\0")
+
+
+def encode_captions(texts: Sequence[str], encoding: str, *, from_us: bool) -> list[bytes]:
+    """Return the bytes of each, not all padded; EncodeError or TypeError if one does not fit."""
+    if _is_simple("".join(texts), encoding) and max(map(len, texts), default=0) <= CAPTION_SIZE:
+        return [*map(str.encode, texts)]
+    return [encode_caption(text, encoding, "", from_us=from_us) for text in texts]
+
+
+def _is_simple(text: str, encoding: str) -> bool:
+    """Tell whether `text` is what most captions are, and needs none of the checks but for its length."""
+    return encoding == "utf-8" and text.isascii() and text.isprintable()
+
+
+def _raw_caption(text: str, encoding: str, *, from_us: bool) -> tuple[bytes, str]:
+    """Return the bytes of `text` and what is wrong with it, empty if nothing is."""
     if from_us and any(_is_control(character) for character in text):
-        raise EncodeError(f"{given} holds control characters; captions are plain text")
+        return b"", "holds control characters; captions are plain text"
     try:
         raw = _encode_kept(text, encoding)
-    except UnicodeError as error:
-        raise EncodeError(f"{given} cannot be written in {encoding}") from error
+    except UnicodeError:
+        return b"", f"cannot be written in {encoding}"
     if len(raw) > CAPTION_SIZE:
-        raise EncodeError(f"{given} takes {len(raw)} bytes in {encoding}; a caption has 0..{CAPTION_SIZE} bytes")
+        return raw, f"takes {len(raw)} bytes in {encoding}; a caption has 0..{CAPTION_SIZE} bytes"
     if from_us and MAGIC in raw:
-        raise EncodeError(f"{given} contains the bytes that start a frame in {encoding}")
+        return raw, f"contains the bytes that start a frame in {encoding}"
     if decode_caption(raw, encoding) != text:
-        raise EncodeError(f"{given} would not be read back as it was written in {encoding}")
-    return raw.ljust(CAPTION_SIZE, b"\0")
+        return raw, f"would not be read back as it was written in {encoding}"
+    return raw, ""
 
 
 def _is_control(character: str) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from servolink.errors import DecodeError
 from servolink.protocol.caption import check_encoding
 from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, OVERHEAD, ByteOrder, checksum, encode_frame
-from servolink.protocol.layout import layout
+from servolink.protocol.layout import Decoder, layout
 from servolink.protocol.packet import Packet
 from servolink.protocol.registry import PACKETS
 
@@ -19,6 +19,7 @@ class Codec:
             raise ValueError(f"byte order {byte_order!r} is neither 'little' nor 'big'")
         self.byte_order: ByteOrder = byte_order
         self.caption_encoding = check_encoding(caption_encoding)
+        self._decoders: dict[int, Decoder] = {}  # filled as packets come
 
     def encode(self, packet: Packet, *, exact: bool = False) -> bytes:
         """Return the frame of `packet`; EncodeError names packet, field, value and range.
@@ -31,10 +32,18 @@ class Codec:
 
     def decode(self, packet_id: int, content: bytes) -> Packet:
         """Return the packet in `content`; DecodeError, with the content, if it is none."""
+        try:
+            decode = self._decoders[packet_id]
+        except KeyError:
+            decode = self._decoder(packet_id, content)
+        return decode(content, self.caption_encoding)
+
+    def _decoder(self, packet_id: int, content: bytes) -> Decoder:
         declared = PACKETS.get(packet_id)
         if declared is None:
             raise DecodeError(f"no packet has the id {packet_id}", content)
-        return layout(declared, self.byte_order).decode(content, self.caption_encoding)
+        decoder = self._decoders[packet_id] = layout(declared, self.byte_order).decode
+        return decoder
 
     def decode_frame(self, data: bytes) -> Packet:
         """Return the packet of exactly one frame; DecodeError, with the bytes, says what is wrong with it."""

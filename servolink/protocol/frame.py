@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from struct import Struct
 from typing import Literal
+from zlib import adler32
+
+from servolink.protocol.sums import content_sum, piecewise
 
 ByteOrder = Literal["little", "big"]
 Frame = tuple[int, bytes]
@@ -20,10 +23,12 @@ HEADER = {"little": Struct("<4sHH"), "big": Struct(">4sHH")}
 
 def checksum(data: bytes) -> int:
     """Return the sum of all bytes modulo 256 (document, 1.3)."""
-    return sum(data) & 0xFF
+    if len(data) > 256:
+        return content_sum(data, piecewise(len(data))) & 0xFF
+    return (adler32(data) - 1) & 0xFF
 
 
 def encode_frame(packet_id: int, content: bytes, byte_order: ByteOrder) -> bytes:
     """Return the whole frame for `content` of at most 65,535 bytes."""
     frame = HEADER[byte_order].pack(MAGIC, packet_id, len(content)) + content
-    return frame + bytes((checksum(frame),))
+    return frame + checksum(frame).to_bytes(1, "little")

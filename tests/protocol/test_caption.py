@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.errors import EncodeError
-from servolink.protocol.caption import CAPTION_SIZE, check_encoding, decode_caption, encode_caption
+from servolink.protocol.caption import CAPTION_SIZE, check_encoding, decode_caption, decode_captions, encode_caption
 from servolink.protocol.frame import MAGIC
 
 ENCODINGS = ["utf-8", "big5", "gb18030", "shift_jis", "latin-1", "cp1252", "utf-16-le", "utf-16-be", "utf-32-le"]
@@ -75,6 +75,16 @@ def test_a_nul_would_hide_what_follows(encoding: str) -> None:
 def test_no_byte_before_the_terminator_is_lost(raw: bytes, encoding: str) -> None:
     kept = raw.partition(b"\0")[0]
     assert encoded(decode_caption(raw, encoding), encoding, from_us=False) == kept.ljust(CAPTION_SIZE, b"\0")
+
+
+@given(
+    st.lists(
+        st.binary(min_size=32, max_size=32) | st.text(max_size=8).map(lambda text: text.encode().ljust(32, b"\0"))
+    ),
+    st.sampled_from(ENCODINGS),
+)
+def test_many_are_read_as_each_alone(raws: list[bytes], encoding: str) -> None:
+    assert decode_captions(raws, encoding) == [decode_caption(raw, encoding) for raw in raws]
 
 
 def test_the_terminator_is_a_whole_character() -> None:

@@ -147,6 +147,8 @@ def decode(declared: type[Packet], content: str) -> Packet:
         (QueryServoRequest, "0102", "QueryServoRequest: a content of 2 bytes, not 1"),
         (QueryMemorySizeResponse, "010203", "QueryMemorySizeResponse: a content of 3 bytes, not 4 + n * 4"),
         (QueryActionListResponse, "01", "QueryActionListResponse: a content of 1 bytes, not 2 + n * 36"),
+        (AddActionRequest, "0100", "AddActionRequest: a content of 2 bytes, not 38 + n * 5"),
+        (AddActionRequest, "00" * 36 + "0100", "AddActionRequest: 1 steps take 43 bytes, the content has 38"),
         (ExecuteActionRequest, "02 0102000300", "ExecuteActionRequest: 2 steps take 11 bytes, the content has 6"),
         (ExecuteActionRequest, "00 0102000300", "ExecuteActionRequest: 0 steps take 1 bytes, the content has 6"),
     ],

@@ -1,0 +1,125 @@
+"""Rows: consecutive values with one `struct` format, to bytes and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import chain, starmap
+from struct import Struct as Format
+from struct import error as struct_error
+from typing import Any
+
+from msgspec import Struct as Record
+from msgspec.structs import astuple
+
+from servolink.errors import EncodeError
+from servolink.protocol.caption import decode_caption, decode_captions, encode_caption, encode_captions
+from servolink.protocol.declaration import Value
+
+
+@dataclass(frozen=True, slots=True)
+class Writing:
+    """How values are to be written."""
+
+    encoding: str
+    plain: bool
+    """Captions have neither control characters nor a hidden frame start: what this library makes up itself."""
+    narrow: bool
+    """Numbers are within what their declaration allows, not only within what the wire carries."""
+
+
+class Row:
+    """Consecutive values."""
+
+    def __init__(self, values: list[Value], prefix: str, suffix: str = "") -> None:
+        """Lay `values` out in the byte order of `prefix`; `suffix` is the code of a count behind them."""
+        self.values = values
+        self.format = Format(prefix + "".join(value.code for value in values) + suffix)
+        self.captions = tuple(at for at, value in enumerate(values) if value.is_caption)
+        # Only where fewer values are allowed than fit the wire: the rest is checked by struct itself.
+        self._narrow = tuple((at, value.low, value.high) for at, value in enumerate(values) if value.narrow)
+        self._free = not self.captions and not self._narrow
+
+    def pack(self, values: Sequence[Any], where: str, how: Writing, count: tuple[int, ...] = ()) -> bytes:
+        """Return the bytes of `values` and `count`; EncodeError names, after `where`, each value that does not fit."""
+        if self._free:
+            try:
+                return self.format.pack(*values, *count)
+            except (struct_error, TypeError):
+                pass
+        row = list(values)
+        for at in self.captions:
+            row[at] = encode_caption(row[at], how.encoding, f"{where}.{self.values[at].name}", from_us=how.plain)
+        try:
+            if not how.narrow or all(low <= row[at] <= high for at, low, high in self._narrow):
+                return self.format.pack(*row, *count)
+        except (struct_error, TypeError):
+            pass
+        faults = (
+            f"{where}.{declared.name}".rstrip(".") + f": {fault}"
+            for declared, value in zip(self.values, row, strict=True)
+            if not declared.is_caption and (fault := declared.fault(value))
+        )
+        raise EncodeError("; ".join(faults))
+
+    def pack_group(self, group: Sequence[Any], record: type[Record] | None, where: str, how: Writing) -> bytes:
+        """Return the bytes of many rows, each a `record` or a bare number; EncodeError as from `pack`."""
+        try:
+            packed = self._pack_at_once(group, record, how)
+        except (struct_error, TypeError, EncodeError):
+            packed = None
+        return self._pack_one_by_one(group, record, where, how) if packed is None else packed
+
+    def _pack_at_once(self, group: Sequence[Any], record: type[Record] | None, how: Writing) -> bytes | None:
+        """Return what `pack_group` does, several times as fast; None or any error if a value may not fit."""
+        if record is None:
+            rows: Iterable[tuple[Any, ...]] = zip(group, strict=True)
+        elif {*map(type, group)} <= {record}:
+            rows = map(astuple, group)
+        else:
+            return None
+        if group and not self._free:
+            columns: list[Sequence[Any]] = [*zip(*rows, strict=True)]
+            for at in self.captions:
+                columns[at] = encode_captions(columns[at], how.encoding, from_us=how.plain)
+            for at, low, high in self._narrow if how.narrow else ():
+                if not all(low <= number <= high for number in columns[at]):
+                    return None
+            rows = zip(*columns, strict=True)
+        return b"".join(starmap(self.format.pack, rows))
+
+    def _pack_one_by_one(self, group: Sequence[Any], record: type[Record] | None, where: str, how: Writing) -> bytes:
+        parts = []
+        for at, item in enumerate(group):
+            if record is None:
+                row: tuple[Any, ...] = (item,)
+            elif isinstance(item, record):
+                row = tuple(getattr(item, value.name) for value in self.values)
+            else:
+                raise EncodeError(f"{where}[{at}]: {type(item).__name__} is not {record.__name__}")
+            parts.append(self.pack(row, f"{where}[{at}]", how))
+        return b"".join(parts)
+
+    def text(self, row: list[Any], encoding: str) -> list[Any]:
+        """Decode the captions in `row` and return it."""
+        for at in self.captions:
+            row[at] = decode_caption(row[at], encoding)
+        return row
+
+    def reader(self, record: type[Record] | None) -> Callable[[bytes, str], tuple[Any, ...]]:
+        """Return what makes records (or bare numbers) from whole rows and the encoding of their captions."""
+        rows, captions, width = self.format.iter_unpack, self.captions, len(self.values)
+        if record is None:
+            return lambda content, encoding: tuple(chain.from_iterable(rows(content)))
+        if not captions:
+            return lambda content, encoding: tuple(starmap(record, rows(content)))
+        prefix, codes, size = self.format.format[:1], self.format.format[1:], self.format.size
+
+        def read(content: bytes, encoding: str) -> tuple[Any, ...]:
+            values = Format(prefix + codes * (len(content) // size)).unpack(content)
+            columns: list[Sequence[Any]] = [values[at::width] for at in range(width)]
+            for at in captions:
+                columns[at] = decode_captions(columns[at], encoding)
+            return tuple(map(record, *columns))
+
+        return read
