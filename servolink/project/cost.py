@@ -17,6 +17,7 @@ _COUNT = 2
 _ID = 4
 _ENTRY = 36  # a record in a list
 _RESULT = OVERHEAD + 1
+_ID_QUERY, _ID_WRITE = 2 * OVERHEAD + _ID, OVERHEAD + _ID + _RESULT
 _OUTLINE = 6  # requests: project id, servo parameters, active table, three lists
 
 
@@ -36,6 +37,11 @@ def cost_of_writing(todo: Iterable[Write], codec: Codec) -> Cost:
     """Return what these requests cost."""
     sizes = [len(codec.encode(write.request, exact=True)) + _RESULT for write in todo]
     return Cost(len(sizes), sum(sizes))
+
+
+def cost_of_marking(times: int) -> Cost:
+    """Return what it costs to write the project id so often, and to read it back each time."""
+    return Cost(3 * times, times * (_ID_WRITE + 2 * _ID_QUERY))
 
 
 def cost_of_reading(project: Project) -> Cost:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import chain
 from typing import Annotated, Literal, TypeAlias
 
 from msgspec import Meta, Struct
@@ -49,4 +50,4 @@ def free_marker(journals: Iterable[Journal], wish: int) -> int:
     """Return a marker that no journal has, `wish` deciding which."""
     taken = {journal.marker for journal in journals}
     first = UNFINISHED[wish % len(UNFINISHED)]
-    return next(marker for marker in (*range(first, UNFINISHED.stop), *UNFINISHED) if marker not in taken)
+    return next(marker for marker in chain(range(first, UNFINISHED.stop), UNFINISHED) if marker not in taken)

@@ -8,7 +8,7 @@ from msgspec import Struct
 
 from servolink.project.apply import check_writable
 from servolink.project.compare import Change, compare
-from servolink.project.cost import Cost, cost_of_reading, cost_of_writing
+from servolink.project.cost import Cost, cost_of_marking, cost_of_reading, cost_of_writing
 from servolink.project.journal import is_unfinished
 from servolink.project.model import Project
 from servolink.project.progress import Tell
@@ -65,9 +65,9 @@ async def plan_project(board: Asked, project: Project, *, tell: Tell, replace: b
 
 def _cost(board: Asked, content: Content, project: Project, *, replace: bool) -> Cost:
     codec = board.codec
-    backup, verification = cost_of_reading(content.readable()), cost_of_reading(project.sorted())
+    around = cost_of_reading(content.readable()) + cost_of_marking(2) + cost_of_reading(project.sorted())
     if not replace:
-        return backup + cost_of_writing(writes(content, project), codec) + verification
+        return around + cost_of_writing(writes(content, project), codec)
     clearing = Write("everything", ClearAllDataRequest())
-    cleared = cost_of_reading(Project())
-    return backup + cost_of_writing([clearing, *writes(Content(), project)], codec) + cleared + cleared + verification
+    cleared = cost_of_reading(Project()) + cost_of_marking(1)
+    return around + cost_of_writing([clearing, *writes(Content(), project)], codec) + cleared + cleared

@@ -34,13 +34,16 @@ class Asked(Protocol):
     @property
     def url(self) -> str:
         """Its address."""
+        ...
 
     @property
     def codec(self) -> Codec:
         """Byte order and caption encoding of the connection."""
+        ...
 
     async def request(self, packet: Request[R], *, exact: bool = False) -> R:
         """Return the answer to `packet`."""
+        ...
 
     async def write_project_id(self, project_id: int) -> None:
         """Write the project id."""

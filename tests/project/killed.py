@@ -1,0 +1,56 @@
+"""A host that imports a project and kills itself at one step of its work with files.
+
+`python -m tests.project.killed URL FOLDER STEP REPLACE`: the steps are what the system is asked to do in FOLDER.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+from servolink.client.connect import connect
+from tests.project.pulled import NEW
+
+_STEPS = {"open", "os.mkdir", "os.rename", "os.remove"}
+
+
+class Killer:
+    """Kills this process before one step."""
+
+    def __init__(self, folder: Path, step: int) -> None:
+        self._folder = str(folder)
+        self._left = step
+        self._fsync = os.fsync
+
+    def install(self) -> None:
+        """Watch all that follows."""
+        sys.addaudithook(self._hear)
+        os.fsync = self._sync
+
+    def _hear(self, event: str, args: tuple[Any, ...]) -> None:
+        if event in _STEPS and str(args[0]).startswith(self._folder):
+            self._count()
+
+    def _sync(self, fd: Any) -> None:
+        self._count()
+        self._fsync(fd)
+
+    def _count(self) -> None:
+        self._left -= 1
+        if self._left < 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+async def main(url: str, folder: Path, replace: bool) -> None:
+    """Import."""
+    async with connect(url) as board:
+        await board.apply(NEW, replace=replace, folder=folder)
+
+
+if __name__ == "__main__":
+    Killer(Path(sys.argv[2]), int(sys.argv[3])).install()
+    asyncio.run(main(sys.argv[1], Path(sys.argv[2]), sys.argv[4] == "replace"))

@@ -1,0 +1,37 @@
+"""The cable is pulled in the middle of imports; `python -m benchmarks imports` does it at each byte."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from servolink.transports.faults import Faults
+from tests.project.pulled import MAKES, History, Make, Pull, bytes_of_import
+from tests.virtual_time import run
+
+MAKE_IDS = [f"{make.add}-{make.clear}{'-torn' * make.torn}{'-reboot' * make.reboot}" for make in MAKES]
+
+
+@pytest.mark.parametrize("whole", [False, True], ids=["differences", "replace"])
+@pytest.mark.parametrize("make", MAKES, ids=MAKE_IDS)
+def test_nothing_is_lost_wherever_the_cable_is_pulled(make: Make, tmp_path: Path, *, whole: bool) -> None:
+    size = run(bytes_of_import(make, replace=whole, folder=tmp_path / "size"))
+    random = Random(f"{make} {whole}")
+    for at in range(4):
+        pulls = tuple(Pull.at(random.randrange(sum(size)), size) for _ in range(1 + at % 2))
+        history = History(make, whole, pulls, seed=at)
+        verdict = run(history.judge(tmp_path / str(at)))
+        assert verdict.right, history
+        assert verdict.connections == 1, history
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_nothing_is_wrong_on_a_bad_line_either(seed: int, tmp_path: Path) -> None:
+    random = Random(seed)
+    make, whole = random.choice(MAKES), random.random() < 0.5
+    size = run(bytes_of_import(make, replace=whole, folder=tmp_path / "size"))
+    faults = Faults(flip=0.0005, drop=0.0002, delay=0.02, delay_time=1.3)
+    history = History(make, whole, (Pull.at(random.randrange(sum(size)), size),), seed, faults)
+    assert run(history.judge(tmp_path / "one")).right, history
