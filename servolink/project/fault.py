@@ -29,16 +29,15 @@ def version_fault(said: Any) -> str:
     return ""
 
 
-def fault(message: str, said: Any, file_type: Any) -> str:
-    """Say where in `said` and why it is no `file_type`; `message` is what msgspec says of it."""
+def fault(message: str, said: Any, file_type: Any) -> tuple[str, str]:
+    """Return where in `said` and why it is no `file_type`; `message` is what msgspec says of it."""
     opinion, _, where = message.rpartition(_AT)
     path = where.rstrip("`") if opinion else ""
     info, value = inspect.type_info(file_type), said
     for found in _PART.finditer(path):
         key, number = found.groups()
         info, value = (_field(info, value, key), value[key]) if key else (_item(info), value[int(number)])
-    reason = _reason(info, value) or printable(opinion or message)
-    return f"{path}: {reason}".removeprefix(".").removeprefix(": ")
+    return path.removeprefix("."), _reason(info, value) or printable(opinion or message)
 
 
 def _item(info: Any) -> Any:

@@ -42,7 +42,7 @@ def parse_project(text: str | bytes, *, exact: bool = False) -> Project:
     try:
         project: Project = of_file(Project, msgspec.convert(said, form))
     except msgspec.ValidationError as error:
-        raise ProjectError(fault(str(error), said, form)) from None
+        raise ProjectError(": ".join(filter(None, fault(str(error), said, form)))) from None
     except UnicodeEncodeError as error:
         raise ProjectError(f"{shown(error.object)} names neither a field nor a type") from None
     return project

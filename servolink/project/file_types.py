@@ -89,8 +89,10 @@ def of_file(record: type[Struct], given: Any) -> Any:
     return record(*values)
 
 
-def to_file(record: Struct) -> dict[str, Any]:
-    """Return the object in the file for `record`, whatever is in it."""
+def to_file(record: Any) -> Any:
+    """Return the object in the file for `record`; what is no record, and belongs in no project, is left as it is."""
+    if not isinstance(record, Struct):
+        return record
     start: dict[str, Any] = {}
     skipped = 0
     if isinstance(record, Project):
@@ -104,7 +106,7 @@ def to_file(record: Struct) -> dict[str, Any]:
 
 
 def _value(value: Any, field: _Field) -> Any:
-    if field.item is not None:
+    if isinstance(value, (tuple, list)):
         return [to_file(one) for one in value]
     if isinstance(value, int):
         return int(value) * field.unit  # True is a number to the packets, and none to JSON

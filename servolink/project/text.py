@@ -12,6 +12,7 @@ from servolink.printable import printable, shown
 
 MAX_SIZE = 16 * 1024 * 1024
 """Bytes of the largest file, ten times what fills a megabyte on a board and still read in a second or two."""
+_ENCODER = json.JSONEncoder(ensure_ascii=False)
 _PERHAPS_HIDDEN = re.compile(r"[^\n -~]")
 
 
@@ -70,7 +71,7 @@ def _lines(value: Any, margin: str) -> str:
         return (
             f"{{{','.join(f'{inner}{json.dumps(key)}: {_lines(one, inner)}' for key, one in value.items())}{margin}}}"
         )
-    return json.dumps(value, ensure_ascii=False)
+    return _ENCODER.encode(value)
 
 
 def _escaped(found: re.Match[str]) -> str:
