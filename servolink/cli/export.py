@@ -28,11 +28,11 @@ def run(args: argparse.Namespace) -> int:
         with shown_progress(board, quiet=args.json) as tell:
             project = await board.export_project(progress=tell)
         save_project(args.file, project)
+        counts = {name: len(getattr(project, name)) for name in _COUNTED}
         if args.json:
-            counts = {name: len(getattr(project, name)) for name in _COUNTED}
             print_json({"file": str(args.file), "project_id": project.project_id, **counts})
         else:
-            counted = ", ".join(f"{len(getattr(project, name))} {name.replace('_', ' ')}" for name in _COUNTED)
+            counted = ", ".join(f"{count} {_words(name, count)}" for name, count in counts.items())
             print_text(f"{args.file}: project {project.project_id or 'without id'}, {counted}")
         return OK
 
@@ -42,10 +42,17 @@ def run(args: argparse.Namespace) -> int:
 _COUNTED = ("servo_parameters", "actions", "macros", "joystick_tables")
 
 
+def _words(name: str, count: int) -> str:
+    words = name.replace("_", " ")
+    return words.removesuffix("s") if count == 1 else words
+
+
 def _refuse_other_files(path: Path) -> None:
     """Raise ProjectError rather than write over something that is no project."""
     if path.exists():
         try:
             load_project(path, exact=True)
         except ProjectError as error:
-            raise ProjectError(f"{error}; it is not overwritten, choose another name") from error
+            raise ProjectError(
+                f"{printable(str(path))} is there and is no project file, so it is not overwritten; take another name"
+            ) from error

@@ -33,6 +33,7 @@ COMMANDS = {
     "plan": ("servolink.cli.plan", "show what a project file would change on the board"),
     "apply": ("servolink.cli.apply", "write a project file to the board, without ever losing what was there"),
     "rollback": ("servolink.cli.apply", "bring back what was on the board before the last import"),
+    "project": ("servolink.cli.project", "show, check, edit and play projects in files, without a board"),
     "backups": ("servolink.cli.backups", "list what was on boards before imports"),
     "events": ("servolink.cli.events", "show button events as they come"),
     "decode": ("servolink.cli.packets", "turn frames into readable packets"),
@@ -100,10 +101,13 @@ class _Command(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="servolink", description="Drive a servo control board.", epilog=EXIT_CODES, parents=[_common(given=False)]
+        prog="servolink",
+        description="Drive a servo control board.",
+        epilog=EXIT_CODES,
+        parents=[common_options(given=False)],
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Command)
-    common: list[Any] = [_common(given=True)]
+    common: list[Any] = [common_options(given=True)]
     for name, (module, text) in COMMANDS.items():
         command = commands.add_parser(
             name,
@@ -111,13 +115,14 @@ def _parser() -> argparse.ArgumentParser:
             description=text[:1].upper() + text[1:] + ".",
             epilog=EXIT_CODES,
             parents=common,
+            allow_abbrev=False,  # what is dangerous must be spelled out
         )
         command.module = module
         command.set_defaults(parser=command)
     return parser
 
 
-def _common(*, given: bool) -> argparse.ArgumentParser:
+def common_options(*, given: bool) -> argparse.ArgumentParser:
     """Options that may stand before the command, and (`given`) after it without undoing those before."""
     parser = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
 

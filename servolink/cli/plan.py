@@ -71,7 +71,7 @@ def print_plan(plan: Plan) -> None:
     facts = [
         ("differences", len(plan.changes)),
         ("on the line", f"{plan.wire_bytes:,} bytes in {plan.requests:,} requests, with backup and verification"),
-        ("takes about", f"{plan.seconds:.1f} s"),
+        ("takes about", f"{plan.seconds:.0f} s" if plan.seconds >= 1 else "less than a second"),
         ("memory free", f"{plan.free_before:,} bytes{size}, afterwards {plan.free_after:,}"),
     ]
     print_text("")

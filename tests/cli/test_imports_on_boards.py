@@ -1,0 +1,213 @@
+"""Export, plan, apply and rollback from the shell, over a real terminal and TCP."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+from pathlib import Path
+
+import pytest
+
+from servolink.client.connect import connect
+from servolink.project.file import load_project, save_project
+from servolink.project.model import UNFINISHED, Project
+from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
+from servolink.protocol.joystick import Button, JoystickTable
+from servolink.protocol.servos import Step
+from tests.cli.conftest import Addresses
+from tests.cli.programs import Said, call, finished, in_terminal, started
+
+BEFORE = Project(
+    7,
+    (ServoParameter(2, 5, "left knee"),),
+    (Action(1, "Bow", (Step(1, 30, 50), Step(2, -30, 100))), Action(2, "Old", ())),
+    (Macro(4, "Greet", (MacroCommand(1, total_interval=1000), MacroCommand(500, 1, total_interval=500))),),
+    (JoystickTable(3, "Pad", (Button(7, "greet", button_press_macro=4),)),),
+    3,
+)
+AFTER = Project(
+    8,
+    BEFORE.servo_parameters,
+    (Action(1, "Bow", (Step(1, 35, 50), Step(2, -30, 100))), Action(9, "New", (Step(3, 1, 1),))),
+    BEFORE.macros,
+    BEFORE.joystick_tables,
+    3,
+)
+
+
+@pytest.fixture(autouse=True)
+def data_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where backups go, here and in programs."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    return tmp_path / "data" / "servolink"
+
+
+@pytest.fixture
+def after(tmp_path: Path) -> str:
+    """A file with AFTER in it."""
+    save_project(tmp_path / "after.servolink.json", AFTER)
+    return str(tmp_path / "after.servolink.json")
+
+
+@pytest.fixture(params=["terminal", "network"])
+def url(request: pytest.FixtureRequest, served: Addresses) -> str:
+    """A board with BEFORE on it, over a pseudo-terminal and over TCP."""
+    asyncio.run(_set_up(served.network))
+    return str(getattr(served, request.param))
+
+
+async def _set_up(network: str) -> None:
+    async with connect(network) as board:
+        await board.clear_all_data()
+        await board.write_project_id(BEFORE.project_id)
+        await board.add_servo_parameters(BEFORE.servo_parameters)
+        for action in BEFORE.actions:
+            await board.add_action(action)
+        await board.add_macro(BEFORE.macros[0])
+        await board.add_joystick_table(BEFORE.joystick_tables[0])
+        await board.set_active_joystick_table(3)
+
+
+class Shell:
+    """Runs commands on one board."""
+
+    def __init__(self, url: str, capsys: pytest.CaptureFixture[str]) -> None:
+        self.url = url
+        self._capsys = capsys
+
+    def __call__(self, *arguments: str) -> Said:
+        return call(self._capsys, "--url", self.url, *arguments)
+
+
+@pytest.fixture
+def shell(url: str, capsys: pytest.CaptureFixture[str]) -> Shell:
+    """Commands on that board."""
+    return Shell(url, capsys)
+
+
+def test_export_writes_everything_into_a_file(shell: Shell, tmp_path: Path) -> None:
+    file = tmp_path / "robot.servolink.json"
+    said = shell("export", str(file))
+    assert said.code == 0
+    assert said.out == f"{file}: project 7, 1 servo parameter, 2 actions, 1 macro, 1 joystick table\n"
+    assert said.err == "reading the board ...\n"
+    assert load_project(file) == BEFORE
+    assert shell("--json", "export", str(file)).json["actions"] == 2
+    assert shell("plan", str(file)).out == "0 differences: the board holds this project\n"
+
+
+def test_export_does_not_write_over_what_is_no_project(shell: Shell, tmp_path: Path) -> None:
+    diary = tmp_path / "diary.txt"
+    diary.write_text("dear diary")
+    said = shell("export", str(diary))
+    assert said.code == 1
+    assert "is no project file, so it is not overwritten; take another name" in said.err
+    assert diary.read_text() == "dear diary"
+
+
+def test_plan_shows_what_would_change_and_what_it_costs(shell: Shell, after: str) -> None:
+    said = shell("plan", after)
+    assert said.code == 1
+    differences, _, costs = said.out.partition("\n\n")
+    assert differences.splitlines() == [
+        "~ project id: 7 -> 8",
+        "~ action 1 'Bow'",
+        "    - step 1: servo 1 to 30 in 0.5 s",
+        "    + step 1: servo 1 to 35 in 0.5 s",
+        "- action 2 'Old': 0 steps, 0 s",
+        "+ action 9 'New': 1 step, 0.01 s",
+    ]
+    assert [line.split("  ")[0] for line in costs.splitlines()] == [
+        "differences",
+        "on the line",
+        "takes about",
+        "memory free",
+    ]
+    described = shell("plan", "--json", after).json
+    assert [change["change"] for change in described["changes"]] == ["changed", "changed", "removed", "added"]
+    assert described["changes"][3]["new"]["steps"] == [{"servo_id": 3, "degree": 1, "interval_ms": 10}]
+    assert described["memory_free_before_bytes"] - described["memory_free_after_bytes"] == 5
+
+
+@pytest.mark.parametrize("how", [[], ["--replace"]], ids=["differences", "replace"])
+def test_apply_writes_the_project_and_rollback_brings_the_old_one_back(
+    shell: Shell, after: str, how: list[str], tmp_path: Path, data_folder: Path
+) -> None:
+    said = shell("apply", "--yes", *how, after)
+    assert said.code == 0
+    assert "done, and verified by reading the whole board twice" in said.out
+    assert said.err.splitlines()[-1] == "finishing ..."
+    assert shell("plan", after).code == 0
+    (backup,) = shell("--json", "backups").json["backups"]
+    assert Path(backup["file"]).parent == data_folder / "backups"
+    assert load_project(Path(backup["file"])) == BEFORE
+    assert backup["file"] in shell("backups").out
+    back = shell("rollback", "--yes")
+    assert back.code == 0
+    assert back.out.startswith(f"from {backup['file']}\n~ project id: 8 -> 7\n")
+    file = tmp_path / "now.servolink.json"
+    shell("export", str(file))
+    assert load_project(file) == BEFORE
+    named = shell("--json", "rollback", "--yes", backup["file"])
+    assert named.json == {"changed": False, "plan": named.json["plan"]}
+
+
+def test_apply_does_nothing_unasked(shell: Shell, after: str) -> None:
+    said = shell("apply", after)
+    assert said.code == 2
+    assert "there is no terminal to ask on; --yes goes on without asking" in said.err
+    assert shell("plan", after).code == 1
+
+
+def test_no_backup_must_be_spelled_out(shell: Shell, after: str, data_folder: Path) -> None:
+    assert shell("apply", "--yes", "--no-back", after).code == 2
+    assert shell("apply", "--yes", "--no-backup", after).code == 0
+    assert not (data_folder / "backups").exists()
+    assert "there are no backups in" in shell("backups").out
+
+
+@pytest.mark.parametrize(("answer", "code"), [("y\n", 0), ("n\n", 1)])
+def test_apply_asks_on_a_terminal(shell: Shell, after: str, answer: str, code: int) -> None:
+    said = in_terminal("--url", shell.url, "apply", after, typed=answer)
+    assert said.code == 0
+    assert "do it? [y/N]" in said.out
+    assert ("nothing was changed on the board" in said.out) == (code == 1)
+    assert shell("plan", after).code == code
+
+
+def test_every_command_says_that_an_import_is_unfinished(shell: Shell, after: str, served: Addresses) -> None:
+    async def begin() -> None:
+        async with connect(served.network) as board:
+            await board.write_project_id(UNFINISHED.start + 3)
+
+    asyncio.run(begin())
+    said = shell("servos")
+    assert said.code == 0
+    assert "holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes" in said.err
+    assert "an import is unfinished" in shell("info").out
+    assert shell("--json", "info").json["is_unfinished"]
+    assert "journal is lost" in shell("rollback", "--yes").err
+    assert shell("apply", "--yes", after).code == 0
+    assert shell("servos").err == ""
+
+
+def test_ctrl_c_stops_at_a_safe_point_and_says_which(after: str, capsys: pytest.CaptureFixture[str]) -> None:
+    board = started("virtual", "--tcp", "127.0.0.1:0", "--faults", "delay=1,delay_time=0.02")
+    try:
+        assert board.stdout is not None
+        shell = Shell(board.stdout.readline().split()[1], capsys)
+        importing = started("--url", shell.url, "apply", "--yes", after)
+        assert importing.stderr is not None
+        while importing.stderr.readline() != "writing ...\n":
+            pass
+        said = finished(importing, signal.SIGINT)
+        assert said.code == 130
+        assert said.err.startswith("interrupted: the board holds an unfinished import, stopped while writing, at ")
+        assert "the same command goes on, `servolink rollback` goes back" in said.err
+        again = shell("--json", "apply", "--yes", after)
+        assert again.code == 0
+        assert json.loads(again.out)["resumed"]
+        assert shell("plan", after).code == 0
+    finally:
+        finished(board, signal.SIGINT)
