@@ -109,15 +109,11 @@ class VirtualBoard:
         there = [session for session in sessions if session in self.sessions]
         for session in there:
             self.sessions.remove(session)
-        if self._reboot and there and not self.sessions:
+        if self._reboot and not self.sessions:
             self._lose_power(there)
 
     def power_cycle(self, now: float) -> None:
-        """Let the power go and come back, whoever is connected.
-
-        Servos stop where they are, what is not stored is forgotten, a write that is under way is torn on boards that
-        are so.
-        """
+        """Let the power go and come back, whoever is connected: servos stop, what is not stored is forgotten."""
         self.advance(now)
         self._lose_power(self.sessions)
         self._switch(on=True)
@@ -240,7 +236,6 @@ class Session:
         """Know nothing of what the host said before."""
         self.subscribed = False
         self._parser = FrameParser(self.board.codec.byte_order)
-        self._write = None
 
     @property
     def _unanswered(self) -> _Write | None:

@@ -93,8 +93,9 @@ def test_buttons_do_nothing_without_power() -> None:
     board = busy()
     board.sessions[0].detach()
     board.press_button(5, START + 1)
-    board.release_button(5, START + 1)
     assert board.next_due(START + 1) is None
+    board.release_button(5, START + 1)
+    assert board.player.macro_id == 0
 
 
 def test_several_hosts_of_one_plug_are_gone_at_once() -> None:
@@ -119,12 +120,15 @@ def test_a_power_cycle_forgets_what_hosts_that_stay_have_said() -> None:
     host = Host(board)
     host.tell(SubscribeButtonEventRequest(1))
     half = CODEC.encode(ACTION)[:20]
-    host.session.receive(half, START)
-    board.power_cycle(START)
+    host.session.receive(half, START + 0.4)
+    board.power_cycle(START + 0.5)
+    assert board.servos[1].angle == pytest.approx(45)
     assert forgotten(board)
     assert board.powered
     assert all(servo.is_hold for servo in board.servos.values())
-    assert host.ask(QueryServoListRequest()) == QueryServoListResponse((1, 2, 3))  # not swallowed by the half frame
+    assert host.ask(QueryServoListRequest(), START + 0.6) == QueryServoListResponse(
+        (1, 2, 3)
+    )  # not swallowed by the half frame
 
 
 def test_those_who_watch_learn_that_nothing_is_due_any_more() -> None:

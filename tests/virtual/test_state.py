@@ -159,11 +159,13 @@ def test_doubles_and_torn_records_come_back_whatever_the_board_does_with_such(ad
     for degree in (1, 2):
         host.store_action(7, (1, degree, 3))
         host.ask(AddJoystickTableRequest(degree, "pad"))
+    host.ask(AddJoystickTableRequest(1, "another"))
     host.store_macro(2, MacroCommand(7))
+    host.store_macro(2, MacroCommand(7), MacroCommand(7))
     host.ask(SetActiveJoystickTableRequest(2))
     storage = host.board.storage
-    ((_, macro),) = storage.all(Kind.MACRO)
-    storage.put(Kind.MACRO, {2: macro[:40] + bytes([0xFF]) * 10})
+    macro = storage.get(Kind.MACRO, 2) or b""
+    storage.put(Kind.MACRO, {2: macro[:40] + b"\xff" * 10})
     storage.delete(Kind.TABLE, 2)
     storage.contents = replace(storage.contents, chosen_table=2)  # as a deletion that was torn may leave it
     save_state(host.board, path)
