@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from typing import Any, TypeAlias
 
 import msgspec
@@ -21,6 +21,7 @@ from servolink.project.records import (
     with_id,
     with_records,
 )
+from servolink.project.times import times
 from servolink.protocol.called import Called
 from servolink.protocol.editing import Action, Macro, ServoParameter
 from servolink.protocol.joystick import JoystickTable
@@ -49,11 +50,12 @@ def with_parts(
     for record in records:
         building.expect(record)
     ids = [building.id_of(record) for record in records]
-    return msgspec.structs.replace(
+    built = msgspec.structs.replace(
         building.project(),
         servo_parameters=tuple(parameters.values()),
         active_joystick_table=project.active_joystick_table if active is None else ids[0],
     )
+    return _timed(built, {one.macro_id for one in project.macros})
 
 
 class _Building:
@@ -64,7 +66,11 @@ class _Building:
         self._records = by_kind(project)
         self._taken = {plural: set(records) for plural, records in self._records.items()}
         self._known = {
-            plural: {with_id(record, 0): record_id for record_id, record in records.items()}
+            plural: {
+                with_id(same, 0): record_id
+                for record_id, record in records.items()
+                for same in (record, _untimed(record))
+            }
             for plural, records in self._records.items()
         }
         self._ids: dict[int, int] = {}  # by the object's own identity; 0 until it is in the project
@@ -102,8 +108,31 @@ class _Building:
 
     def _store(self, kind: Kind, record: Any) -> None:
         first = self._records[kind.plural].setdefault(kind.id_of(record), record)
-        if first != record:
+        if record not in (first, _untimed(first)):
             raise ProjectError(f"{named(first)} has the id of {named(record)}; give one of them no id")
 
     def _number(self, kind: Kind, called: int) -> int:
         return self.id_of(called.record) if isinstance(called, Called) else called
+
+
+def _untimed(record: Any) -> Any:
+    """Return `record` as `Macro.of` makes it, which knows no times."""
+    if not isinstance(record, Macro):
+        return record
+    commands = tuple(msgspec.structs.replace(command, total_interval=0) for command in record.commands)
+    return msgspec.structs.replace(record, commands=commands)
+
+
+def _timed(project: Project, old: Container[int]) -> Project:
+    """Return `project` with the times of its macros, but for those that are `old`, and times that were given."""
+    found = times(project)
+
+    def timed(macro: Macro) -> Macro:
+        commands = tuple(
+            msgspec.structs.replace(command, total_interval=command.total_interval or time or 0)
+            for command, time in zip(macro.commands, found[macro.macro_id], strict=True)
+        )
+        return msgspec.structs.replace(macro, commands=commands)
+
+    macros = tuple(macro if macro.macro_id in old else timed(macro) for macro in project.macros)
+    return msgspec.structs.replace(project, macros=macros)

@@ -32,15 +32,14 @@ def test_a_project_has_all_that_its_parts_call() -> None:
     project = Project.of(PAD)
     assert project.actions == (Action(1, "Up", UP.steps), Action(2, "Down", DOWN.steps))
     assert [macro.macro_id for macro in project.macros] == [1, 2]
-    assert [(one.command_id, one.type, one.ratio, one.loop) for one in project.macros[0].commands] == [
-        (1, 0, 100, 1),
-        (2, 0, 100, 1),
-    ] * 2
-    assert [(one.command_id, one.type, one.ratio, one.loop) for one in project.macros[1].commands] == [
-        (1, 2, 100, 1),
-        (300, 1, 100, 1),
-        (1, 0, 50, 3),
-    ]
+    assert project.macros == (
+        Macro(1, "Wave", (MacroCommand(1, 0, 100, 1, 500), MacroCommand(2, 0, 100, 1, 250)) * 2),
+        Macro(
+            2,
+            "Hello",
+            (MacroCommand(1, 2, 100, 1, 1500), MacroCommand(300, 1, 100, 1, 300), MacroCommand(1, 0, 50, 3, 3000)),
+        ),
+    )
     assert project.joystick_tables == (JoystickTable(1, "Pad", (Button(1, "hello", 2, 0, 1, 1),)),)
     assert project.active_joystick_table is None
 
@@ -65,6 +64,19 @@ def test_the_same_without_a_number_is_one() -> None:
     assert Project.of(UP, again, Macro.of("M", again)).actions == (Action(1, "Up", UP.steps),)
     other = Action.pose("Up", {1: 61, 2: -30}, seconds=0.5)
     assert len(Project.of(UP, other).actions) == 2
+
+
+def test_the_same_with_a_number_is_one() -> None:
+    numbered = Macro.of("Numbered", UP, macro_id=5)
+    project = Project.of(numbered)
+    assert project.adding(numbered, Macro.of("Twice", numbered, loop=2)).macros[0] == project.macros[0]
+
+
+def test_times_that_are_known_or_were_given_are_kept() -> None:
+    slow = Macro(1, "Slow", (MacroCommand(1, total_interval=9000), MacroCommand(1)))
+    before = Project(actions=(Action(1, "Up", UP.steps),), macros=(slow,))
+    assert before.adding(DOWN).macros == (slow,)
+    assert [one.total_interval for one in Project.of(*before.actions, slow).macros[0].commands] == [9000, 500]
 
 
 def test_macros_that_differ_in_what_they_call_are_two() -> None:

@@ -1,0 +1,69 @@
+"""Records by caption and id."""
+
+from __future__ import annotations
+
+import pytest
+
+from servolink.errors import ProjectError
+from servolink.project.find import find
+from servolink.project.kinds import ACTION, KINDS, MACRO, TABLE, Kind
+from servolink.project.model import Project
+from servolink.protocol.editing import Action, Macro
+from tests.project.projects import HUMANOID, NOD, PAD, RAISE, SHOW, WAVE
+
+
+@pytest.mark.parametrize(
+    ("name", "record"),
+    [
+        ("Nod", NOD),
+        ("nod", NOD),
+        ("RAISE LEFT ARM", RAISE),
+        ("1", RAISE),
+        ("action:2", NOD),
+        ("macro:5", SHOW),
+        ("4", WAVE),
+        ("table:7", PAD),
+        ("0007", PAD),
+    ],
+)
+def test_what_is_meant(name: str, record: object) -> None:
+    assert find(HUMANOID, name, KINDS) is record
+
+
+TWO = Project(actions=(Action(3, "Wave"), Action(4, "wave")), macros=(Macro(3, "Wave"), Macro(5, "4")))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("Wave", "'Wave' may be action 3 'Wave' or macro 3 'Wave': write it as in action:3"),
+        ("3", "'3' may be action 3 'Wave' or macro 3 'Wave'"),
+        ("4", "'4' may be action 4 'wave' or macro 5 '4'"),
+        ("WAVE", "may be action 3 'Wave' or action 4 'wave' or macro 3 'Wave'"),
+        (
+            "none",
+            "there is no action or macro 'none'; there is action 3 'Wave', action 4 'wave', macro 3 'Wave', macro",
+        ),
+        ("table:3", "there is no action or macro 'table:3'"),
+        ("action:9", "there is no"),
+        ("٣", "there is no"),
+        ("\x1b[2J", r"there is no action or macro '\\x1b\[2J'"),
+    ],
+)
+def test_what_is_not_clear(name: str, text: str) -> None:
+    with pytest.raises(ProjectError, match=text):
+        find(TWO, name, (ACTION, MACRO))
+
+
+def test_exactly_that_caption_comes_first() -> None:
+    assert find(TWO, "wave", (ACTION, MACRO)).action_id == 4
+    assert find(TWO, "action:3", (ACTION, MACRO)).action_id == 3
+
+
+@pytest.mark.parametrize("kind", [ACTION, MACRO, TABLE], ids=str)
+def test_of_nothing_nothing_is_found(kind: Kind) -> None:
+    with pytest.raises(ProjectError, match="there is none at all"):
+        find(Project(), "1", (kind,))
+    many = Project(actions=tuple(Action(number) for number in range(1, 40)))
+    with pytest.raises(ProjectError, match=r"action 10 '', \.\.\.$"):
+        find(many, "none", (ACTION,))
