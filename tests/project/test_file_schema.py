@@ -1,0 +1,36 @@
+"""The JSON Schema that is shipped."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from servolink.project.file_types import to_file
+from servolink.project.schema import SHIPPED, schema_text
+from tests.project.test_file import ROBOT
+
+
+def test_the_shipped_schema_is_that_of_the_types() -> None:
+    """If not: `python -c "from servolink.project.schema import *; SHIPPED.write_text(schema_text())"`."""
+    assert SHIPPED.read_text(encoding="utf-8") == schema_text()
+
+
+def test_it_describes_each_field_of_a_file_and_no_other() -> None:
+    described = json.loads(schema_text())["$defs"]
+    fields = {key for part in described.values() for key in part["properties"]}
+    assert all(not part["additionalProperties"] for part in described.values())
+    assert fields - {"$schema"} == set(_keys(to_file(ROBOT)))
+
+
+def test_it_says_what_a_step_can_be() -> None:
+    step = json.loads(schema_text())["$defs"]["Step"]
+    assert step["required"] == ["servo_id", "degree", "interval_ms"]
+    interval = {"description": "time, ms", "type": "integer", "minimum": 0, "maximum": 327670, "multipleOf": 10}
+    assert step["properties"]["interval_ms"] == interval
+
+
+def _keys(value: Any) -> list[str]:
+    """Return the names of all fields in a file, however deep."""
+    if isinstance(value, dict):
+        return [*value, *(key for part in value.values() for key in _keys(part))]
+    return [key for part in value for key in _keys(part)] if isinstance(value, list) else []
