@@ -88,7 +88,7 @@ def plain_lines(table: Table) -> list[str]:
     rows += [_cells(row) for row in table.rows]
     if not rows:
         return [printable(table.title)]
-    widths = [max(map(_width, column)) for column in zip(*rows, strict=True)]
+    widths = [max(map(text_width, column)) for column in zip(*rows, strict=True)]
     numeric = [_is_numeric(table, at) for at in range(len(widths))]
     lines = ["  ".join(map(_padded, row, widths, numeric)).rstrip() for row in rows]
     return [printable(table.title), *lines] if table.title else lines
@@ -112,11 +112,11 @@ def _is_numeric(table: Table, at: int) -> bool:
 
 
 def _padded(text: str, width: int, to_the_right: bool) -> str:  # noqa: FBT001 - one of three mapped sequences
-    space = " " * (width - _width(text))
+    space = " " * (width - text_width(text))
     return space + text if to_the_right else text + space
 
 
-def _width(text: str) -> int:
+def text_width(text: str) -> int:
     """Return how many columns `text` takes: Chinese characters take two, accents that combine none."""
     return sum(
         0 if unicodedata.combining(character) else 2 if unicodedata.east_asian_width(character) in "WF" else 1

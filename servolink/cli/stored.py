@@ -28,15 +28,15 @@ def run(args: argparse.Namespace) -> int:
 
     async def talk(board: Board, interruption: Interruption) -> int:
         if args.id is None:
-            described = await _list(board, args.command)
+            found = await _list(board, args.command)
             show = _show_list
         else:
-            described = await _one(board, args.command, args.id)
+            found = await _one(board, args.command, args.id)
             show = _show_one
         if args.json:
-            print_json(described)
+            print_json(found)
         else:
-            show(args.command, described)
+            show(args.command, found)
         return OK
 
     return converse(args, talk)
@@ -68,10 +68,17 @@ async def _list(board: Board, command: str) -> dict[str, Any]:
 
 async def _one(board: Board, command: str, wanted: int) -> dict[str, Any]:
     if command == "actions":
-        return _action(await board.action(wanted))
+        return described(await board.action(wanted))
     if command == "macros":
-        return _macro(await board.macro(wanted))
-    return _table(await board.joystick_table(wanted))
+        return described(await board.macro(wanted))
+    return described(await board.joystick_table(wanted))
+
+
+def described(record: Action | Macro | JoystickTable) -> dict[str, Any]:
+    """Return a record for programs, with times in seconds."""
+    if isinstance(record, Action):
+        return _action(record)
+    return _macro(record) if isinstance(record, Macro) else _table(record)
 
 
 def _action(action: Action) -> dict[str, Any]:
@@ -115,8 +122,8 @@ def _table(table: JoystickTable) -> dict[str, Any]:
     return {"table_id": table.table_id, "table_caption": table.table_caption, "buttons": buttons}
 
 
-def _show_list(command: str, described: dict[str, Any]) -> None:
-    records = described[command]
+def _show_list(command: str, found: dict[str, Any]) -> None:
+    records = found[command]
     if not records:
         print_text(f"no {_KINDS[command]} is stored on the board")
         return
@@ -124,10 +131,15 @@ def _show_list(command: str, described: dict[str, Any]) -> None:
     print_table(Table(columns, [tuple(record.values()) for record in records]))
 
 
-def _show_one(command: str, described: dict[str, Any]) -> None:
-    number, caption, records = described.values()
+def _show_one(command: str, found: dict[str, Any]) -> None:
+    print_table(whole_table(command, found))
+
+
+def whole_table(command: str, record: dict[str, Any]) -> Table:
+    """Return what `described` says of one of the `actions`, `macros` or `tables`, as a table for people."""
+    number, caption, records = record.values()
     rows = [tuple(_as_row(record)) for record in records]
-    print_table(Table(_COLUMNS[command], rows, f"{_KINDS[command]} {number} '{caption}'"))
+    return Table(_COLUMNS[command], rows, f"{_KINDS[command]} {number} '{caption}'")
 
 
 _COLUMNS = {

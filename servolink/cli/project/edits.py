@@ -1,0 +1,65 @@
+"""`servolink project scale-time`, `merge` and `rename`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from servolink.cli.project.writing import add_output, write_edited
+from servolink.project.file import load_project
+from servolink.project.find import find
+from servolink.project.fix import fixed
+from servolink.project.kinds import ACTION, KINDS
+from servolink.project.merge import merged
+from servolink.project.rename import renamed, renamed_servo
+from servolink.project.scale import scaled
+
+_TABLE = {"table": "joystick table"}
+
+
+def configure(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `command`."""
+    if command == "merge":
+        parser.description = f"{parser.description} Where an id means two things, those of OTHER get new ids."
+    parser.add_argument("file", type=Path, metavar="FILE", help="a project file")
+    if command == "scale-time":
+        parser.add_argument("factor", type=float, metavar="FACTOR", help="2 takes twice as long, 0.5 half as long")
+        parser.add_argument(
+            "actions", nargs="*", metavar="ACTION", help="caption or id; without any, everything and all pauses"
+        )
+    elif command == "merge":
+        parser.add_argument("other", type=Path, metavar="OTHER", help="the project file that is added to it")
+    else:
+        parser.add_argument("kind", choices=("action", "macro", "table", "servo"), help="what to rename")
+        parser.add_argument("id", type=int, metavar="ID", help="its id, as `servolink project show` shows it")
+        parser.add_argument("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")
+    add_output(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the edited project."""
+    return {"scale-time": _scale, "merge": _merge, "rename": _rename}[args.project_command](args)
+
+
+def _scale(args: argparse.Namespace) -> int:
+    project = load_project(args.file, exact=True)
+    actions = [find(project, name, (ACTION,)).action_id for name in args.actions]
+    result, changes = scaled(project, args.factor, actions or None)
+    result, fixes = fixed(result)
+    return write_edited(args, args.file, project, result, changes + fixes)
+
+
+def _merge(args: argparse.Namespace) -> int:
+    one, other = load_project(args.file, exact=True), load_project(args.other, exact=True)
+    result, changes = merged(one, other)
+    return write_edited(args, args.file, one, result, changes)
+
+
+def _rename(args: argparse.Namespace) -> int:
+    project = load_project(args.file, exact=True)
+    if args.kind == "servo":
+        result, changes = renamed_servo(project, args.id, args.caption)
+    else:
+        kind = next(kind for kind in KINDS if kind.word == _TABLE.get(args.kind, args.kind))
+        result, changes = renamed(project, kind, args.id, args.caption)
+    return write_edited(args, args.file, project, result, changes)

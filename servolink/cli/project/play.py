@@ -1,0 +1,133 @@
+"""`servolink project play`: an action or a macro on a virtual board, with a chart of its times."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import shutil
+from typing import TYPE_CHECKING, Any
+
+from servolink.cli.main import OK, refuse
+from servolink.cli.output import Table, is_terminal, print_json, print_table, print_text
+from servolink.cli.project.chart import chart
+from servolink.cli.project.source import add_source, is_address, with_project
+from servolink.errors import ProjectError
+from servolink.project.find import find
+from servolink.project.kinds import ACTION, MACRO
+from servolink.project.model import Project
+from servolink.project.records import by_kind, by_servo, kind_of, named
+from servolink.protocol.editing import Action, Macro
+from servolink.protocol.servos import ServoState
+from servolink.virtual.rehearsal import Rehearsal, Timeline
+
+if TYPE_CHECKING:
+    from servolink.client.servos import Servo
+
+_PAUSE = 0.04  # seconds between two pictures
+
+
+def configure(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink project play`."""
+    add_source(parser)
+    parser.add_argument("record", metavar="NAME", help="an action or a macro: caption or id, or as in macro:3")
+    parser.add_argument("--fast", action="store_true", help="only the chart: do not take the time that a robot would")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Play it; all servos begin at 0 degrees."""
+    if is_address(args.source) and not args.source.startswith("virtual:"):
+        refuse(args, "play moves a virtual board only; export the project first, and play the file")
+    with_bars = is_terminal() and not args.json and not args.fast
+    return with_project(args, lambda project: _play(args, project, with_bars=with_bars))
+
+
+def _play(args: argparse.Namespace, project: Project, *, with_bars: bool) -> int:
+    record = find(project, args.record, (ACTION, MACRO))
+    try:
+        timeline = _rehearsal(project).play(record)
+    except ProjectError as error:
+        raise ProjectError(f"{named(record)}: {error}; `servolink project check` says more") from error
+    if with_bars:
+        from servolink.cli.session import run_interruptible
+
+        ended = run_interruptible(lambda interruption: _show(_rehearsal(project), record, timeline), "only shown")
+        if ended != OK:
+            return ended
+    if args.json:
+        print_json(_described(record, timeline))
+    else:
+        _print(project, record, timeline)
+    return OK
+
+
+def _rehearsal(project: Project) -> Rehearsal:
+    by_kind(project)  # ids that are used twice play one of two
+    servo_ids = {step.servo_id for action in project.actions for step in action.steps}
+    servo_ids |= {one.servo_id for one in project.servo_parameters}
+    return Rehearsal(project.actions, project.macros, sorted(servo_ids))
+
+
+async def _show(rehearsal: Rehearsal, record: Action | Macro, timeline: Timeline) -> int:
+    """Draw the servos on their way, in the time that it takes."""
+    from servolink.cli.motion import live_bars
+
+    loop = asyncio.get_running_loop()
+    moved = {move.servo_id for move in timeline.moves}
+    rehearsal.begin(record)
+    start, elapsed = loop.time(), 0.0
+    with live_bars(moved) as draw:
+        while elapsed < timeline.seconds:
+            await asyncio.sleep(_PAUSE)
+            elapsed = min(loop.time() - start, timeline.seconds)
+            rehearsal.board.advance(elapsed)
+            states = [servo.state() for servo in rehearsal.board.servos.values()]
+            draw(elapsed, [_servo(state) for state in states])
+    return OK
+
+
+def _servo(state: ServoState) -> Servo:
+    from servolink.client.servos import Servo
+
+    reported = (state.servo_id, state.angle, state.current, state.temperature, state.servo_type)
+    return Servo(*reported, is_start=bool(state.is_start), is_hold=bool(state.is_hold))
+
+
+def _print(project: Project, record: Action | Macro, timeline: Timeline) -> None:
+    captions = {servo_id: one.servo_caption for servo_id, one in by_servo(project).items()}
+    whole = "" if timeline.is_whole else ", and goes on: this is its beginning"
+    print_text(f"{named(record)} takes {timeline.seconds:g} s{whole}", "bold")
+    if not timeline.moves:
+        print_text("no servo moves")
+        return
+    print_text("")
+    for line in chart(timeline, captions, shutil.get_terminal_size((100, 24)).columns):
+        print_text(line)
+    print_text("")
+    moved = sorted({move.servo_id for move in timeline.moves})
+    rows = [(servo_id, captions.get(servo_id, ""), round(timeline.angles[servo_id])) for servo_id in moved]
+    print_table(Table(("servo", "", "at the end"), rows))
+
+
+def _described(record: Action | Macro, timeline: Timeline) -> dict[str, Any]:
+    kind = kind_of(record)
+    return {
+        "kind": kind.word,
+        "id": kind.id_of(record),
+        "caption": kind.caption_of(record),
+        "duration_seconds": round(timeline.seconds, 3),
+        "is_whole": timeline.is_whole,
+        "moves": [
+            {
+                "servo_id": move.servo_id,
+                "start_seconds": round(move.start, 3),
+                "end_seconds": round(move.end, 3),
+                "from_degree": round(move.from_angle),
+                "target_degree": move.target,
+                "is_cut": move.is_cut,
+            }
+            for move in timeline.moves
+        ],
+        "angles": [
+            {"servo_id": servo_id, "degree": round(angle)} for servo_id, angle in sorted(timeline.angles.items())
+        ],
+    }

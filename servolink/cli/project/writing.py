@@ -1,0 +1,58 @@
+"""Where an edited project goes."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from servolink.cli.main import OK
+from servolink.cli.output import print_json, print_text
+from servolink.errors import ProjectError
+from servolink.printable import printable
+from servolink.project.check import problems
+from servolink.project.file import save_project
+from servolink.project.model import Project
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument("-o", "--output", type=Path, metavar="OUT", help="write the result into this file")
+    where.add_argument("--in-place", action="store_true", help="write the result into FILE itself")
+    add_force(parser)
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """Add the option that lets files be replaced."""
+    parser.add_argument("--force", action="store_true", help="replace a file that is there already")
+
+
+def write_edited(
+    args: argparse.Namespace, source: Path, before: Project, after: Project, changes: list[str], **more: Any
+) -> int:
+    """Write `after` where `args` says, whole or not at all, and print what was changed.
+
+    ProjectError if a board could not store it; nothing is written then.
+    """
+    target: Path = source if args.in_place else args.output
+    is_new = not args.in_place or after != before
+    if is_new:
+        write_new(target, after, force=args.force or args.in_place)
+    if args.json:
+        print_json({"file": str(target), "written": is_new, "changes": changes, **more})
+        return OK
+    for change in changes:
+        print_text(change)
+    print_text(f"{target}: {'written' if is_new else 'nothing to change, left as it is'}")
+    return OK
+
+
+def write_new(target: Path, project: Project, *, force: bool) -> None:
+    """Write `project` to a file that is not there yet, or with `force` is; ProjectError if no board could store it."""
+    if errors := [str(problem) for problem in problems(project) if problem.severity == "error"]:
+        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+        raise ProjectError(f"the result would be no valid project, and nothing was written: {errors[0]}{more}")
+    if target.exists() and not force:
+        raise ProjectError(f"{printable(str(target))}: is there already; --force replaces it")
+    save_project(target, project)
