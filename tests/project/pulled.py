@@ -16,6 +16,7 @@ from servolink.project.model import Project
 from servolink.project.read import Content
 from servolink.project.store import Store
 from servolink.project.writes import writes
+from servolink.protocol.caption import CAPTION_SIZE
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
 from servolink.protocol.joystick import Button, JoystickTable
@@ -95,14 +96,25 @@ def contents_of(project: Project) -> Contents:
 
 
 def same(contents: Contents, wanted: Contents) -> bool:
-    """Tell whether two boards hold the same, byte for byte, in whatever order, neutral servo parameters aside."""
+    """Tell whether two boards give the same, in whatever order, neutral servo parameters aside."""
     return bool(_comparable(contents) == _comparable(wanted))
 
 
 def _comparable(contents: Contents) -> Any:
-    records = {kind: sorted(contents.records[kind]) for kind in Kind}
-    records[Kind.SERVO] = [one for one in records[Kind.SERVO] if any(one[1][1:])]
+    records = {kind: sorted(_to_terminators(kind, one) for _, one in contents.records[kind]) for kind in Kind}
+    records[Kind.SERVO] = [one for one in records[Kind.SERVO] if any(one[1:])]
     return records, contents.project_id, contents.chosen_table
+
+
+def _to_terminators(kind: Kind, record: bytes) -> bytes:
+    """Return a record without what is behind the ends of its captions, which a torn write can leave there."""
+    starts = [3] if kind is Kind.SERVO else [4]
+    if kind is Kind.TABLE:
+        starts += range(42, len(record), 49)
+    for start in starts:
+        text = record[start : start + CAPTION_SIZE].partition(b"\0")[0].ljust(CAPTION_SIZE, b"\0")
+        record = record[:start] + text + record[start + CAPTION_SIZE :]
+    return record
 
 
 Work = Callable[[Board], Awaitable[Any]]
