@@ -79,6 +79,13 @@ def test_one_reply_was_late(steps: dict[str, Any]) -> None:
     assert (counted["late_angle"] != 0, counted["angle"]) == (True, 0)
 
 
+def test_a_pulled_cable_lost_nothing(steps: dict[str, Any]) -> None:
+    assert measured(steps, "export") == {"file": measured(steps, "export")["file"], "actions": 3, "macros": 1}
+    pulled = measured(steps, "pulled")
+    assert 0 < pulled["done"] < pulled["total"]
+    assert measured(steps, "resumed")["differences"] == 0
+
+
 def test_the_commands_to_try_next_work_as_they_are(steps: dict[str, Any]) -> None:
     serve, *others = steps["end"]["next"]
     server = subprocess.Popen(
@@ -103,7 +110,8 @@ def test_plain_text_has_no_escapes() -> None:
     said = program("demo", "--fast")
     assert (said.code, said.err) == (0, "")
     assert all(character == "\n" or character.isprintable() for character in said.out)
-    assert [line[3:] for line in said.out.splitlines() if re.match(r"\d\. ", line)] == [title for _, title, _ in STEPS]
+    titles = re.findall(r"^\d+\. (.*)$", said.out, re.MULTILINE)
+    assert titles == [title for _, title, _ in STEPS]
     assert "FAILED" not in said.out
 
 

@@ -8,11 +8,15 @@ import shlex
 import shutil
 import socket
 import sys
+import tempfile
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 from servolink.cli.demo.line import FaultyLine
+from servolink.cli.demo.scene import Scene
 from servolink.cli.demo.stage import JsonStage, Outcome, Stage, TextStage
-from servolink.cli.demo.steps import STEPS, Scene
+from servolink.cli.demo.steps import STEPS
 from servolink.cli.main import FAILED, OK
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.client.connect import connect
@@ -43,15 +47,24 @@ def run(args: argparse.Namespace) -> int:
 
 async def _play(stage: Stage, pace: float) -> int:
     start = asyncio.get_running_loop().time()
-    virtual = VirtualBoard(_SERVOS, seed=1)
-    async with serve(virtual, pty=AVAILABLE, tcp=None if AVAILABLE else "127.0.0.1:0") as urls:
-        line = FaultyLine(create(urls[0]))
-        async with connect(line) as board:
-            failed = await _steps(Scene(board, virtual, line, stage, pace))
-            stats = board.stats.as_dict()
+    virtual, second = VirtualBoard(_SERVOS, seed=1), VirtualBoard(_SERVOS, seed=2)
+    with tempfile.TemporaryDirectory(prefix="servolink-demo-") as folder:
+        async with _served(virtual) as url, _served(second) as second_url:
+            line = FaultyLine(create(url))
+            async with connect(line) as board:
+                scene = Scene(board, virtual, line, second, second_url, stage, Path(folder), pace)
+                failed = await _steps(scene)
+                stats = board.stats.as_dict()
     seconds = round(asyncio.get_running_loop().time() - start, 3)
     stage.end({"ok": not failed, "failed": failed, "seconds": seconds, "next": _next_commands(), "stats": stats})
     return FAILED if failed else OK
+
+
+@asynccontextmanager
+async def _served(board: VirtualBoard) -> AsyncIterator[str]:
+    """Serve `board` over what a board is usually connected by; yield its address."""
+    async with serve(board, pty=AVAILABLE, tcp=None if AVAILABLE else "127.0.0.1:0") as (url,):
+        yield url
 
 
 async def _steps(scene: Scene) -> list[str]:

@@ -1,4 +1,4 @@
-"""A line on which one reply at a time goes wrong, as asked."""
+"""A line on which one thing at a time goes wrong, as asked."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from servolink.transports.wrapper import WrappedTransport
 
 
 class FaultyLine(WrappedTransport):
-    """A line that is perfect until it is told to damage or to delay the next reply."""
+    """A line that is perfect until it is told to damage or to delay the next reply, or is pulled out."""
 
     def __init__(self, inner: Transport) -> None:
         """Wrap `inner`."""
@@ -30,6 +30,10 @@ class FaultyLine(WrappedTransport):
     def delay_next(self, seconds: float) -> None:
         """Hold back what comes next; whatever comes meanwhile stays behind it, as on any line."""
         self._delay = seconds
+
+    def pull(self) -> None:
+        """Be pulled out now."""
+        self._break("the cable was pulled")
 
     def data(self, chunk: bytes, /) -> None:
         """Pass on what comes, or what becomes of it."""

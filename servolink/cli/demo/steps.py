@@ -5,65 +5,21 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 
-from servolink.cli.demo.line import FaultyLine
-from servolink.cli.demo.stage import Outcome, Stage
-from servolink.cli.motion import follow
+from servolink.cli.demo.projects import export_project, finish_import, pull_cable
+from servolink.cli.demo.scene import Scene
+from servolink.cli.demo.stage import Outcome
 from servolink.cli.output import Table
-from servolink.client.board import Board
 from servolink.errors import RequestTimeout
 from servolink.protocol.editing import Action, Macro, MacroCommand
 from servolink.protocol.joystick import Button, JoystickTable
 from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest, Step
-from servolink.virtual.board import VirtualBoard
 from servolink.virtual.player import ACTION, DELAY
 
 _BOW, _LEAN, _RISE, _WAVE, _PAD, _BUTTON = 1, 2, 3, 1, 1, 3  # ids on the board
 _IMPATIENT = 0.3  # seconds for an answer on the bad line
 _TOO_LATE = 0.6
 _REACTION = 2.0  # seconds in which a button event must have come
-
-
-@dataclass
-class Scene:
-    """Who plays: a client's board, the virtual board that it talks to, and the line between them."""
-
-    board: Board
-    virtual: VirtualBoard
-    line: FaultyLine
-    stage: Stage
-    pace: float
-    """1.0 for movements that a person can follow, less for faster ones."""
-
-    def interval(self, seconds: float) -> int:
-        """Return a time in the protocol's units of 10 ms."""
-        return max(1, round(seconds * self.pace * 100))
-
-    async def watch(self, targets: dict[int, int], seconds: float) -> float:
-        """Show the servos until they are at `targets`; return how long that took."""
-        start = asyncio.get_running_loop().time()
-        with self.stage.motion() as draw:
-            await follow(self.board, targets, seconds, draw)
-        return round(asyncio.get_running_loop().time() - start, 3)
-
-    def counters(self) -> dict[str, int]:
-        """Return what the client has counted of the faults on the line."""
-        stats = self.board.stats
-        return {
-            "skipped_bytes": sum(stats.skipped.values()),
-            "timeouts": stats.timeouts,
-            "late_replies": stats.late_replies,
-            "fences": stats.fences,
-            "retries": stats.retries,
-        }
-
-    def counted(self, before: dict[str, int]) -> dict[str, int]:
-        """Return, and show, what was counted since `before`."""
-        now = self.counters()
-        since = {name: now[name] - before[name] for name in now}
-        self.stage.say(", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in since.items()))
-        return since
 
 
 async def show_servos(scene: Scene) -> Outcome:
@@ -220,6 +176,9 @@ STEPS: tuple[tuple[str, str, Callable[[Scene], Awaitable[Outcome]]], ...] = (
     ("button", "A joystick button that starts the macro", press_button),
     ("damaged", "A damaged reply", survive_damage),
     ("late", "A late reply", survive_delay),
+    ("export", "Everything on the board, as a project file", export_project),
+    ("pulled", "The project into a second board, whose cable is pulled", pull_cable),
+    ("resumed", "Plugged in again", finish_import),
 )
 """Name, title and play of each step."""
 
