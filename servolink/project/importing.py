@@ -44,8 +44,7 @@ class Import:
         await self._note("clearing" if replace else self._journal.phase)
         await self._write_id(self._journal.marker, "marking")
         if replace:
-            await self._clear()
-            content = None
+            content = await self._clear()
         await self._note("writing")
         await self._write_all(content)
         await self._write_id(self._target.project_id, "finishing")
@@ -66,7 +65,7 @@ class Import:
                 return
         raise self._not_taken(f"project id {project_id}")
 
-    async def _clear(self) -> None:
+    async def _clear(self) -> Content:
         self._tell(Progress("clearing", 0, 1, "everything on the board"))
         for _ in range(_TRIES):
             with suppress(Rejected, OutcomeUnknown):
@@ -75,7 +74,7 @@ class Import:
             if not any(content.records.values()):
                 # It may have deleted the project id as well.
                 await self._write_id(self._journal.marker, "clearing")
-                return
+                return content
         raise self._not_taken("the command to delete all data")
 
     async def _write_all(self, content: Content | None) -> None:

@@ -70,4 +70,4 @@ def _cost(board: Asked, content: Content, project: Project, *, replace: bool) ->
         return around + cost_of_writing(writes(content, project), codec)
     clearing = Write("everything", ClearAllDataRequest())
     cleared = cost_of_reading(Project()) + cost_of_marking(1)
-    return around + cost_of_writing([clearing, *writes(Content(), project)], codec) + cleared + cleared
+    return around + cost_of_writing([clearing, *writes(Content(), project)], codec) + cleared

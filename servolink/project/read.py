@@ -115,6 +115,7 @@ async def read_content(board: Asked, tell: Tell, phase: Phase = "reading") -> Co
         content = await _agreed(board, _read_outline, "its lists")
         ids = {kind: content.records[kind] for kind in KINDS}
         total, done = sum(map(len, ids.values())), 0
+        tell(Progress(phase, 0, total, "lists"))
         known: dict[tuple[Kind, int], Any] = {}
         for kind, entries in ids.items():
             for entry in entries:
