@@ -14,6 +14,7 @@ from servolink.protocol.editing import QueryActionResponse, QueryMacroResponse, 
 from servolink.protocol.joystick import QueryJoystickTableResponse
 from servolink.protocol.layout import layout
 from servolink.protocol.packet import Packet
+from servolink.protocol.servos import ALL_SERVOS
 from tests.protocol.declared import plain_captions, values_of
 
 ENCODINGS = ("utf-8", "big5", "utf-16-le", "cp437")
@@ -31,6 +32,18 @@ projects = cast("st.SearchStrategy[Project]", values_of(inspect.type_info(Projec
     _without_negative_delays
 )
 """Projects whose values are all allowed, though what they call may not be there."""
+
+
+def _storable(project: Project) -> Project:
+    shelves: dict[str, Any] = {
+        kind.plural: tuple(one for record_id, one in kind.of(project).items() if record_id) for kind in KINDS
+    }
+    parameters = {one.servo_id: one for one in project.servo_parameters if one.servo_id != ALL_SERVOS}
+    return replace(project, servo_parameters=tuple(parameters.values()), active_joystick_table=None, **shelves)
+
+
+storable_projects = projects.map(_storable)
+"""Those of them in which no id is there twice, or none."""
 
 _ids = st.integers(-(2**31), 2**31 - 1)
 _ANSWERS: tuple[type[Packet], ...] = (QueryActionResponse, QueryMacroResponse, QueryJoystickTableResponse)
