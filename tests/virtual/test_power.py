@@ -126,9 +126,7 @@ def test_a_power_cycle_forgets_what_hosts_that_stay_have_said() -> None:
     assert forgotten(board)
     assert board.powered
     assert all(servo.is_hold for servo in board.servos.values())
-    assert host.ask(QueryServoListRequest(), START + 0.6) == QueryServoListResponse(
-        (1, 2, 3)
-    )  # not swallowed by the half frame
+    assert host.ask(QueryServoListRequest(), START + 0.6) == QueryServoListResponse((1, 2, 3))  # the half frame is gone
 
 
 def test_those_who_watch_learn_that_nothing_is_due_any_more() -> None:

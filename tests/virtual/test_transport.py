@@ -239,6 +239,8 @@ def left(url: str) -> int:
         with suppress(ConnectionLost):
             await transport.send(WRITE)
         assert isinstance(await heard.until_lost(), ConnectionLost)
+        await asyncio.sleep(1)  # nothing arrives, and by itself the line is closed
+        assert transport.board.sessions == []
         await transport.close()
         assert transport.board.powered == ("reboot" not in url)
         return transport.board.storage.project_id
