@@ -6,10 +6,11 @@ from typing import Any
 
 import msgspec
 
+from servolink.errors import ProjectError
 from servolink.printable import printable
 from servolink.project.kinds import KINDS, TABLE, Kind
 from servolink.project.model import Project, telling
-from servolink.project.records import by_kind, by_servo, free_id, named, with_calls, with_id, with_records
+from servolink.project.records import by_kind, by_servo, calls, free_id, named, with_calls, with_id, with_records
 
 
 def merged(one: Project, other: Project) -> tuple[Project, list[str]]:
@@ -17,8 +18,10 @@ def merged(one: Project, other: Project) -> tuple[Project, list[str]]:
 
     What is the same in both is there once. A record of `other` whose id means something else in `one` gets a new id,
     and whoever calls it calls the new one. Where there can be only one (project id, servo parameters, active table),
-    that of `one` stays.
+    that of `one` stays. ProjectError also for calls of what is not there, which the other project could seem to mean.
     """
+    for project in (one, other):
+        _refuse_lost_calls(project)
     merging = _Merging(one, other)
     for kind in KINDS:
         merging.settle(kind)
@@ -40,6 +43,17 @@ def merged(one: Project, other: Project) -> tuple[Project, list[str]]:
         active_joystick_table=active,
     )
     return project, said
+
+
+def _refuse_lost_calls(project: Project) -> None:
+    shelves = by_kind(project)
+    for shelf in shelves.values():
+        for record in shelf.values():
+            for kind, called in calls(record):
+                if called and called not in shelves[kind.plural]:
+                    raise ProjectError(
+                        f"{named(record)} calls {kind.word} {called}, which is not there: correct it first"
+                    )
 
 
 class _Merging:

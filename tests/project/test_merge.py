@@ -61,7 +61,7 @@ def test_what_means_something_else_gets_a_new_id_and_its_callers_follow() -> Non
 
 
 def test_the_active_table_follows_its_new_id() -> None:
-    one = Project(joystick_tables=(PAD,))
+    one = Project(joystick_tables=(JoystickTable(7, "One"),))
     other = Project(joystick_tables=(JoystickTable(7, "Other"),), active_joystick_table=7)
     project, _ = merged(one, other)
     assert project.active_joystick_table == 1
@@ -109,6 +109,20 @@ def test_ids_that_are_used_twice_are_refused(first: Project) -> None:
         merged(first, Project(macros=(WAVE, WAVE)))
     with pytest.raises(ProjectError, match="servo 3 is there twice"):
         merged(first, Project(servo_parameters=(ServoParameter(3, 1), ServoParameter(3, 2))))
+
+
+@pytest.mark.parametrize(
+    "lost",
+    [
+        Project(macros=(Macro(1, "M", (MacroCommand(1),)),)),
+        Project(macros=(Macro(1, "M", (MacroCommand(4, 2),)),)),
+        Project(joystick_tables=(JoystickTable(1, "T", (Button(1, "", 0, 4, 0),)),)),
+    ],
+)
+def test_a_call_of_nothing_does_not_call_something_by_chance(lost: Project) -> None:
+    for one, other in [(HUMANOID, lost), (lost, HUMANOID)]:
+        with pytest.raises(ProjectError, match=r"calls (action|macro) \d, which is not there: correct it first"):
+            merged(one, other)
 
 
 ids = st.integers(1, 4)

@@ -42,13 +42,13 @@ def _draw(row: list[str], move: Move, scale: float) -> None:
 
 
 def _axis(seconds: float, scale: float, columns: int) -> str:
-    """Return `0       0.5     1 s`, with labels where they belong."""
+    """Return `0 s     0.5     1`, with labels where they belong."""
     steps = (step * 10.0**power for power in range(-3, 10) for step in _STEPS)
     tick = next(step for step in steps if step * scale >= _BETWEEN_TICKS)
     axis = [" "] * columns
     count = int(seconds / tick + 1e-9)
     for number in range(count + 1):
-        at = round(number * tick * scale)
-        label = f"{number * tick:g}" + (" s" if number == count else "")
+        label = f"{number * tick:g}" + (" s" if number == 0 else "")
+        at = min(round(number * tick * scale), columns - len(label))
         axis[at : at + len(label)] = label
     return "".join(axis)

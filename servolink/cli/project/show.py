@@ -19,6 +19,7 @@ from servolink.protocol.editing import Action, MacroCommand
 
 _COMMANDS = {ACTION.plural: "actions", MACRO.plural: "macros", TABLE.plural: "tables"}
 _ACTION, _DELAY, _MACRO = 0, 1, 2
+_CALLED = {_ACTION: "action", _MACRO: "macro"}
 
 
 def configure(command: str, parser: argparse.ArgumentParser) -> None:
@@ -135,7 +136,8 @@ def _does(command: MacroCommand, captions: Mapping[tuple[int, int], str]) -> str
     if command.type == _DELAY:
         does = f"wait {command.command_id / 1000:g} s"
     else:
-        does = captions.get((command.type, command.command_id)) or f"type {command.type} {command.command_id}"
+        word = _CALLED.get(command.type, f"command of type {command.type}:")
+        does = captions.get((command.type, command.command_id)) or f"{word} {command.command_id}"
     times_over = f" {command.loop} times" if command.loop != 1 else ""
     return does + times_over + (f" at {command.ratio} %" if command.ratio != 100 else "")
 
