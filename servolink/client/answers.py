@@ -79,7 +79,7 @@ class Answers:
         if (pending := lane.pending) is not None:
             self._over(lane, pending)
             _fail(pending, overtaken(pending.request))
-        lane.owed = sending
+        self._lanes.owe(lane, sending)
 
     def next_answer(self) -> asyncio.Future[None]:
         """Return a future that is done at the next answer to any sending, late or not, and when the link ends."""
@@ -146,7 +146,7 @@ class Answers:
             self.stats.late_replies += 1
             lane.late = packet
             return
-        self.stats.round_trips.append(self._now() - sending.sent_at)
+        self.stats.round_trips.append(self._heard_at - sending.sent_at)
         self._over(lane, sending)
         if not sending.answer.done():
             sending.answer.set_result(packet)
@@ -162,7 +162,7 @@ class Answers:
                 self._turns.give_back(lane)
 
     def _unanswered(self, lane: Lane, pending: Pending) -> None:
-        lane.owed = pending
+        self._lanes.owe(lane, pending)
         if isinstance(pending.request, ClearAllDataRequest):
             self._lanes.fence_first = pending.number  # done late, it would wipe whatever is sent now
         self._over(lane, pending)

@@ -14,13 +14,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
+from msgspec import Struct
+
 from servolink.errors import DecodeError
 from servolink.protocol.packet import Packet, Request, Response
 from servolink.protocol.registry import PACKETS
 
 
-@dataclass(slots=True, eq=False)
-class Pending:
+class Pending(Struct, eq=False):
     """One sending that waits for its answer."""
 
     request: Request[Any]
@@ -71,6 +72,8 @@ class Lanes:
     )
     sent: int = 0
     """How many sendings there have been."""
+    owing: set[Lane] = field(default_factory=set)
+    """Those on which an answer is still owed."""
     fence_first: int = 0
     """Number of an unanswered sending that nothing may follow before it is known to be over; 0: none."""
 
@@ -93,10 +96,16 @@ class Lanes:
         """Tell whether a fence must come before the next sending on `lane`."""
         return bool(self.fence_first) or (lane is not None and lane.owed is not None)
 
+    def owe(self, lane: Lane, sending: Pending) -> None:
+        """Note that the answer to `sending` may still come."""
+        lane.owed = sending
+        self.owing.add(lane)
+
     def answered(self, number: int) -> None:
         """Note that sending `number` was answered, so that nothing sent up to it is owed any more."""
-        for lane in self.by_response_id.values():
-            if lane.owed is not None and lane.owed.number <= number:
+        if self.owing:
+            for lane in [lane for lane in self.owing if lane.owed is not None and lane.owed.number <= number]:
                 lane.owed = None
+                self.owing.discard(lane)
         if self.fence_first <= number:
             self.fence_first = 0

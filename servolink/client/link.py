@@ -63,12 +63,9 @@ class Link:
         self._lanes = Lanes()
         self._turns = Turns(window)
         self._fences = deque(FENCES)
-        self.answers = Answers(transport.url, codec, self._lanes, self._turns, self._loop.time, stats or Stats())
-
-    @property
-    def stats(self) -> Stats:
+        self.stats = stats or Stats()
         """What the link has seen."""
-        return self.answers.stats
+        self.answers = Answers(transport.url, codec, self._lanes, self._turns, self._loop.time, self.stats)
 
     async def open(self) -> None:
         """Open the transport; OpenError says what to do."""
@@ -97,7 +94,9 @@ class Link:
         frame = self.codec.encode(packet, exact=exact)
         lane = self._lanes.of(packet)
         stops = self.stops
-        await self._take_turn(lane, alone=isinstance(packet, ClearAllDataRequest), first=first)
+        alone = isinstance(packet, ClearAllDataRequest)
+        if self.answers.ended is not None or not self._turns.take_at_once(lane, alone=alone):
+            await self._take_turn(lane, alone=alone, first=first)
         try:
             answer = await self._exchange(packet, frame, lane, timeout or self._timeout, retries, stops)
         finally:
@@ -118,7 +117,8 @@ class Link:
                 await self._fence(None, self._loop.time() + patience)
                 if self._lanes.in_doubt(None):
                     raise timed_out(packet, self.transport.url, 0, patience, self.stats)
-            self._refuse_if_stopped(packet, stops)
+            if stops != self.stops:
+                self._refuse_if_moving(packet)
             await self._write(frame)
         finally:
             self._turns.give_back(None)
@@ -127,7 +127,7 @@ class Link:
         """Send `packet` before everything else, without waiting for anything, not even its answer."""
         self._raise_if_ended()
         self.stops += 1
-        self.answers.overtake(self._lanes.of(packet), self._sending(packet, self._timeout))
+        self.answers.overtake(self._lanes.of(packet), self._sending(packet, self._timeout, self._loop.time()))
         await self._write(self.codec.encode(packet))
 
     async def _take_turn(self, lane: Lane | None, *, alone: bool = False, first: bool = False) -> None:
@@ -140,12 +140,13 @@ class Link:
     async def _exchange(
         self, packet: Request[Any], frame: bytes, lane: Lane, timeout: float, retries: int | None, stops: int
     ) -> Response:
-        begun = self._loop.time()
-        repeats = 0 if not isinstance(packet, Query) else self._retries if retries is None else retries
+        now = begun = self._loop.time()
+        asks = isinstance(packet, Query)
+        repeats = 0 if not asks else self._retries if retries is None else retries
         until = begun + timeout * (max(repeats, self._retries) + 1)
         fault: DecodeError | None = None
         tries = 0
-        while tries <= repeats and (tries == 0 or self._loop.time() < until):
+        while tries <= repeats and (tries == 0 or now < until):
             if self._lanes.in_doubt(lane):
                 late = await self._fence(lane, until)
                 if late is not None and tries:  # the very answer that this query waited for
@@ -153,30 +154,28 @@ class Link:
                     return late
                 if self._lanes.in_doubt(lane):
                     break
-            self._refuse_if_stopped(packet, stops)
+                now = self._loop.time()
+            if stops != self.stops:
+                self._refuse_if_moving(packet)
             tries += 1
-            self.stats.retries += tries > 1
-            left = until - self._loop.time()
-            if isinstance(packet, Query) and left > 0:  # a change, or what a stall delayed, gets its whole time
-                timeout = min(timeout, left)
-            pending = await self._send_pending(packet, frame, lane, timeout)
+            if tries > 1:
+                self.stats.retries += 1
+            if asks and now < until < now + timeout:  # a change, or what a stall delayed, gets its whole time
+                timeout = until - now
+            pending = self._sending(packet, timeout, now)
+            self.answers.expect(lane, pending)
+            await self._write(frame)
             answer = await pending.answer
             if answer is not None:
                 return answer
             fault = pending.fault
+            now = self._loop.time()
         waited = self._loop.time() - begun
-        if tries and not isinstance(packet, Query):
+        if tries and not asks:
             raise outcome_unknown(packet, self.transport.url, waited)
         raise fault or timed_out(packet, self.transport.url, tries, waited, self.stats)
 
-    async def _send_pending(self, packet: Request[Any], frame: bytes, lane: Lane, timeout: float) -> Pending:
-        pending = self._sending(packet, timeout)
-        self.answers.expect(lane, pending)
-        await self._write(frame)
-        return pending
-
-    def _sending(self, packet: Request[Any], timeout: float) -> Pending:
-        now = self._loop.time()
+    def _sending(self, packet: Request[Any], timeout: float, now: float) -> Pending:
         return Pending(packet, self._lanes.next_number(), now, now + timeout, timeout, self._loop.create_future())
 
     async def _write(self, frame: bytes) -> None:
@@ -189,11 +188,11 @@ class Link:
             self.answers.lost(error)
             raise
 
-    def _refuse_if_stopped(self, packet: Request[Any] | Command, stops: int) -> None:
+    def _refuse_if_moving(self, packet: Request[Any] | Command) -> None:
         moves = isinstance(packet, (ExecuteActionRequest, ExecuteActionExRequest, ExecuteMacroRequest)) or (
             isinstance(packet, SetServoParameterRequest) and packet.is_start == 1
         )
-        if moves and stops != self.stops:
+        if moves:
             raise RequestError(f"{type(packet).__name__} was not sent: a stop came first", packet)
 
     async def _fence(self, own: Lane | None, until: float) -> Response | None:
@@ -223,8 +222,10 @@ class Link:
         """Send a fence, which has time until `until`, and wait until it is over or is no longer needed."""
         self.stats.fences += 1
         try:
-            patience = min(self._timeout, until - self._loop.time())
-            pending = await self._send_pending(query, self.codec.encode(query), lane, patience)
+            now = self._loop.time()
+            pending = self._sending(query, min(self._timeout, until - now), now)
+            self.answers.expect(lane, pending)
+            await self._write(self.codec.encode(query))
             while not pending.answer.done() and self._lanes.in_doubt(own):
                 await self._wait(None, pending.answer, self.answers.next_answer())
         finally:

@@ -27,10 +27,16 @@ class Turns:
         self._busy: set[Lane] = set()
         self._waiting: list[_Waiting] = []
 
+    def take_at_once(self, lane: Lane | None, *, alone: bool = False) -> bool:
+        """Take a turn if nobody has to be waited for."""
+        free = not self._waiting and self._may(lane, alone=alone)
+        if free:
+            self._start(lane, alone=alone)
+        return free
+
     async def take(self, lane: Lane | None, *, alone: bool = False, first: bool = False) -> None:
         """Wait for a turn: on `lane` (None: nothing is awaited), `alone` with no other, or `first` of all who wait."""
-        if not self._waiting and self._may(lane, alone=alone):
-            self._start(lane, alone=alone)
+        if self.take_at_once(lane, alone=alone):
             return
         waiting = _Waiting(lane, alone, asyncio.get_running_loop().create_future())
         self._waiting.insert(0 if first else len(self._waiting), waiting)
@@ -52,7 +58,8 @@ class Turns:
         self._alone = False
         if lane is not None:
             self._busy.discard(lane)
-        self._grant()
+        if self._waiting:
+            self._grant()
 
     def borrow(self, lanes: Iterable[Lane]) -> Lane | None:
         """Use the first of `lanes` that is idle, within a turn one already has; None if all are in use."""

@@ -45,7 +45,7 @@ def test_only_lanes_with_a_sending_are_pending() -> None:
 def test_a_lane_is_in_doubt_while_something_is_owed_on_it() -> None:
     async def main() -> None:
         lanes = Lanes()
-        lanes.of(MEMORY).owed = sending(lanes, MEMORY)
+        lanes.owe(lanes.of(MEMORY), sending(lanes, MEMORY))
         assert lanes.in_doubt(lanes.of(MEMORY))
         assert not lanes.in_doubt(lanes.of(POWER))
         assert not lanes.in_doubt(None)
@@ -66,7 +66,7 @@ def test_an_answer_settles_what_was_sent_up_to_it_and_nothing_later() -> None:
     async def main() -> None:
         lanes = Lanes()
         for request in (PROJECT, MEMORY, POWER):
-            lanes.of(request).owed = sending(lanes, request)
+            lanes.owe(lanes.of(request), sending(lanes, request))
         lanes.fence_first = 3
         lanes.answered(2)
         assert [lanes.of(request).owed is None for request in (PROJECT, MEMORY, POWER)] == [True, True, False]
