@@ -31,19 +31,16 @@ class _Port(serial.Serial):  # type: ignore[misc]
     failed: Callable[[Exception], None]
 
     def read(self, size: int = 1) -> bytes:
-        if data := self._read_at_once(size):
-            return data
+        """Read what pyserial-asyncio was told is there; if it is not, pyserial finds out why, with `select`."""
+        try:  # on Windows, where a port has no descriptor, this fails with an OSError too
+            if data := os.read(self.fileno(), size):
+                return data
+        except OSError:
+            pass
         try:
             return bytes(super().read(size))
         except serial.SerialException as error:
             self.failed(error)
-            return b""
-
-    def _read_at_once(self, size: int) -> bytes:
-        """Read as someone who was told that there is something; if not, pyserial finds out why, with `select`."""
-        try:  # on Windows, where a port has no descriptor, this fails with an OSError too
-            return os.read(self.fileno(), size)
-        except OSError:
             return b""
 
     def write_at_once(self, data: bytes) -> int:

@@ -272,6 +272,25 @@ async def test_bytes_that_are_not_there_after_all_are_no_end() -> None:
 
 
 @on_loop
+async def test_a_read_that_fails_is_the_end_and_no_noise(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(*_: object) -> bytes:
+        raise OSError(errno.EIO, "Input/output error")
+
+    async with PtyWire() as wire:
+        ear = await wire.open()
+        wire.deafen()
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "read", fail)
+            await wire.say(b"x")
+            error = await ear.end()
+        assert isinstance(error, ConnectionLost)
+        assert "unplugged" in str(error)
+        assert caplog.records == []
+
+
+@on_loop
 async def test_a_write_that_fails_is_the_end_and_no_noise(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
