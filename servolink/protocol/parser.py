@@ -12,8 +12,10 @@ into the padding after it; or, on a line that was damaged lately, there are whol
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from functools import cache
 from struct import Struct
-from typing import Literal
+from typing import Literal, cast
 from zlib import adler32
 
 from servolink.protocol.frame import (
@@ -43,6 +45,11 @@ _Entry = tuple[int, int, int, Struct | Literal[False] | None]
 """What a header implies: where the checksum stands, packet id, the header's share of the sum, and how to cut the
 content to sum it: not at all, into pieces, or (False) into blocks that are remembered."""
 
+_Cut = Callable[[bytes, int], tuple[bytes, int, bytes]]
+"""Cuts a buffer, where a frame of a known length begins, into content, checksum and the next header."""
+_Short = tuple[int, int, int, _Cut]
+"""What the header of a short frame implies: its size, packet id, the header's share of the sum, and how to cut it."""
+
 
 class FrameParser:
     """Incremental parser for frames of every packet, requests and responses."""
@@ -55,6 +62,7 @@ class FrameParser:
         self.skipped: dict[str, int] = dict.fromkeys(REASONS, 0)
         """Bytes skipped so far, by reason."""
         self._entries: dict[bytes, _Entry] = {}
+        self._short: dict[bytes, _Short] = {}  # few: lengths up to 256, and most packets have only one
         self._held: bytes | bytearray = b""  # the incomplete rest; a bytearray while it grows in small steps
         self._needed = 0  # how long it must get before another look is worth it
         self._reason = PADDING
@@ -67,14 +75,14 @@ class FrameParser:
         self._wary = 0  # so many more frames are searched for whole frames inside
         self._looks_back = True
         self._replay = 0  # so many bytes at the front of the buffer belong to a frame that was believed already
-        self._blocks = BlockSums()
+        self._blocks: BlockSums | None = None
         self._kept: list[tuple[int, bytes, str]] | None = [] if keep_skipped else None
 
     def feed(self, chunk: bytes | bytearray | memoryview) -> list[Frame]:
         """Take the next bytes of the stream and return the frames that are now complete."""
         held = self._held
         if not held:
-            return self._scan(bytes(chunk), 0)
+            return self._scan(chunk if isinstance(chunk, bytes) else bytes(chunk), 0)
         if len(held) + len(chunk) < self._needed:
             if isinstance(held, bytes):
                 held = self._held = bytearray(held)
@@ -84,16 +92,16 @@ class FrameParser:
 
     def give_up(self) -> list[Frame]:
         """Stop waiting for the rest of a begun frame and return the frames found inside it."""
-        if len(self._held) < HEADER_SIZE:
-            return []  # it has claimed no length yet, so it holds nothing back
         data = bytes(self._held)
+        if len(data) < HEADER_SIZE:
+            return self._scan(data, 0)  # it has claimed no length yet, and may be no frame at all
         self._reason, self._last, self._in_sync = INCOMPLETE, None, False
         self._skip(data, 0, len(MAGIC), [])
         return self._scan(data, len(MAGIC))
 
     def finish(self) -> list[Frame]:
         """End the stream: return the last frames and skip what never became one."""
-        frames: list[Frame] = []
+        frames = self._scan(bytes(self._held), 0) if len(self._held) < HEADER_SIZE else []
         while len(self._held) >= HEADER_SIZE:
             earlier = self.take_skipped() if self._kept else []
             found = self.give_up()
@@ -117,28 +125,31 @@ class FrameParser:
         taken, self._kept = self._kept or [], []
         return taken
 
-    def _scan(self, data: bytes, at: int) -> list[Frame]:  # noqa: C901, PLR0912 - a call per frame would double its cost
+    def _scan(self, data: bytes, at: int) -> list[Frame]:  # noqa: C901, PLR0912, PLR0915 - a call per frame would double its cost
         """Collect the frames of `data` from `at` on and hold the incomplete rest."""
         frames: list[Frame] = []
         known = self._entries.get
         settled = 0  # frames before the last loss of sync
         wary = self._wary
         length = len(data)
+        if length > _MANY and not wary:
+            at = self._run(data, at, frames)
         while True:
-            entry = known(data[at : at + HEADER_SIZE])
+            body = at + HEADER_SIZE
+            entry = known(data[at:body])
             if entry is not None:
                 last, packet_id, total, pieces = entry
                 end = at + last
                 if end >= length:
                     needed = last + 1
                     break
-                content = data[at + HEADER_SIZE : end]
+                content = data[body:end]
                 if pieces is None:
                     total += adler32(content)
                 elif pieces:
                     total += content_sum(content, pieces)
                 else:
-                    total += self._blocks.sum(data, at + HEADER_SIZE, end)
+                    total += self._block_sums().sum(data, body, end)
                 if total & 0xFF == data[end]:
                     frames.append((packet_id, content))
                     at = end + 1
@@ -148,7 +159,8 @@ class FrameParser:
                             self._believed(frames[-1], at)
                             frames += self._swallowed()
                             settled = len(frames)
-                    continue
+                    if at < length:
+                        continue
             if at == length:
                 needed = 1
                 break
@@ -165,8 +177,33 @@ class FrameParser:
             self._believed(frames[-1], at)
         self._wary = wary
         self.frames += len(frames)
-        self._hold(data, at, needed)
+        self._held = data[at:]
+        self._needed = needed
+        if self._replay:
+            self._replay = max(0, self._replay - at)
+        if self._blocks is not None:
+            self._blocks.move(at)
         return frames
+
+    def _run(self, data: bytes, at: int, frames: list[Frame]) -> int:
+        """Collect short frames one behind the other, but for the last, and return where they end.
+
+        One call cuts content, checksum and the next header, which is a fifth faster than three.
+        """
+        known = self._short.get
+        room = len(data) - HEADER_SIZE
+        header = data[at : at + HEADER_SIZE]
+        while (short := known(header)) is not None:
+            size, packet_id, total, cut = short
+            end = at + size
+            if end > room:
+                break
+            content, check, header = cut(data, at)
+            if total + adler32(content) & 0xFF != check:
+                break
+            frames.append((packet_id, content))
+            at = end
+        return at
 
     def _believed(self, frame: Frame, end: int) -> None:
         """Note that `frame` ends at `end`, in sync."""
@@ -180,18 +217,11 @@ class FrameParser:
         self._zeros = 0
         self._reason = PADDING
 
-    def _hold(self, data: bytes, at: int, needed: int) -> None:
-        self._held = data[at:]
-        self._needed = needed
-        if self._replay:
-            self._replay = max(0, self._replay - at)
-        self._blocks.move(at)
-
     def _recover(self, data: bytes, at: int, frames: list[Frame], *, damaged: bool) -> tuple[bytes, int, int]:
         """Go on where no frame is: return buffer, position, and how many bytes are needed there (0: scan on)."""
         head = data[at : at + HEADER_SIZE]
         if len(head) < HEADER_SIZE and MAGIC.startswith(head[: len(MAGIC)]):
-            return data, at, HEADER_SIZE if len(head) >= len(MAGIC) else len(head) + 1
+            return data, at, HEADER_SIZE  # before which no frame can be known
         self._in_sync = False
         if head.startswith(MAGIC):
             reason = CHECKSUM if damaged else self._admit(head)
@@ -262,8 +292,14 @@ class FrameParser:
         if start >= len(again):
             return data, at
         self._replay = len(again)
-        self._blocks.move(at - len(again))
+        if self._blocks is not None:
+            self._blocks.move(at - len(again))
         return again + data[at:], start
+
+    def _block_sums(self) -> BlockSums:
+        if self._blocks is None:
+            self._blocks = BlockSums()
+        return self._blocks
 
     def _admit(self, header: bytes) -> str:
         """Learn what `header` implies; return why it cannot be one, empty if it can."""
@@ -278,6 +314,8 @@ class FrameParser:
         pieces: Struct | Literal[False] | None = piecewise(length) if length <= _LONG else False
         total = sum(header) - (pieces is None)  # adler32, which sums what is in one piece, begins at one
         self._entries[header] = length + HEADER_SIZE, packet_id, total, pieces
+        if pieces is None:
+            self._short[header] = length + OVERHEAD, packet_id, total, _cutter(length)
         return ""
 
     def _skip(self, data: bytes, start: int, end: int, frames: list[Frame]) -> None:
@@ -291,8 +329,17 @@ class FrameParser:
             self._kept.append((len(frames), data[start:end], self._reason))
 
 
+_COMPILED = not __file__.endswith((".py", ".pyc"))
+_MANY = (
+    1 << 60 if _COMPILED else 512
+)  # bytes of a chunk that is worth a run; compiled, three cuts cost less than a call
 _ROOMY = 2 * HEADER_SIZE  # where the checksum of a frame stands that has room for another
 _WARY = 256
+
+
+@cache
+def _cutter(length: int) -> _Cut:
+    return cast("_Cut", Struct(f"{HEADER_SIZE}x{length}sB{HEADER_SIZE}s").unpack_from)
 
 
 def _next_magic(data: bytes, start: int) -> int:

@@ -1,0 +1,51 @@
+"""Long chunks of a clean line are cut faster, a run of frames at a time; nothing else may differ."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+
+from benchmarks.streams import any_frame, chunks, damaged_line
+from servolink.protocol.frame import Frame, encode_frame
+from servolink.protocol.parser import CHECKSUM, NOISE, PADDING, FrameParser
+from servolink.protocol.servos import QueryServoRequest
+
+GOOD = encode_frame(QueryServoRequest.packet_id, b"\x07", "little")
+FOUND: Frame = (QueryServoRequest.packet_id, b"\x07")
+WRONG_SUM = GOOD[:-1] + bytes([GOOD[-1] ^ 1])
+
+
+def acquainted(parser: FrameParser, frames: list[bytes]) -> FrameParser:
+    """Return `parser` after it has met all these headers, on a line that is not damaged."""
+    for frame in frames:
+        assert len(parser.feed(frame)) == 1
+    return parser
+
+
+@pytest.mark.parametrize(
+    ("between", "reasons"),
+    [(b"", {}), (WRONG_SUM, {CHECKSUM: len(WRONG_SUM)}), (b"noise", {NOISE: 5}), (bytes(9), {PADDING: 9})],
+)
+@pytest.mark.parametrize("end", [b"", GOOD[:3], GOOD[:-1]])
+def test_a_run_ends_at_what_is_no_frame_and_before_what_is_incomplete(
+    between: bytes, reasons: dict[str, int], end: bytes
+) -> None:
+    parser = acquainted(FrameParser(), [GOOD])
+    assert parser.feed(GOOD * 100 + between + GOOD * 100 + end) == [FOUND] * 200
+    assert parser.feed(GOOD[len(end) :]) == [FOUND]
+    assert {reason: count for reason, count in parser.skipped.items() if count} == reasons
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_run_finds_what_small_chunks_do(seed: int) -> None:
+    random = Random(seed)
+    corpus = [any_frame(random, "little") for _ in range(100)]
+    clean = b"".join(random.choices(corpus, k=2000))
+    stream = clean + damaged_line(random, 50, "little")[0] + GOOD * 300 + clean
+    found = []
+    for size in (100, 600, 4096, len(stream)):
+        parser = acquainted(FrameParser(), corpus)
+        frames = [frame for chunk in chunks(stream, size) for frame in parser.feed(chunk)]
+        found.append((frames + parser.finish(), parser.skipped))
+    assert found[1:] == found[:1] * 3
