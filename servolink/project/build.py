@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import msgspec
 
 from servolink.errors import ProjectError
+from servolink.project.check import problems
 from servolink.project.kinds import Kind
 from servolink.project.model import Project
 from servolink.project.records import (
@@ -55,7 +56,12 @@ def with_parts(
         servo_parameters=tuple(parameters.values()),
         active_joystick_table=project.active_joystick_table if active is None else ids[0],
     )
-    return _timed(built, {one.macro_id for one in project.macros})
+    built = _timed(built, {one.macro_id for one in project.macros})
+    had = {str(problem) for problem in problems(project)}
+    errors = [str(one) for one in problems(built) if one.severity == "error" and str(one) not in had]
+    if errors:
+        raise ProjectError(errors[0] + (f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""))
+    return built
 
 
 class _Building:

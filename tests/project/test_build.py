@@ -145,6 +145,31 @@ def test_buttons_start_macros_only(started: Any) -> None:
         Button.of(1, long_press=started)
 
 
+@pytest.mark.parametrize(
+    ("part", "text"),
+    [
+        (Action.pose("Up", {1: 40000}), r"actions\[0\].steps\[0\].degree: 40000 is outside -32768..32767"),
+        (Action.pose("Up", {1: 1.5}), "1.5 is no integer"),  # type: ignore[dict-item]
+        (Action.pose("Up", {300: 1}), "300 is outside"),
+        (Action.pose("x" * 33, {}), "33"),
+        (Action.pose("\x1b", {}), "control characters"),
+        (Action.pose(3, {}), "3 is no text"),  # type: ignore[arg-type]
+        (Macro.of("M", MacroCommand.of(UP, ratio=0)), "ratio_percent: 0 is outside 1..100"),
+        (JoystickTable.of("T", Button.of(-1)), "-1 is outside"),
+    ],
+)
+def test_what_no_board_takes_is_refused_with_its_place(part: Any, text: str) -> None:
+    with pytest.raises(ProjectError, match=text):
+        Project.of(part)
+
+
+def test_what_was_wrong_before_does_not_matter() -> None:
+    odd = Project(actions=(Action(9, "\x07"),))
+    assert len(odd.adding(UP).actions) == 2
+    with pytest.raises(ProjectError, match=r"actions\[1\]"):
+        odd.adding(Action.pose("\x07", {1: 1}))
+
+
 def test_a_macro_of_numbered_parts_can_be_sent_as_it_is() -> None:
     numbered = Macro.of("M", Action(3, "A"), macro_id=2)
     frame = Codec().encode(AddMacroRequest(numbered.macro_id, numbered.macro_caption, numbered.commands))

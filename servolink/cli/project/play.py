@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import asyncio
 import shutil
 from typing import TYPE_CHECKING, Any
 
@@ -69,6 +68,8 @@ def _rehearsal(project: Project) -> Rehearsal:
 
 async def _show(rehearsal: Rehearsal, record: Action | Macro, timeline: Timeline) -> int:
     """Draw the servos on their way, in the time that it takes."""
+    import asyncio
+
     from servolink.cli.motion import live_bars
 
     loop = asyncio.get_running_loop()
