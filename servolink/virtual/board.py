@@ -133,15 +133,15 @@ class VirtualBoard:
 
     def advance(self, now: float) -> None:
         """Bring everything that goes on by itself up to `now`; a time before the last one changes nothing."""
-        if self._now is None:
-            self._now = now
         while (due := self._due()) is not None and due <= now:
             self._buttons.advance(due)
             self.player.advance(due, now)
-        for servo in self.servos.values():
-            servo.advance(now)
-        self._drain(max(0.0, now - self._now))
-        self._now = max(self._now, now)
+        last = self._now
+        if last is None or now > last:
+            for servo in self.servos.values():
+                servo.advance(now)
+            self._drain(0.0 if last is None else now - last)
+            self._now = now
 
     def next_due(self, now: float) -> float | None:
         """Return when `advance` has something to do by itself, never before `now`; None if nothing is under way."""

@@ -159,4 +159,5 @@ class Storage:
 
     def _with(self, kind: Kind, records: tuple[Record, ...]) -> Contents:
         """Return the contents with other records of one kind."""
-        return replace(self.contents, records={**self.contents.records, kind: records})
+        now = self.contents
+        return Contents({**now.records, kind: records}, now.project_id, now.chosen_table)
