@@ -51,7 +51,8 @@ class VirtualBoard:
 
     There is no clock in the board, so a write takes no time, and is under way as long as its answer is: from the last
     byte of the request until the host has all of the answer. When the power goes in between, a board that is not
-    `torn` has done it, and of one that is anything may be left that `servolink.virtual.tearing` says.
+    `torn` has done it, and of one that is anything may be left that `servolink.virtual.tearing` says. Of several writes
+    that a host asked for at once, those before the last are done.
     """
 
     def __init__(
@@ -66,7 +67,7 @@ class VirtualBoard:
         torn: bool = False,
         reboot: bool = False,
     ) -> None:
-        """Boards with the same `seed` are the same; ValueError for less than 0 or more than 254 servos."""
+        """Boards with the same `seed` are the same, also in how they tear; ValueError names a value out of range."""
         if not 0 <= servos <= MOST_SERVOS:
             raise ValueError(f"{servos} servos are outside 0..{MOST_SERVOS}")
         self._random = random = Random(seed)  # noqa: S311 - servos that differ a little, no secrets

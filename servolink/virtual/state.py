@@ -56,8 +56,8 @@ def save_state(board: VirtualBoard, path: Path) -> None:
 def load_state(board: VirtualBoard, path: Path) -> None:
     """Put what `path` holds into `board`, in place of what it keeps; nothing if there is no such file.
 
-    Records come back as they were, doubles and torn ones too, whatever this board does with such.
-    OpenError if the file cannot be read, is no state of a board, or does not fit this one.
+    Records come back as they were, doubles and torn ones too, whatever this board does with such. OpenError if the file
+    cannot be read, is no state of a board, or does not fit this one, which is then as it was.
     """
     name = printable(str(path))
     try:
@@ -70,9 +70,10 @@ def load_state(board: VirtualBoard, path: Path) -> None:
         raise OpenError(f"{name}: is no saved board: {printable(str(error))}; delete it to begin anew") from error
     if state.byte_order != board.codec.byte_order:
         raise OpenError(f"{name}: was saved by a {state.byte_order}-endian board; use --byte-order {state.byte_order}")
-    board.storage.contents = Contents()
+    before, board.storage.contents = board.storage.contents, Contents()
     for at, request in enumerate(state.requests):
         if problem := _store(board, request):
+            board.storage.contents = before
             raise OpenError(f"{name}: requests[{at}]: {problem}")
     board.battery = state.battery
     for servo_id, angle in state.angles.items():

@@ -127,9 +127,12 @@ MACRO = Codec().encode(AddMacroRequest(1, "", (MacroCommand(1),)))
 )
 def test_bad_files_are_refused_with_the_reason(tmp_path: Path, changes: dict[str, object], text: str) -> None:
     path = _saved(tmp_path, **changes)
+    board = VirtualBoard(servos=1)
+    board.storage.project_id = 5
     with pytest.raises(OpenError, match=text) as caught:
-        load_state(VirtualBoard(servos=1), path)
+        load_state(board, path)
     assert str(path) in str(caught.value)
+    assert board.storage.project_id == 5
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"{", b"[]", b'{"byte_order": "little"}'])
