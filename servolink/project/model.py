@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta, Struct
@@ -11,9 +11,6 @@ from msgspec import Meta, Struct
 from servolink.protocol.editing import Action, Macro, ServoParameter
 from servolink.protocol.fields import I32
 from servolink.protocol.joystick import JoystickTable
-
-if TYPE_CHECKING:
-    from servolink.project.build import Part
 
 UNFINISHED = range(0x7A00_0000, 0x7A10_0000)
 """Project ids that mean "an import is under way"; the number within says which (see `journal`)."""
@@ -31,7 +28,7 @@ class Project(Struct, frozen=True, forbid_unknown_fields=True):
 
     @staticmethod
     def of(
-        *parts: Part,
+        *parts: Action | Macro | JoystickTable | ServoParameter,
         project_id: int = 0,
         captions: Mapping[int, str] | None = None,
         active: JoystickTable | None = None,
@@ -45,7 +42,10 @@ class Project(Struct, frozen=True, forbid_unknown_fields=True):
         return Project(project_id).adding(*parts, captions=captions, active=active)
 
     def adding(
-        self, *parts: Part, captions: Mapping[int, str] | None = None, active: JoystickTable | None = None
+        self,
+        *parts: Action | Macro | JoystickTable | ServoParameter,
+        captions: Mapping[int, str] | None = None,
+        active: JoystickTable | None = None,
     ) -> Project:
         """Return this project with more in it, as `of` does; what it has already is not added again."""
         from servolink.project.build import with_parts
