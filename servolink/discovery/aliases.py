@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
-import platformdirs
 
 from servolink.atomic import write_atomically
 from servolink.errors import TransportUnavailable
@@ -38,6 +36,8 @@ def is_name(text: str) -> bool:
 
 def aliases_path() -> Path:
     """Return where the names are kept."""
+    import platformdirs  # most programs start without asking where it is
+
     return platformdirs.user_config_path("servolink", appauthor=False) / "boards.toml"
 
 
@@ -63,6 +63,8 @@ def save_alias(name: str, alias: Alias) -> None:
 
 
 def _parsed(text: str) -> dict[str, Alias]:
+    import tomllib  # as platformdirs: only where there are names
+
     aliases = msgspec.convert(tomllib.loads(text), _File).boards
     for name in aliases:
         if not is_name(name):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
-from typing import NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
 
 from servolink.errors import TransportError, TransportUnavailable
 from servolink.printable import printable
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 PLUG_INS = "servolink.transports"
 """The entry-point group in which other packages name their schemes."""
@@ -40,6 +42,9 @@ def create(url: str) -> Transport:
     address = Address.parse(url)
     if kind := _KINDS.get(address.scheme):
         return _load(address, kind)(address)
+
+    from importlib.metadata import entry_points  # brings half of the email package
+
     plug_ins = entry_points(group=PLUG_INS)
     if address.scheme in plug_ins.names:
         return _from_plug_in(address, plug_ins[address.scheme])
