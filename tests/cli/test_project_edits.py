@@ -125,6 +125,17 @@ class TestOutput:
     def test_where_it_goes_is_said_once(self, options: tuple[str, ...], run: Folder) -> None:
         assert run("rename", "robot", "action", "2", "Yes", *options).code == 2
 
+    def test_a_board_is_only_read(self, run: Folder) -> None:
+        said = run("rename", "virtual://", "servo", "1", "arm", "-o", "=out")
+        assert said.code == 0
+        assert run.load("out") == Project(servo_parameters=(ServoParameter(1, 0, "arm"),))
+        refused = run("rename", "virtual://", "servo", "1", "arm", "--in-place")
+        assert (refused.code, "`servolink apply`" in refused.err) == (2, True)
+        assert run("scale-time", "virtual://", "2", "-o", "=slow").code == 0
+        assert run("merge", "virtual://", "robot", "-o", "=both").code == 0
+        assert run.load("both") == HUMANOID
+        assert run("mirror", "virtual://", "1", "-o", "=image").code == 1
+
     def test_a_project_that_is_wrong_elsewhere_can_be_repaired(self, run: Folder) -> None:
         run.save("odd", msgspec.structs.replace(HUMANOID, actions=(RAISE, Action(2, "\x07"))))
         assert run("rename", "odd", "servo", "5", "head", "--in-place").code == 1

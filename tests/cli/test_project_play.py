@@ -8,6 +8,7 @@ import msgspec
 import pytest
 
 from servolink.cli.output import text_width
+from servolink.cli.project import play
 from servolink.cli.project.chart import chart
 from servolink.project.file import save_project
 from servolink.project.model import Project
@@ -183,3 +184,14 @@ def test_a_chart_fits(seconds: float, width: int) -> None:
     assert all(text_width(line) <= max(width, 49) for line in lines)
     assert "0 s" in lines[0]
     assert lines[1].endswith("]")
+
+
+def test_ctrl_c_ends_the_show(file: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    async def interrupted(*_: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(play, "is_terminal", lambda: True)
+    monkeypatch.setattr(play, "_show", interrupted)
+    said = call(capsys, "project", "play", file, "Nod")
+    assert (said.code, said.out) == (130, "")
+    assert said.err == "interrupted: only a virtual board was moved\n"

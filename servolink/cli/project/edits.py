@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from servolink.cli.project.source import add_source, with_project
 from servolink.cli.project.writing import add_output, write_edited
 from servolink.project.file import load_project
 from servolink.project.find import find
 from servolink.project.fix import fixed
 from servolink.project.kinds import ACTION, KINDS
 from servolink.project.merge import merged
+from servolink.project.model import Project
 from servolink.project.rename import renamed, renamed_servo
 from servolink.project.scale import scaled
 
@@ -21,7 +23,7 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
     """Add the options of `command`."""
     if command == "merge":
         parser.description = f"{parser.description} Where an id means two things, those of OTHER get new ids."
-    parser.add_argument("file", type=Path, metavar="FILE", help="a project file")
+    add_source(parser)
     if command == "scale-time":
         parser.add_argument("factor", type=float, metavar="FACTOR", help="2 takes twice as long, 0.5 half as long")
         parser.add_argument(
@@ -38,28 +40,28 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the edited project."""
-    return {"scale-time": _scale, "merge": _merge, "rename": _rename}[args.project_command](args)
+    edit = {"scale-time": _scaled, "merge": _merged, "rename": _renamed}[args.project_command]
+
+    def write(project: Project) -> int:
+        result, changes = edit(args, project)
+        return write_edited(args, project, result, changes)
+
+    return with_project(args, write)
 
 
-def _scale(args: argparse.Namespace) -> int:
-    project = load_project(args.file, exact=True)
+def _scaled(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
     actions = [find(project, name, (ACTION,)).action_id for name in args.actions]
     result, changes = scaled(project, args.factor, actions or None)
     result, fixes = fixed(result)
-    return write_edited(args, args.file, project, result, changes + fixes)
+    return result, changes + fixes
 
 
-def _merge(args: argparse.Namespace) -> int:
-    one, other = load_project(args.file, exact=True), load_project(args.other, exact=True)
-    result, changes = merged(one, other)
-    return write_edited(args, args.file, one, result, changes)
+def _merged(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
+    return merged(project, load_project(args.other, exact=True))
 
 
-def _rename(args: argparse.Namespace) -> int:
-    project = load_project(args.file, exact=True)
+def _renamed(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
     if args.kind == "servo":
-        result, changes = renamed_servo(project, args.id, args.caption)
-    else:
-        kind = next(kind for kind in KINDS if kind.word == _TABLE.get(args.kind, args.kind))
-        result, changes = renamed(project, kind, args.id, args.caption)
-    return write_edited(args, args.file, project, result, changes)
+        return renamed_servo(project, args.id, args.caption)
+    kind = next(kind for kind in KINDS if kind.word == _TABLE.get(args.kind, args.kind))
+    return renamed(project, kind, args.id, args.caption)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 import re
-from pathlib import Path
 
 from servolink.cli.main import refuse
+from servolink.cli.project.source import add_source, with_project
 from servolink.cli.project.writing import add_output, write_edited
-from servolink.project.file import load_project
 from servolink.project.find import find
 from servolink.project.kinds import ACTION, MACRO
 from servolink.project.mirror import Mirror, mirror_by_captions, mirrored
+from servolink.project.model import Project
 
 _PAIR = re.compile(r"([0-9]{1,3})=([0-9]{1,3})", re.ASCII)
 _HOW = """A servo that is built in as the mirror image of another turns the other way round, so each one takes the
@@ -22,7 +22,7 @@ partner of 'left knee' is 'right knee', of 'L knee' 'R knee', of 'l_knee' 'r_kne
 def configure(command: str, parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project mirror`."""
     parser.description = f"{parser.description} {_HOW}"
-    parser.add_argument("file", type=Path, metavar="FILE", help="a project file")
+    add_source(parser)
     parser.add_argument("records", nargs="+", metavar="NAME", help="caption or id of an action or a macro, action:3")
     parser.add_argument(
         "--map", type=_pairs, metavar="1=2,3=4", help="these pairs, not the captions; 5=5 for one that turns about"
@@ -35,7 +35,10 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the project with the mirror images."""
-    project = load_project(args.file, exact=True)
+    return with_project(args, lambda project: _mirror(args, project))
+
+
+def _mirror(args: argparse.Namespace, project: Project) -> int:
     records = [find(project, name, (ACTION, MACRO)) for name in args.records]
     if args.map is None:
         mirror = mirror_by_captions(project, records, args.same_sign)
@@ -46,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     result, changes = mirrored(project, records, mirror)
     pairs = sorted((one, other) for one, other in mirror.partners.items() if one <= other)
     said = [f"pairs: {', '.join(f'{one}={other}' for one, other in pairs)}", *changes]
-    return write_edited(args, args.file, project, result, said, pairs=pairs)
+    return write_edited(args, project, result, said, pairs=pairs)
 
 
 def _pairs(text: str) -> dict[int, int]:

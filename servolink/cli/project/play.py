@@ -49,7 +49,9 @@ def _play(args: argparse.Namespace, project: Project, *, with_bars: bool) -> int
     if with_bars:
         from servolink.cli.session import run_interruptible
 
-        ended = run_interruptible(lambda interruption: _show(_rehearsal(project), record, timeline), "only shown")
+        ended = run_interruptible(
+            lambda interruption: _show(_rehearsal(project), record, timeline), "only a virtual board was moved"
+        )
         if ended != OK:
             return ended
     if args.json:

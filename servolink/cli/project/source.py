@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from servolink.cli.main import OK
+from servolink.cli.main import OK, refuse
 from servolink.project.file import load_project
 from servolink.project.model import Project
 
@@ -22,9 +22,12 @@ def is_address(source: str) -> bool:
 
 
 def with_project(args: argparse.Namespace, then: Callable[[Project], int]) -> int:
-    """Read the project of `args.source` and return what `then` makes of it."""
+    """Read the project of `args.source` and return what `then` makes of it; a board is left as it is."""
     if not is_address(args.source):
         return then(load_project(Path(args.source), exact=True))
+
+    if getattr(args, "in_place", False):
+        refuse(args, "--in-place is for files; write into one with -o, and `servolink apply` writes it to a board")
 
     from servolink.cli.progress import shown_progress
     from servolink.cli.session import Interruption, converse

@@ -28,14 +28,12 @@ def add_force(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="replace a file that is there already")
 
 
-def write_edited(
-    args: argparse.Namespace, source: Path, before: Project, after: Project, changes: list[str], **more: Any
-) -> int:
+def write_edited(args: argparse.Namespace, before: Project, after: Project, changes: list[str], **more: Any) -> int:
     """Write `after` where `args` says, whole or not at all, and print what was changed.
 
     ProjectError if a board could not store it; nothing is written then.
     """
-    target: Path = source if args.in_place else args.output
+    target: Path = Path(args.source) if args.in_place else args.output
     is_new = not args.in_place or after != before
     if is_new:
         write_new(target, after, force=args.force or args.in_place)
