@@ -1,0 +1,27 @@
+"""What a bad line, a bad board and a busy program do to a conversation: `python -m benchmarks.reliability --help`.
+
+Everything is drawn from seeds and runs in virtual time, unless it says otherwise.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from benchmarks.measuring import Result
+
+PARTS = ("simulation", "framing", "sums", "stalls", "flood", "soak")
+"""Modules here, each with `run(*, short) -> Result`."""
+
+
+def run(*, short: bool) -> Result:
+    """Run all parts; the published figures come from longer runs of single parts."""
+    return together({part: import_module(f"benchmarks.reliability.{part}").run(short=short) for part in PARTS})
+
+
+def together(parts: dict[str, Result]) -> Result:
+    """Return one result for all parts."""
+    return {
+        "tables": [shown for part in parts.values() for shown in part["tables"]],
+        "wrong": [f"{name}: {fault}" for name, part in parts.items() for fault in part["wrong"]],
+        "parts": parts,
+    }

@@ -1,0 +1,86 @@
+"""Look for wrong answers, lost answers, things done twice and leaks; or live through one history again.
+
+`--seed N` alone shows the history of one seed. `--record` publishes the figures of a part; afterwards run
+`python -m benchmarks --report` and `python -m benchmarks.limits`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+
+from benchmarks.measuring import Result, machine
+from benchmarks.reliability import PARTS, flood, framing, simulation, soak, stalls, sums, together
+from benchmarks.reliability.history import STEPS, relive
+from benchmarks.report import FIGURES
+from servolink.printable import printable
+
+RECORD = FIGURES / "reliability.json"
+
+
+def main() -> int:
+    """Do what the arguments say; 1 if something is wrong."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.reliability", description=__doc__)
+    parser.add_argument("part", nargs="?", choices=PARTS, default="simulation")
+    parser.add_argument("--short", action="store_true", help="a slice that takes seconds")
+    parser.add_argument("--record", action="store_true", help="publish the figures")
+    parser.add_argument("--seed", type=int, metavar="N", help="live through the history of one seed and show its end")
+    parser.add_argument("--steps", type=int, default=STEPS, help="simulation: calls in a history")
+    parser.add_argument("--first", type=int, default=0, metavar="N", help="simulation: the first seed")
+    parser.add_argument("--histories", type=int, metavar="N", help="simulation: how many seeds")
+    parser.add_argument("--python", action="append", metavar="PATH", help="stalls: an interpreter to try, any number")
+    parser.add_argument("--real", action="store_true", help="stalls: also in real time, over a pseudo-terminal")
+    parser.add_argument("--hours", type=float, default=2.0, help="soak: for how long")
+    parser.add_argument("--virtual", action="store_true", help="soak: in virtual time, not over a pseudo-terminal")
+    args = parser.parse_args()
+    if args.seed is not None:
+        return _replay(args.seed, args.steps)
+    begun = time.monotonic()
+    result = _work(args)()
+    result |= {"machine": machine(), "seconds": round(time.monotonic() - begun), "command": sys.argv[1:]}
+    if args.record:
+        _record(args.part if args.part != "soak" or not args.virtual else "soak, virtual", result)
+    for fault in result["wrong"]:
+        print(f"wrong: {fault}", file=sys.stderr)
+    return 1 if result["wrong"] else 0
+
+
+def _work(args: argparse.Namespace) -> Callable[[], Result]:
+    pythons = tuple(args.python or [sys.executable])
+    work: dict[str, Callable[..., Result]] = {
+        "simulation": partial(simulation.run, first=args.first, histories=args.histories, steps=args.steps),
+        "framing": framing.run,
+        "sums": sums.run,
+        "stalls": partial(stalls.run, pythons=pythons, real=args.real),
+        "flood": flood.run,
+        "soak": partial(soak.run, hours=args.hours, virtual=args.virtual),
+    }
+    return partial(work[args.part], short=args.short)
+
+
+def _replay(seed: int, steps: int) -> int:
+    history = relive(seed, steps)
+    scene = history.scene
+    print(f"seed {seed}: {scene.line.name}; board: {scene.board.name}; {scene.callers} callers, window {scene.window}")
+    for when, event, what in history.latest:
+        print(f"{when:14.6f}  {event:16} {what.hex(' ') if isinstance(what, bytes) else printable(what)}")
+    print(f"{steps} calls in {history.seconds:.0f} s of virtual time: {dict(history.counts)}")
+    print(f"history {history.digest}")
+    for fault in history.faults:
+        print(f"wrong: {fault}", file=sys.stderr)
+    return 1 if history.faults else 0
+
+
+def _record(name: str, result: Result) -> None:
+    before = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {}
+    parts = before.get("reliability", {}).get("parts", {})
+    record = {"machine": machine(), "reliability": together(dict(sorted({**parts, name: result}.items())))}
+    RECORD.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

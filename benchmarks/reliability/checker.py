@@ -1,0 +1,197 @@
+"""The checker knows the truth about a conversation, and compares what each side made of it with that.
+
+It judges two things. Every answer that a caller got must be the one to a sending of that very call. Everything
+that the board did must have been asked, and what moves or changes something at most once for each call.
+"""
+
+from __future__ import annotations
+
+import contextvars
+import hashlib
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from struct import pack
+
+from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.packet import Packet, Query, Response
+from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest, SetServoParameterRequest
+from servolink.protocol.settings import ClearAllDataRequest
+from tests.client.numbered_board import numbered
+
+MOTION = (ExecuteActionRequest, ExecuteActionExRequest, ExecuteMacroRequest)
+ONCE = (*MOTION, ClearAllDataRequest)
+"""What must never happen twice."""
+_SHOWN = 30  # of the latest events
+_KEPT = 10_000  # of the latest sendings; nothing takes longer
+
+
+@dataclass(slots=True, eq=False)
+class Call:
+    """One call of the program under test."""
+
+    step: int
+    request: Packet
+    is_stop: bool = False
+    begun: int = 0
+    """How many sendings there had been."""
+    sent: list[int] = field(default_factory=list)
+    """Its sendings of `request`; fences are not among them."""
+    executed: int = 0
+
+
+@dataclass(slots=True, eq=False)
+class Sending:
+    """One frame from the program to the board."""
+
+    call: Call | None
+    packet: Packet
+    deadline: float = 0.0
+    answer_arrives: float | None = None
+    """When the last byte of its answer is ready to be read, whole; None if that never happens."""
+
+
+CALL: contextvars.ContextVar[Call] = contextvars.ContextVar("CALL")
+"""The call in whose name is being sent."""
+
+
+class Checker:
+    """Judge of one history."""
+
+    def __init__(self, *, damaging: bool, repeating: bool) -> None:
+        """Forgive what damage that the checksum did not show, or an answer that came twice, explains."""
+        self.faults: list[str] = []
+        """What must not be."""
+        self.counts: Counter[str] = Counter()
+        self.number = 0
+        """Of the latest sending; the first is 1."""
+        self.sendings: dict[int, Sending] = {}
+        """The latest, by number."""
+        self._damaging = damaging
+        self._repeating = repeating
+        self._false: deque[Packet] = deque(maxlen=_KEPT)
+        self._damage: deque[tuple[int, Packet]] = deque(maxlen=_KEPT)  # what the board was told by nobody
+        self._stopped_at = 0
+        self._digest = hashlib.blake2b(digest_size=16)
+        self.latest: deque[tuple[float, str, bytes | str]] = deque(maxlen=_SHOWN)
+        """The last events before the first fault."""
+
+    # --- the history --------------------------------------------------------------------------------------------
+
+    def note(self, now: float, event: str, what: bytes | str) -> None:
+        """Let an event be part of the history."""
+        self._digest.update(pack("<d", now))
+        self._digest.update(event.encode())
+        self._digest.update(what.encode() if isinstance(what, str) else what)
+        if not self.faults:
+            self.latest.append((now, event, what))
+
+    @property
+    def digest(self) -> str:
+        """A number that is the same only for the same history."""
+        return self._digest.hexdigest()
+
+    def fault(self, step: int, what: str) -> None:
+        """Note what must not be."""
+        self.faults.append(f"step {step}: {what}")
+
+    # --- what is sent and done ----------------------------------------------------------------------------------
+
+    def sends(self, packet: Packet, deadline: float) -> int:
+        """Return the number of the sending that begins; the caller is in `CALL`."""
+        call = CALL.get()
+        number = self._begin(Sending(call, packet, deadline))
+        if packet != call.request:
+            if not isinstance(packet, Query):
+                self.fault(call.step, f"{packet} was sent, which {call.request} does not need")
+            return number
+        call.sent.append(number)
+        if call.is_stop and isinstance(packet, SetServoParameterRequest):
+            self._stopped_at = number
+        elif isinstance(packet, MOTION) and call.begun < self._stopped_at:
+            self.fault(call.step, f"{packet} was sent after a stop that was asked for later")
+        if len(call.sent) > 1 and not isinstance(packet, Query) and not call.is_stop:
+            self.fault(call.step, f"{packet} was sent again")
+        return number
+
+    def executes(self, number: int | None, packet: Packet) -> int:
+        """Note what the board does, and return the number that its answer must show."""
+        if number is None:
+            self.counts["damaged commands executed"] += 1
+            if not self._damaging:
+                self.fault(0, f"the board was told {packet}, which nobody sent")
+            number = self._begin(Sending(None, packet))
+            self._damage.append((number, packet))
+            return number
+        sending = self.sendings[number]
+        if packet != sending.packet:
+            self.fault(0, f"the board was told {packet} instead of {sending.packet}")
+        call = sending.call
+        if call is not None and packet == call.request:
+            call.executed += 1
+            self.counts["executed"] += 1
+            if isinstance(packet, ONCE):
+                self.counts["motion and clearing"] += 1
+            if call.executed > 1 and not isinstance(packet, Query) and not call.is_stop:
+                self.counts["executed twice"] += 1
+                self.fault(call.step, f"{packet} was executed {call.executed} times")
+        return number
+
+    def false_frame(self, packet: Packet | None) -> None:
+        """Note that the program believed an answer that no board gave."""
+        self.counts["false accepts"] += 1
+        if not self._damaging:
+            self.fault(0, f"{packet} was believed, which no board said")
+        if packet is not None:
+            self._false.append(packet)
+
+    # --- how a call ends ----------------------------------------------------------------------------------------
+
+    # Each returns the name under which the end of the call is counted.
+
+    def answered(self, call: Call, answer: Response) -> str:
+        """Judge an answer."""
+        if any(answer == numbered(call.request, number) for number in call.sent):
+            return "right"
+        if answer in self._false or self._answers_damage(call, answer):
+            return "damage believed"
+        if self._repeating:
+            return "of a repeated answer"
+        self.fault(call.step, f"{call.request} got {answer}; its own sendings are {call.sent}")
+        return "wrong"
+
+    def unanswered(self, call: Call, *, unknown: bool) -> str:
+        """Judge an error that says that no answer came."""
+        if not unknown and not isinstance(call.request, Query) and call.sent:
+            self.fault(call.step, f"{call.request} was sent and is said to have changed nothing")
+        if unknown and not call.sent:
+            self.fault(call.step, f"{call.request} was never sent and is said to be in doubt")
+        for number in call.sent if not isinstance(call.request, SetServoParameterRequest) else ():
+            sending = self.sendings[number]
+            arrives = sending.answer_arrives
+            if not self._damaging and arrives is not None and arrives <= sending.deadline:
+                self.counts["lost in time"] += 1
+                self.fault(call.step, f"the answer to {call.request} came {sending.deadline - arrives:.6f} s early")
+        return "outcome unknown" if unknown else "timed out"
+
+    def refused(self, call: Call) -> str:
+        """Judge an error that says that nothing was sent."""
+        if call.sent:
+            self.fault(call.step, f"{call.request} was sent and is said to be refused")
+        return "refused"
+
+    def undecodable(self, call: Call) -> str:
+        """Judge an error that says that an answer made no sense."""
+        if not self._damaging:
+            self.fault(call.step, f"the answer to {call.request} made no sense")
+        return "undecodable"
+
+    def _begin(self, sending: Sending) -> int:
+        self.number += 1
+        self.sendings[self.number] = sending
+        self.sendings.pop(self.number - _KEPT, None)
+        return self.number
+
+    def _answers_damage(self, call: Call, answer: Response) -> bool:
+        return any(
+            type(packet) is type(call.request) and answer == numbered(packet, number) for number, packet in self._damage
+        )

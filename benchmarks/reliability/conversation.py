@@ -1,0 +1,136 @@
+"""What programs do with a board: ask, change, move, stop, and lose patience, several at a time."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from random import Random
+from typing import Any, cast
+
+from benchmarks.reliability.checker import CALL, Call, Checker
+from benchmarks.reliability.clock import SimulatedLoop
+from benchmarks.reliability.line import STALL, Line
+from servolink.client.board import Board
+from servolink.errors import ConnectionLost, DecodeError, OutcomeUnknown, RequestError, RequestTimeout
+from servolink.protocol import editing, joystick, servos, settings
+from servolink.protocol.packet import Command, Packet, Request
+
+_STEP = servos.Step(1, 90, 20)
+_STOP = servos.SetServoParameterRequest(servos.ALL_SERVOS, 0, 1)
+
+_KINDS: dict[Callable[[Random], Packet], float] = {
+    lambda random: editing.QueryProjectIDRequest(): 12,
+    lambda random: settings.QueryMemorySizeRequest(): 8,
+    lambda random: settings.QueryRemainPowerRequest(): 8,
+    lambda random: joystick.QueryActiveJoystickTableRequest(): 4,
+    lambda random: editing.QueryActionRequest(random.randrange(1, 4)): 8,
+    lambda random: editing.QueryMacroRequest(random.randrange(1, 4)): 3,
+    lambda random: joystick.QueryJoystickTableRequest(random.randrange(1, 4)): 2,
+    lambda random: servos.QueryServoRequest(random.randrange(1, 4)): 10,
+    lambda random: servos.QueryServoRequest(servos.ALL_SERVOS): 8,
+    lambda random: servos.QueryServoListRequest(): 2,
+    lambda random: editing.QueryActionListRequest(): 1,
+    lambda random: editing.QueryMacroListRequest(): 1,
+    lambda random: joystick.QueryJoystickTableListRequest(): 1,
+    lambda random: editing.QueryServoParameterRequest(): 1,
+    lambda random: editing.WriteProjectIDRequest(random.randrange(1, 1000)): 3,
+    lambda random: editing.AddActionRequest(random.randrange(1, 4), "wave", (_STEP,)): 2,
+    lambda random: editing.DeleteActionRequest(random.randrange(1, 4)): 1,
+    lambda random: editing.AddServoParameterRequest((editing.ServoParameter(1, 2, "arm"),)): 1,
+    lambda random: joystick.SetActiveJoystickTableRequest(random.randrange(1, 4)): 1,
+    lambda random: servos.SetServoParameterRequest(random.randrange(1, 4), 1, 1): 3,
+    lambda random: servos.SetAngleUnitRequest(random.randrange(1, 4), 0): 2,
+    lambda random: settings.SendDummyDataRequest(b"test"): 1,
+    lambda random: servos.ExecuteActionRequest((_STEP,)): 5,
+    lambda random: servos.ExecuteActionExRequest(random.randrange(1, 4)): 3,
+    lambda random: editing.ExecuteMacroRequest(random.randrange(1, 4)): 6,
+    lambda random: settings.ClearAllDataRequest(): 2.5,
+    lambda random: _STOP: 0.5,
+}
+_MAKERS, _WEIGHTS = tuple(_KINDS), tuple(_KINDS.values())
+
+CANCELLED = 0.02
+"""Chance that a caller loses patience."""
+_PATIENCE = 0.02
+
+
+class Conversation:
+    """Callers that share one connection."""
+
+    def __init__(
+        self,
+        line: Line,
+        random: Random,
+        checker: Checker,
+        connected: Callable[[], Board],
+        reconnect: Callable[[Board], Any],
+    ) -> None:
+        """Draw what they do from `random`; `reconnect` replaces a connection that was lost."""
+        self.steps = 0
+        self._line = line
+        self._random = random
+        self._checker = checker
+        self._connected = connected
+        self._reconnect = reconnect
+
+    async def hold(self, callers: int, steps: int) -> None:
+        """Let so many callers do `steps` things in all."""
+        until = self.steps + steps
+        tasks = [asyncio.get_running_loop().create_task(self._call(until)) for _ in range(callers)]
+        for task in tasks:
+            await task
+
+    async def _call(self, until: int) -> None:
+        random, loop = self._random, asyncio.get_running_loop()
+        while self.steps < until:
+            self.steps += 1
+            [make] = random.choices(_MAKERS, _WEIGHTS)
+            packet = make(random)
+            call = Call(self.steps, packet, is_stop=packet is _STOP)
+            if random.random() < self._line.stalls:
+                assert isinstance(loop, SimulatedLoop)  # noqa: S101 - narrows the type
+                loop.call_later(random.uniform(0, STALL), loop.stall, STALL)
+            if random.random() < CANCELLED:
+                task = loop.create_task(self.do(call))
+                loop.call_later(random.uniform(0, _PATIENCE), task.cancel)
+                await asyncio.wait((task,))
+                self._checker.counts["cancelled"] += task.cancelled()
+            else:
+                await self.do(call)
+            if random.random() < 0.5:
+                await asyncio.sleep(random.uniform(0, 0.01))
+
+    async def do(self, call: Call) -> None:
+        """Do one thing and let the checker judge how it ends."""
+        CALL.set(call)
+        loop, checker = asyncio.get_running_loop(), self._checker
+        call.begun = checker.number
+        checker.note(loop.time(), "asked", f"{call.step} {type(call.request).__name__}")
+        board = self._connected()
+        try:
+            how = await self._ask(board, call)
+        except ConnectionLost:
+            how = "lost"
+        except DecodeError:
+            how = checker.undecodable(call)
+        except OutcomeUnknown:
+            how = checker.unanswered(call, unknown=True)
+        except RequestTimeout:
+            how = checker.unanswered(call, unknown=False)
+        except RequestError:
+            how = checker.refused(call)
+        checker.counts[how] += 1
+        checker.note(loop.time(), how, str(call.step))
+        if how == "lost":
+            await self._reconnect(board)
+
+    async def _ask(self, board: Board, call: Call) -> str:
+        packet = call.request
+        if call.is_stop:
+            await board.stop()
+        elif isinstance(packet, Command):
+            await board.send(packet)
+        else:
+            request = cast("Request[Any]", packet)  # neither stop nor command
+            return self._checker.answered(call, await board.request(request))
+        return "done"

@@ -1,0 +1,142 @@
+"""The stage for a history: a program connected to a simulated board, with the checker in between."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from random import Random
+
+from benchmarks.reliability.board import BOARDS, Character, SimulatedBoard, Wire
+from benchmarks.reliability.checker import Call, Checker
+from benchmarks.reliability.conversation import Conversation
+from benchmarks.reliability.line import LINES, Line
+from benchmarks.reliability.witness import WitnessedParser
+from servolink.client.board import Board
+from servolink.client.link import Link
+from servolink.client.motion import MotionLimits
+from servolink.errors import DecodeError
+from servolink.protocol.codec import Codec
+from servolink.protocol.frame import Frame
+from servolink.protocol.packet import Packet
+from servolink.protocol.settings import ClearAllDataRequest
+from servolink.transports.base import Transport
+from servolink.transports.wrapper import WrappedTransport
+
+_TIMEOUT = 0.25
+_QUIET = 30.0
+_COUNTED = ("fences", "late_replies", "rescued", "retries", "mismatched", "unsolicited")
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What a seed stands for."""
+
+    seed: int
+    line: Line
+    board: Character
+    callers: int = 1
+    window: int = 1
+    codec: Codec = Codec()  # noqa: RUF009 - nobody changes one
+
+    @classmethod
+    def of(cls, seed: int) -> Scene:
+        """Go through all lines and boards in turn."""
+        random = Random(f"scene {seed}")
+        return cls(
+            seed,
+            LINES[seed % len(LINES)],
+            BOARDS[seed // len(LINES) % len(BOARDS)],
+            random.choice((1, 1, 2, 4)),
+            random.choice((1, 1, 3)),
+            Codec("big" if random.random() < 0.3 else "little"),
+        )
+
+
+class Cable(WrappedTransport):
+    """Shows the checker what is sent and read, and damages what is sent."""
+
+    def __init__(self, inner: Transport, board: SimulatedBoard, codec: Codec, wire: Wire, checker: Checker) -> None:
+        """Lead to `board` through `inner`."""
+        super().__init__(inner)
+        self.link: Link | None = None
+        self._board, self._codec, self._wire, self._checker = board, codec, wire, checker
+
+    async def send(self, data: bytes) -> None:
+        """Send what the line leaves of a frame."""
+        packet = self._codec.decode_frame(data)
+        number = self._checker.sends(packet, self._deadline(packet))
+        self._checker.note(self._wire.now, "sent", data)
+        if arriving := self._board.carry(packet.packet_id, data, number):
+            await super().send(arriving)
+
+    def data(self, chunk: bytes, /) -> None:
+        """Pass on what has come."""
+        self._checker.note(self._wire.now, "read", chunk)
+        self._deliver(chunk)
+
+    def _deadline(self, packet: Packet) -> float:
+        assert self.link is not None  # noqa: S101 - nothing is sent before the connection is open
+        lane = self.link._lanes.by_response_id.get(packet.packet_id + 1)  # noqa: SLF001 - nobody else knows it
+        return lane.pending.deadline if lane is not None and lane.pending is not None else 0.0
+
+
+class Stage:
+    """Program, board and checker of one history."""
+
+    def __init__(self, scene: Scene, wire: Wire, transport: Callable[[SimulatedBoard], Transport]) -> None:
+        """`transport` makes each connection's way to the board."""
+        random = Random(f"history {scene.seed}")
+        self.checker = Checker(damaging=scene.line.damages, repeating=bool(scene.board.twice))
+        self.board = SimulatedBoard(scene.board, scene.line, scene.codec, random, wire, self.checker)
+        self.conversation = Conversation(scene.line, random, self.checker, lambda: self.connected, self.reconnect)
+        self.stats: Counter[str] = Counter()
+        self._scene, self._wire, self._transport = scene, wire, transport
+        self._reconnecting = asyncio.Lock()
+
+    async def connect(self) -> None:
+        """Open a connection."""
+        scene = self._scene
+        cable = Cable(self._transport(self.board), self.board, scene.codec, self._wire, self.checker)
+        cable.link = link = Link(cable, scene.codec, timeout=_TIMEOUT, window=scene.window)
+        parser = WitnessedParser(scene.codec.byte_order, self._believes)
+        parser.skipped = link.stats.skipped
+        link.answers._parser = parser  # noqa: SLF001 - what it believes is to be compared with what was said
+        await link.open()
+        self.connected = Board(link, None, MotionLimits())
+
+    async def reconnect(self, lost: Board) -> None:
+        """Replace a connection, unless that was done already, once nothing more can come of it."""
+        async with self._reconnecting:
+            if lost is self.connected:
+                await self.disconnect()
+                await asyncio.sleep(max(0.0, self.board.free_at - self._wire.now) + 0.1)
+                self.board.to_host.forget()
+                await self.connect()
+
+    async def disconnect(self) -> None:
+        """Close the connection."""
+        for name in _COUNTED:
+            self.stats[name] += getattr(self.connected.stats, name)
+        await self.connected.close()
+
+    async def come_to_rest(self) -> None:
+        """Do what needs all turns of the link for itself once all is over, which shows that no turn is kept."""
+        self.board.heal()
+        await asyncio.sleep(_QUIET)
+        for _ in range(2):  # the first may find that the connection was given up, and replace it
+            call = Call(self.conversation.steps, ClearAllDataRequest())
+            right = self.checker.counts["right"]
+            await self.conversation.do(call)
+            if self.checker.counts["right"] > right:
+                return
+        self.checker.fault(self.conversation.steps, "the connection does not come to rest")
+
+    def _believes(self, frame: Frame) -> None:
+        if self.board.to_host.recognise(frame) is None:
+            try:
+                packet: Packet | None = self._scene.codec.decode(*frame)
+            except DecodeError:
+                packet = None
+            self.checker.false_frame(packet)
