@@ -195,14 +195,16 @@ class FrameParser:
         header = data[at : at + HEADER_SIZE]
         while (short := known(header)) is not None:
             size, packet_id, total, cut = short
-            end = at + size
-            if end > room:
-                break
-            content, check, header = cut(data, at)
-            if total + adler32(content) & 0xFF != check:
-                break
-            frames.append((packet_id, content))
-            at = end
+            same = header
+            while header == same:  # as the next one is most of the time
+                end = at + size
+                if end > room:
+                    return at
+                content, check, header = cut(data, at)
+                if total + adler32(content) & 0xFF != check:
+                    return at
+                frames.append((packet_id, content))
+                at = end
         return at
 
     def _believed(self, frame: Frame, end: int) -> None:
