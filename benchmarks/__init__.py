@@ -2,6 +2,7 @@
 
 BENCHMARKS = {
     "parser": ("benchmarks.parser", True, "The parser against the one that a textbook has"),
+    "peers": ("benchmarks.peers", True, "The parser against those of other libraries, each on its own format"),
     "packets": ("benchmarks.packets", True, "Bytes to typed packets, against the bare tuples of `struct`"),
     "hostile": ("benchmarks.hostile", True, "Streams that were made to hurt"),
     "recall": ("benchmarks.recall", True, "Intact frames found on a damaged line"),

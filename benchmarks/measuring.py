@@ -41,6 +41,13 @@ class Comparison:
     spread: float
     """Half the range of the ratios of single rounds, as a share of `ratio`."""
 
+    @classmethod
+    def of(cls, ours: Sequence[float], theirs: Sequence[float]) -> Comparison:
+        """Compare the times of each round."""
+        ratios = [theirs_ns / ours_ns for ours_ns, theirs_ns in zip(ours, theirs, strict=True)]
+        middle = median(ratios)
+        return cls(median(ours), median(theirs), middle, (max(ratios) - min(ratios)) / 2 / middle)
+
 
 def pin() -> int | None:
     """Stay on one core, where the system can; return its number."""
@@ -76,25 +83,21 @@ def timed(work: Callable[[], object]) -> int:
     return process_time_ns() - began
 
 
+def in_turns(sides: Sequence[Callable[[], Callable[[], object]]], rounds: int) -> list[list[int]]:
+    """Return the CPU nanoseconds of each side in each round; a side makes its work anew, unmeasured, each time."""
+    for side in sides:
+        side()()
+    times: list[list[int]] = [[] for _ in sides]
+    for turn in range(rounds):
+        for place in range(len(sides)):
+            at = (turn + place) % len(sides)
+            times[at].append(timed(sides[at]()))
+    return times
+
+
 def compare(ours: Callable[[], object], theirs: Callable[[], object], rounds: int) -> Comparison:
     """Run both in turns, first once unmeasured, and compare them round by round."""
-    ours()
-    theirs()
-    pairs: list[tuple[int, int]] = []
-    for at in range(rounds):
-        if at % 2:
-            second = timed(theirs)
-            pairs.append((timed(ours), second))
-        else:
-            pairs.append((timed(ours), timed(theirs)))
-    ratios = [theirs_ns / max(ours_ns, 1) for ours_ns, theirs_ns in pairs]
-    middle = median(ratios)
-    return Comparison(
-        median(pair[0] for pair in pairs),
-        median(pair[1] for pair in pairs),
-        middle,
-        (max(ratios) - min(ratios)) / 2 / middle,
-    )
+    return Comparison.of(*in_turns([lambda: ours, lambda: theirs], rounds))
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]], notes: Sequence[str] = ()) -> Table:

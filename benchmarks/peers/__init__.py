@@ -1,0 +1,112 @@
+"""The parser against those of other libraries, each on its own format: speed, and recall of intact frames.
+
+A parser of another library is one small file here. One whose library is missing is left out, and reported.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from importlib import import_module
+from importlib.metadata import version
+from statistics import median
+
+from benchmarks.measuring import Result
+from benchmarks.peers import tables
+from benchmarks.peers.damage import DAMAGES, Recall
+from benchmarks.peers.ours import Ours, Textbook
+from benchmarks.peers.peer import SIZES, Peer
+from benchmarks.peers.row import Row, measure
+from benchmarks.peers.speed import Pace
+
+PEERS = {
+    "aioesphomeapi": ("esphome", ("Esphome", "EsphomeAlone")),
+    "cobs": ("stuffed", ("Cobs",)),
+    "cflib": ("cpx", ("CPX",)),
+    "pymodbus": ("modbus", ("Socket", "RTU")),
+    "dynamixel-sdk": ("dynamixel", ("Dynamixel",)),
+    "pymavlink": ("mavlink", ("Mavlink",)),
+    "moteus": ("moteus", ("Moteus",)),
+    "zigpy-znp": ("znp", ("Znp",)),
+    "pyubx2": ("ubx", ("UBX",)),
+    "construct": ("declared", ("Construct",)),
+}
+"""What is installed, to the module here and the classes in it."""
+
+TIMES, TIMES_AT = 10.0, (14, 186)
+"""How many times as fast as each parser in pure Python that checks a sum, and for frames of which sizes."""
+SLOWER = {14: 1.5, 186: 1.8}
+"""At most how many times as slow as aioesphomeapi, which is compiled, by frame size."""
+BYTES_PER_SECOND = {3611: 1e9}
+"""By frame size, in chunks of 4 KiB."""
+
+
+def run(*, short: bool) -> Result:
+    """Measure all that is installed; a goal missed is a failure."""
+    logging.disable()  # several write a line for each damaged frame
+    try:
+        return _run(Pace(3, 4.0) if short else Pace(11, 40.0), short=short)
+    finally:
+        logging.disable(logging.NOTSET)
+
+
+def _run(pace: Pace, *, short: bool) -> Result:
+    peers, missing = installed()
+    everybody: list[type[Peer]] = [Ours, *peers]
+    measured = [measure(peer, size, pace, short=short) for size in SIZES for peer in everybody]
+    ours = [row for row in measured if row is not None and row.peer is Ours]
+    rows = [row for row in measured if row is not None and row.peer is not Ours]
+    return {
+        "versions": {name: version(name) for name in PEERS if name not in missing},
+        "missing": missing,
+        "tables": [
+            tables.who(peers, missing),
+            *(tables.speeds(size, [row for row in rows if row.size == size]) for size in SIZES),
+            tables.by_chunk(rows),
+            tables.dirty(rows),
+            tables.recalls([*ours, *rows]),
+        ],
+        "rows": [row.figures for row in (*ours, *rows)],
+        "wrong": [fault for row in ours for fault in _lost(row)],
+        "slow": [*_below(rows), *(fault for row in rows for fault in _slow(row))],
+    }
+
+
+def installed() -> tuple[list[type[Peer]], list[str]]:
+    """Return the parsers that there are, and the libraries that are not."""
+    peers: list[type[Peer]] = [Textbook]
+    missing = []
+    for name, (module, classes) in PEERS.items():
+        try:
+            loaded = import_module(f"{__name__}.{module}")
+        except ImportError:
+            missing.append(name)
+        else:
+            peers += [getattr(loaded, each) for each in classes]
+    return peers, missing
+
+
+def _lost(row: Row) -> Iterator[str]:
+    for kind in DAMAGES:
+        found: Recall = row.recall[kind]
+        if found.found != found.intact:
+            yield f"{found.found} of {found.intact} intact frames of {row.frame} bytes found ({kind})"
+
+
+def _slow(row: Row) -> Iterator[str]:
+    """Yield the goals that are missed beside one other parser."""
+    if row.best is None:
+        return
+    ratio, peer, size = row.best.times.ratio, row.peer, row.size
+    if peer.package and peer.validates and not peer.compiled and size in TIMES_AT and ratio < TIMES:
+        yield f"{ratio:.1f} times as fast as {peer.name} on {size}-byte frames, the goal is {TIMES:.0f}"
+    if peer.name == "aioesphomeapi" and size in SLOWER and ratio < 1 / SLOWER[size]:
+        yield f"{1 / ratio:.2f} times as slow as {peer.name} on {size}-byte frames, the goal is {SLOWER[size]}"
+
+
+def _below(rows: list[Row]) -> Iterator[str]:
+    """Yield the goals that are missed alone."""
+    for size, goal in BYTES_PER_SECOND.items():
+        rate = size * 1e9 / median(row.best.ours_ns for row in rows if row.size == size and row.best is not None)
+        if rate < goal:
+            yield f"{rate / 1e6:.0f} MB/s on {size}-byte frames, the goal is {goal / 1e6:.0f}"

@@ -1,0 +1,73 @@
+"""All that is measured of one parser on frames of one size."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from benchmarks.peers.damage import DAMAGES, Recall, damage, recall
+from benchmarks.peers.ours import Ours
+from benchmarks.peers.peer import Peer
+from benchmarks.peers.speed import Pace, Speed, at_best, dirty, in_chunks
+from benchmarks.streams import chunks
+
+CHUNKS = {"1": 1, "64": 64, "one frame": None, "4096": 4096, "65536": 65536}
+"""Bytes in a chunk, by heading."""
+
+_INTACT = {14: 20_000, 186: 1500, 3611: 200}  # frames sent, by size; some 300 KB and more
+
+
+@dataclass(frozen=True)
+class Row:
+    """One parser, one size. Speeds are None where it finds less than half of the frames."""
+
+    peer: type[Peer]
+    size: int
+    frame: int
+    """Bytes of its own frame."""
+    best: Speed | None
+    dirty: Speed | None
+    chunked: dict[str, Speed | None]
+    recall: dict[str, Recall]
+    back_to_back: dict[str, Recall]
+    """Of one that is fed frame by frame: what it finds in chunks of 64 bytes."""
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Return everything for JSON."""
+        speeds = {"best": self.best, "dirty": self.dirty, **self.chunked}
+        return {
+            "parser": self.peer.name,
+            "frame": self.frame,
+            "speeds": {name: asdict(speed) for name, speed in speeds.items() if speed is not None},
+            "recall": {name: asdict(found) for name, found in self.recall.items()},
+            "back_to_back": {name: asdict(found) for name, found in self.back_to_back.items()},
+        }
+
+
+def measure(peer: type[Peer], size: int, pace: Pace, *, short: bool) -> Row | None:
+    """Measure one parser beside ours; None if its format has no frame of this size."""
+    if (frame := peer.frame(size, 1)) is None:
+        return None
+    found, streamed = _recalls(peer, size, _INTACT[size] // (10 if short else 1)) if peer.delivers else ({}, {})
+    if peer is Ours:  # which is measured beside each of the others
+        return Row(peer, size, len(frame), None, None, {}, found, streamed)
+    return Row(
+        peer,
+        size,
+        len(frame),
+        at_best(peer, size, pace),
+        dirty(peer, size, pace) if peer.delivers else None,
+        {name: in_chunks(peer, size, chunk, pace) for name, chunk in CHUNKS.items()},
+        found,
+        streamed,
+    )
+
+
+def _recalls(peer: type[Peer], size: int, count: int) -> tuple[dict[str, Recall], dict[str, Recall]]:
+    frames = [peer.frame(size, number) or b"" for number in range(count)]
+    streams = {kind: damage(frames, size, kind) for kind in DAMAGES}
+    found = {kind: recall(peer, stream, stream.chunks_for(peer, 64)) for kind, stream in streams.items()}
+    if peer.feeding != "frames":
+        return found, {}
+    return found, {kind: recall(peer, stream, chunks(b"".join(stream.pieces), 64)) for kind, stream in streams.items()}
