@@ -24,6 +24,7 @@ from tests.virtual.receiving import GUARD, Heard, ask
 LIST = QueryServoListRequest()
 ANSWER = QueryServoListResponse((1, 2, 3))
 FRAME, REPLY = Codec().encode(LIST), Codec().encode(ANSWER)
+EVENTS = Codec().encode(ButtonEventResponse(1, PRESS)) * 1000
 ANY_PORT = "127.0.0.1:0"
 on_unix = pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals on Windows")
 
@@ -173,7 +174,8 @@ def test_a_host_that_never_reads_is_left_behind_and_others_are_served(monkeypatc
                 while not subscribed(board):
                     await asyncio.sleep(0)
                 while subscribed(board):
-                    await press(board, 1000)
+                    board.sessions[0].say(EVENTS)
+                    await asyncio.sleep(0)
             transport, heard = create(url), Heard()
             await transport.open(heard)
             assert await ask(transport, heard, LIST) == ANSWER
