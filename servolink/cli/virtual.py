@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 
+from servolink.cli.keyboard import single_keys
 from servolink.cli.main import OK
 from servolink.discovery.served import announced
 from servolink.errors import TransportUnavailable
@@ -139,47 +139,17 @@ def _change(board: VirtualBoard, change: ButtonChange) -> None:
 
 @contextmanager
 def _keyboard(board: VirtualBoard) -> Iterator[None]:
-    """Let keys press buttons while standard input is a terminal that is ours."""
-    terminal = _own_terminal()
-    if sys.platform == "win32" or terminal is None:
+    """Let keys press buttons."""
+    keys = Keys()
+
+    def typed(text: str) -> None:
+        for change in keys.typed(text):
+            asyncio.get_running_loop().call_later(change.at, _change, board, change)
+
+    with single_keys(typed) as there:
+        if there:
+            print(HELP, file=sys.stderr, flush=True)
         yield
-        return
-    import termios
-    import tty
-
-    loop, keys = asyncio.get_running_loop(), Keys()
-
-    def read() -> None:
-        try:
-            typed = os.read(terminal, 1024)
-        except OSError:
-            typed = b""
-        if not typed:  # the terminal is gone
-            loop.remove_reader(terminal)
-        for change in keys.typed(typed.decode(errors="replace")):
-            loop.call_later(change.at, _change, board, change)
-
-    before = termios.tcgetattr(terminal)
-    tty.setcbreak(terminal)
-    loop.add_reader(terminal, read)
-    print(HELP, file=sys.stderr, flush=True)
-    try:
-        yield
-    finally:
-        loop.remove_reader(terminal)
-        with suppress(termios.error):  # it may be gone
-            termios.tcsetattr(terminal, termios.TCSADRAIN, before)
-
-
-def _own_terminal() -> int | None:
-    """Return standard input if it is a terminal with us in front; in the background reading it would stop us."""
-    if sys.platform == "win32" or sys.stdin is None:
-        return None
-    try:
-        descriptor = sys.stdin.fileno()
-        return descriptor if os.tcgetpgrp(descriptor) == os.getpgrp() else None
-    except OSError:  # no terminal, or not ours
-        return None
 
 
 def _number(low: int, high: int) -> Callable[[str], int]:
