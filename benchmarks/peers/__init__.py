@@ -9,7 +9,6 @@ import logging
 from collections.abc import Iterator
 from importlib import import_module
 from importlib.metadata import version
-from statistics import median
 
 from benchmarks.measuring import Result
 from benchmarks.peers import tables
@@ -37,8 +36,6 @@ TIMES, TIMES_AT = 10.0, (14, 186)
 """How many times as fast as each parser in pure Python that checks a sum, and for frames of which sizes."""
 SLOWER = {14: 1.5, 186: 1.8}
 """At most how many times as slow as aioesphomeapi, which is compiled, by frame size."""
-BYTES_PER_SECOND = {3611: 1e9}
-"""By frame size, in chunks of 4 KiB."""
 
 
 def run(*, short: bool) -> Result:
@@ -68,7 +65,7 @@ def _run(pace: Pace, *, short: bool) -> Result:
         ],
         "rows": [row.figures for row in (*ours, *rows)],
         "wrong": [fault for row in ours for fault in _lost(row)],
-        "slow": [*_below(rows), *(fault for row in rows for fault in _slow(row))],
+        "slow": [fault for row in rows for fault in _slow(row)],
     }
 
 
@@ -102,11 +99,3 @@ def _slow(row: Row) -> Iterator[str]:
         yield f"{ratio:.1f} times as fast as {peer.name} on {size}-byte frames, the goal is {TIMES:.0f}"
     if peer.name == "aioesphomeapi" and size in SLOWER and ratio < 1 / SLOWER[size]:
         yield f"{1 / ratio:.2f} times as slow as {peer.name} on {size}-byte frames, the goal is {SLOWER[size]}"
-
-
-def _below(rows: list[Row]) -> Iterator[str]:
-    """Yield the goals that are missed alone."""
-    for size, goal in BYTES_PER_SECOND.items():
-        rate = size * 1e9 / median(row.best.ours_ns for row in rows if row.size == size and row.best is not None)
-        if rate < goal:
-            yield f"{rate / 1e6:.0f} MB/s on {size}-byte frames, the goal is {goal / 1e6:.0f}"
