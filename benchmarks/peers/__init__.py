@@ -38,11 +38,15 @@ SLOWER = {14: 1.5, 186: 1.8}
 """At most how many times as slow as aioesphomeapi, which is compiled, by frame size."""
 
 
+PACES = {False: Pace(11, 40.0), True: Pace(3, 4.0)}
+"""How exactly to measure, and how for `--short`."""
+
+
 def run(*, short: bool) -> Result:
     """Measure all that is installed; a goal missed is a failure."""
     logging.disable()  # several write a line for each damaged frame
     try:
-        return _run(Pace(3, 4.0) if short else Pace(11, 40.0), short=short)
+        return _run(PACES[short], short=short)
     finally:
         logging.disable(logging.NOTSET)
 

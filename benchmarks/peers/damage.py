@@ -55,14 +55,20 @@ def damage(frames: list[bytes], size: int, kind: str, seed: int = 1) -> Damaged:
     for frame in frames:
         if noisy and random.random() < 0.4:
             pieces.append(_between(random.choice(frames), random))
-        replaced = [at for at in range(len(frame)) if random.random() < _REPLACED[size]] if corrupt else []
-        changed = bytearray(frame)
-        for at in replaced:
-            changed[at] ^= random.randrange(1, 256)
-        pieces.append(bytes(changed))
-        if not replaced:
+        sent = _corrupted(frame, _REPLACED[size], random) if corrupt else frame
+        pieces.append(sent)
+        if sent == frame:
             intact.append(frame)
     return Damaged(pieces, intact)
+
+
+def _corrupted(frame: bytes, share: float, random: Random) -> bytes:
+    changed = bytearray(frame)
+    at = int(random.expovariate(share))  # how far it is to the next byte that is replaced
+    while at < len(frame):
+        changed[at] ^= random.randrange(1, 256)
+        at += 1 + int(random.expovariate(share))
+    return bytes(changed)
 
 
 def _between(frame: bytes, random: Random) -> bytes:

@@ -1,0 +1,71 @@
+"""The comparison with other parsers: fair on a clean stream, and no crash where a library is missing."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import pytest
+
+from benchmarks import peers
+from benchmarks.peers import tables
+from benchmarks.peers.damage import DAMAGES, damage, recall
+from benchmarks.peers.ours import Ours, OursTyped, Textbook
+from benchmarks.peers.peer import SIZES, Peer
+from benchmarks.peers.speed import Pace
+
+
+def installed() -> list[type[Peer]]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # theirs
+        others, _ = peers.installed()
+    return [Ours, OursTyped, *(peer for peer in others if peer.delivers)]
+
+
+def test_what_is_missing_is_reported_and_the_rest_is_measured(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(peers, "PEERS", {"nothing-like-it": ("no_such_module", ("Nothing",))})
+    monkeypatch.setattr(peers, "PACES", {True: Pace(1, 0.1)})
+    result = peers.run(short=True)
+    assert result["missing"] == ["nothing-like-it"]
+    assert result["wrong"] == []
+    assert {row["parser"] for row in result["rows"]} == {"servolink", "textbook parser"}
+    assert tables.MISSING in capsys.readouterr().out
+
+
+def test_each_library_is_in_the_extra() -> None:
+    declared = (Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8")
+    extra = declared.partition("\nbench = [")[2].partition("\n]")[0]
+    assert [name for name in peers.PEERS if f'"{name}>=' not in extra] == []
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_each_parser_finds_every_frame_of_a_clean_stream(size: int) -> None:
+    for peer in installed():
+        sent = [frame for number in range(20) if (frame := peer.frame(size, number))]
+        parser = peer()
+        fed = [b"".join(sent)] if peer.feeding == "stream" else sent
+        found = [parser.content(frame) for chunk in fed for frame in parser.feed(chunk)]
+        assert len(found) == len(set(found)) == len(set(sent)), peer.name
+
+
+@pytest.mark.parametrize("kind", DAMAGES)
+def test_damage_leaves_the_intact_frames_in_the_stream(kind: str) -> None:
+    frames = [Ours.frame(14, number) for number in range(500)]
+    damaged = damage(frames, 14, kind)
+    rest = iter(damaged.pieces)
+    assert all(frame in rest for frame in damaged.intact)
+    assert (len(damaged.intact) < len(frames)) == DAMAGES[kind][1]
+    assert (len(damaged.pieces) > len(frames)) == DAMAGES[kind][0]
+
+
+def test_recall_counts_what_was_found_and_what_was_not_sent() -> None:
+    frames = [Ours.frame(14, number) for number in range(10)]
+    damaged = damage(frames, 14, "noise")
+    complete = recall(Ours, damaged, damaged.pieces)
+    assert (complete.intact, complete.found, complete.false, complete.share) == (10, 10, 0, 1.0)
+    damaged.intact[:] = frames[:4]
+    assert recall(Ours, damaged, damaged.pieces).false == 6
+    damaged.intact[:] = [Ours.frame(14, number) for number in range(20)]
+    assert recall(Textbook, damaged, frames).share == 0.5
