@@ -32,7 +32,8 @@ def version_fault(said: Any) -> str:
 def fault(message: str, said: Any, file_type: Any) -> tuple[str, str]:
     """Return where in `said` and why it is no `file_type`; `message` is what msgspec says of it."""
     opinion, _, where = message.rpartition(_AT)
-    path = where.rstrip("`") if opinion else ""
+    # What is wrong with the whole is said without a place, so what looks like one may be in the name of a field.
+    path = where.rstrip("`") if opinion and not any(_AT in key for key in said) else ""
     info, value = inspect.type_info(file_type), said
     for found in _PART.finditer(path):
         key, number = found.groups()

@@ -75,10 +75,10 @@ def _from_hex(text: Any, where: str) -> bytes:
 
 def _explain(declared: type[Packet], fields: Any, message: str) -> str:
     """Turn "Expected `int` <= 255 - at `$.steps[1].servo_id`" into our form, with the value that was given."""
-    problem, _, path = message.partition(" - at `$")
+    problem, at, path = printable(message).rpartition(" - at `$")  # the last: a name in a message may hold one too
+    if not at:
+        return f"{declared.__name__}: {path}"
     path = path.rstrip("`")
-    if not path:
-        return f"{declared.__name__}: {problem}"
     value, name = fields, ""
     for part in path.replace("[", ".").replace("]", "").strip(".").split("."):
         if isinstance(value, (list, tuple)):

@@ -1,0 +1,23 @@
+"""One target under atheris, which changes inputs so that they reach new branches: a process of its own.
+
+`python -m benchmarks.fuzz.guided TARGET CORPUS OPTION...`, with the options of libFuzzer. It never returns to Python.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+
+def main() -> None:
+    """Fuzz the target that the command line names."""
+    atheris = importlib.import_module("atheris")
+    with atheris.instrument_imports(include=["servolink"]):
+        from tests.fuzz.targets import TARGETS
+    name, *options = sys.argv[1:]
+    atheris.Setup([sys.argv[0], *options], TARGETS[name].run)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()

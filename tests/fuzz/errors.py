@@ -1,0 +1,21 @@
+"""What every error must be: a text that can be shown as it is, and is not long."""
+
+from __future__ import annotations
+
+from servolink.errors import DecodeError
+from servolink.printable import printable
+
+_LONGEST = 2000
+
+
+def check(error: Exception) -> None:
+    """Fail unless `error` can be shown, and printed by a debugger or a log."""
+    for text in (str(error), repr(error)):
+        assert printable(text) == text, ascii(text)
+    assert 0 < len(str(error)) <= _LONGEST
+
+
+def check_kept(error: DecodeError, data: bytes) -> None:
+    """Fail also unless it keeps the bytes that it is about."""
+    check(error)
+    assert error.data == data

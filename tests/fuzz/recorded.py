@@ -1,0 +1,33 @@
+"""Inputs for which something did not hold; what was wrong is fixed, and must stay so."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Recorded(NamedTuple):
+    """One finding."""
+
+    target: str
+    """Its name in `targets.TARGETS`."""
+    data: bytes
+    wrong: str
+
+
+RECORDED = (
+    Recorded(
+        "object",
+        b'{"id": 30110, "fields": {"servos": [{"servo_id": 1, "serv\x7f_caption": ""}]}}',
+        "an error repeated the name of a field with a control character in it",
+    ),
+    Recorded(
+        "object",
+        b'{"id": 20050, "fields": {"steps": [{"servo_id": 1, "degree": 2, "interval": 3, "q - at `$.x": 1}]}}',
+        "a field whose name looks like the end of an error ended in a KeyError",
+    ),
+    Recorded(
+        "project",
+        b'{"schema": 1, "x` - at `$.actions[9]": 1}',
+        "a field whose name looks like the end of an error ended in a KeyError",
+    ),
+)

@@ -1,0 +1,92 @@
+"""All that is fed with random and mutated bytes, with what a fuzzer begins with."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+from servolink.project.file import format_project
+from tests.fuzz import ends, texts, usb, wire
+from tests.fuzz.recipes import IDS
+from tests.hostile.calls import PROJECT
+from tests.protocol.declared import VECTORS
+
+
+@dataclass(frozen=True)
+class Target:
+    """One function that takes any bytes, and raises if something does not hold."""
+
+    run: Callable[[bytes], None]
+    what: str
+    seeds: Callable[[], list[bytes]]
+    share: int = 1
+    """Of the time."""
+    longest: int = 160
+    """Bytes of the longest input."""
+
+
+def _streams() -> list[bytes]:
+    raw = [bytes((2, at)) + vector.frame * 2 for at, vector in enumerate(VECTORS[::6]) if len(vector.frame) < 80]
+    return [*raw, *(bytes((0, at, 0, at, 3)) + bytes(range(40)) for at in range(len(IDS)))]
+
+
+def _contents() -> list[bytes]:
+    whole = [
+        bytes((128 + (vector.byte_order == "big"), IDS.index(vector.packet_id))) + vector.frame[8:-1]
+        for vector in VECTORS[::3]
+    ]
+    return [*whole, *(bytes((at % 16, at, 2)) + bytes(range(30, 90)) for at in range(len(IDS)))]
+
+
+def _objects() -> list[bytes]:
+    return [
+        json.dumps({"packet": vector.name, "id": vector.packet_id, "fields": vector.fields}).encode()
+        for vector in VECTORS[::5]
+    ]
+
+
+def _answers() -> list[bytes]:
+    return [bytes((at, at, at + 1, 0, at * 11 % 256, 1, at)) + bytes(range(30)) for at in range(24)]
+
+
+def _projects() -> list[bytes]:
+    return [format_project(PROJECT).encode(), b'{"schema": 1}', b'{"schema": 1, "actions": [{"action_id": 1}]}']
+
+
+_ADDRESSES = (
+    b"\0tcp://host:9000",
+    b"\1/dev/ttyACM0?baudrate=115200&dtr=1",
+    b"\3[::1]:80",
+    b"\4" + b"1234:5678/serial?report_size=64",
+    b"\5" + b"1234:5678?interface=1&in=0x81&out=2",
+    b"\6name",
+    b"\7tmp/a.jsonl?timing=0",
+    b"\x08servos=4&seed=1&memory=1000&add=reject&clear=records&torn=1&drop=0.01&state=/tmp/x%20y",
+    b"\x09ttyUSB0?rts=1",
+)
+_FAULTS = (b"drop=0.01,flip=0.001,insert=1e-3,delay=.1,delay_time=2,duplicate=1,cut=0.5,unplug=100", b"127.0.0.1:80")
+_SCRIPTS = (b"1.5 press 3\n2 long 4 # held\n", b"0 down 1\n1e3 up 4294967295\n2.0 push 1 -45\n")
+
+TARGETS: dict[str, Target] = {
+    "parse": Target(wire.parse, "streams, cut anyhow, to frames", _streams, 10),
+    "decode": Target(wire.decode, "contents to packets, to contents, to objects and back", _contents, 8),
+    "frame": Target(wire.decode_frame, "bytes to exactly one packet", lambda: [one.frame for one in VECTORS[::4]], 3),
+    "object": Target(wire.read_object, "JSON to packets", _objects, 2, 400),
+    "caption": Target(wire.use_encoding, "captions in any encoding", lambda: [b"utf-8\0wave", b"big5\0\xa4\xa4"]),
+    "answer": Target(ends.answer, "frames to requests that wait", _answers, 4),
+    "talk": Target(ends.talk, "calls to a board that says anything", _answers, 2),
+    "command": Target(ends.command, "anything to a virtual board", _streams, 3),
+    "usb": Target(usb.plug_in, "anything to its USB device", lambda: [bytes.fromhex("0111800300000000") + bytes(60)]),
+    "address": Target(texts.address, "addresses to transports", lambda: list(_ADDRESSES), longest=120),
+    "faults": Target(texts.faults, "texts to faults of a line", lambda: list(_FAULTS), longest=120),
+    "script": Target(texts.script, "texts to button presses", lambda: list(_SCRIPTS), longest=120),
+    "project": Target(texts.project, "texts to projects and back", _projects, 2, 3000),
+}
+
+
+@cache
+def seeds(name: str) -> tuple[bytes, ...]:
+    """Return what a fuzzer begins with."""
+    return tuple(seed[: TARGETS[name].longest] for seed in TARGETS[name].seeds())

@@ -1,0 +1,13 @@
+"""What a fuzzer once found stays fixed."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.fuzz.recorded import RECORDED, Recorded
+from tests.fuzz.targets import TARGETS
+
+
+@pytest.mark.parametrize("one", RECORDED, ids=lambda one: f"{one.target}: {one.wrong}")
+def test_a_finding_stays_fixed(one: Recorded) -> None:
+    TARGETS[one.target].run(one.data)

@@ -1,0 +1,160 @@
+"""What must hold for what people and files say: addresses, faults, scripts, projects, recordings, saved boards."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+from servolink.discovery.aliases import Alias, aliases_path, is_name, load_aliases, save_alias
+from servolink.discovery.served import candidates
+from servolink.errors import OpenError, ProjectError, TransportUnavailable
+from servolink.printable import printable
+from servolink.project.file import format_project, parse_project
+from servolink.project.store import Store
+from servolink.transports.address import Address
+from servolink.transports.base import Transport
+from servolink.transports.faults import Faults, LineFaults
+from servolink.transports.registry import create
+from servolink.transports.replay import ReplayTransport
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.network import host_and_port
+from servolink.virtual.script import parse_script
+from servolink.virtual.state import load_state, save_state
+from tests.fuzz.errors import check
+
+STARTS = (
+    "",
+    "serial://",
+    "serial:///dev/",
+    "tcp://",
+    "hid://",
+    "usb://",
+    "memory://",
+    "replay:///",
+    "virtual://?",
+    "/dev/",
+)
+_KNOWN = {"serial", "tcp", "hid", "usb", "memory", "replay", "virtual"}
+
+
+def address(data: bytes) -> None:
+    """Take the text behind one of the beginnings for an address, and make its transport; nothing is opened."""
+    if not data:
+        return
+    url = STARTS[data[0] % len(STARTS)] + data[1:].decode("utf-8", "surrogateescape")
+    try:
+        if Address.parse(url).scheme in _KNOWN:  # others may be those of plug-ins, which takes long to find out
+            transport = create(url)
+            assert isinstance(transport, Transport)
+            assert transport.url == url
+    except TransportUnavailable as error:
+        check(error)
+
+
+def faults(data: bytes) -> None:
+    """Take the text for faults of a line, and for a place to listen at."""
+    text = data.decode("utf-8", "surrogateescape")
+    try:
+        line = LineFaults(Faults.parse(text), seed=1)
+    except TransportUnavailable as error:
+        check(error)
+    else:
+        for at in range(8):
+            assert sum(len(piece) for _, piece in line.apply(data, float(at))) <= 4 * len(data)
+    try:
+        _, port = host_and_port(text)
+        assert 0 <= port <= 65535
+    except TransportUnavailable as error:
+        check(error)
+
+
+def script(data: bytes) -> None:
+    """Take the text for a script of button presses."""
+    try:
+        deeds = parse_script(data.decode("utf-8", "replace"))
+    except ValueError as error:
+        check(error)
+    else:
+        assert [deed.at for deed in deeds] == sorted(deed.at for deed in deeds)
+        assert all(0 <= deed[0] <= 2e6 and 0 <= deed[1] < 2**32 for deed in deeds)
+
+
+def project(data: bytes) -> None:
+    """Take the bytes for a project file; what is read is written so that it is read the same."""
+    for exact in (False, True):
+        try:
+            read = parse_project(data, exact=exact)
+        except ProjectError as error:
+            check(error)
+        else:
+            text = format_project(read)
+            assert all(character == "\n" or printable(character) == character for character in text)
+            assert parse_project(text, exact=exact) == read.sorted()
+
+
+def recording(path: Path) -> None:
+    """Take the file for a recording."""
+    asyncio.run(_replay(path))
+
+
+async def _replay(path: Path) -> None:
+    transport = ReplayTransport(path, timing=False)
+    try:
+        await transport.open(_Deaf())
+    except OpenError as error:
+        check(error)
+    await transport.close()
+
+
+def saved_board(path: Path) -> None:
+    """Take the file for what a virtual board has kept."""
+    board = VirtualBoard(3, memory=1000)
+    try:
+        load_state(board, path)
+    except OpenError as error:
+        check(error)
+    else:
+        assert board.storage.used <= 1000
+        save_state(board, path)
+        load_state(board, path)
+
+
+def names_of_boards(data: bytes) -> None:
+    """Take the bytes for the user's file of names."""
+    path = aliases_path()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+    try:
+        names = load_aliases()
+    except TransportUnavailable as error:
+        check(error)
+        return
+    assert all(map(is_name, names))
+    save_alias("more", Alias("virtual://"))
+    assert load_aliases() == names | {"more": Alias("virtual://")}
+
+
+def journal(data: bytes, folder: Path) -> None:
+    """Take the bytes for the journal of an import."""
+    store = Store(folder)
+    (folder / "imports").mkdir(exist_ok=True)
+    (folder / "imports/x.json").write_bytes(data)
+    try:
+        store.journals()
+    except ProjectError as error:
+        check(error)
+
+
+def announcement(path: Path) -> None:
+    """Take the file for what the server of a virtual board says of it."""
+    content = path.read_bytes()
+    assert len(candidates()) <= 1
+    assert not path.exists() or path.read_bytes() == content
+
+
+class _Deaf:
+    def data(self, chunk: bytes, /) -> None:
+        pass
+
+    def lost(self, error: Exception | None, /) -> None:
+        pass

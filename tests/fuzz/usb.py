@@ -1,0 +1,65 @@
+"""What must hold for the device that a virtual board exports over USB/IP, whatever its host says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+
+from servolink.errors import DecodeError
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.usbip import messages
+from servolink.virtual.usbip.device import UsbDevice
+from servolink.virtual.usbip.endpoint import Urb
+from servolink.virtual.usbip.messages import COMMAND_SIZE, OPENING_SIZE
+from servolink.virtual.usbip.pipe import MOST_WAITING
+from tests.fuzz.recipes import Cursor, made
+
+_ENDPOINTS = (0x00, 0x80, 0x01, 0x81, 0x82, 0x02, 0x83, 0x03, 0x84, 0x04, 0x85)
+_BIG = 4
+
+
+def plug_in(data: bytes) -> None:
+    """Attach the device, and say what the recipe says: messages as they come, or URBs to endpoints that are there."""
+    cursor = Cursor(data)
+    board = VirtualBoard(2)
+    given_back: list[int] = []
+    device = UsbDevice("1", lambda urb, status: given_back.append(urb.number))
+    for pipe in device.pipes:
+        pipe.receive = _hearing(board, pipe.send)
+    submitted = 0
+    with suppress(DecodeError):
+        messages.parse_opening(cursor.take(OPENING_SIZE))
+    while cursor.left:
+        try:
+            submitted += _obey(device, cursor)
+        except DecodeError:
+            break
+        assert all(pipe.to_host.waiting <= MOST_WAITING for pipe in device.pipes)
+    assert len(given_back) + device.outstanding <= submitted
+
+
+def _hearing(board: VirtualBoard, send: Callable[[bytes], None]) -> Callable[[bytes], None]:
+    session = board.attach(send)
+    return lambda said: session.receive(said, 1.0)
+
+
+def _obey(device: UsbDevice, cursor: Cursor) -> int:
+    """Do one thing; return how many URBs that submits."""
+    kind = cursor.byte()
+    if kind >= 192:
+        device.unlink(cursor.byte())
+        return 0
+    if kind >= 128:
+        command = messages.parse_command(cursor.take(COMMAND_SIZE))
+        if not isinstance(command, Urb):
+            device.unlink(command.number)
+            return 0
+        urb = command
+    else:
+        endpoint = _ENDPOINTS[kind % len(_ENDPOINTS)]
+        urb = Urb(cursor.byte(), endpoint, cursor.byte() * _BIG, cursor.take(8))
+    if not urb.inward:
+        said = cursor.take(min(urb.length, cursor.left))
+        urb.data = said if kind % 2 else made(Cursor(said), "little").stream
+    device.submit(urb)
+    return 1

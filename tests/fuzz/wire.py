@@ -1,0 +1,181 @@
+"""What must hold for bytes that come over a line: parser, packets, packets as objects."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from servolink.errors import DecodeError, EncodeError
+from servolink.protocol.caption import check_encoding
+from servolink.protocol.codec import Codec
+from servolink.protocol.frame import HEADER_SIZE, OVERHEAD, ByteOrder, Frame, encode_frame
+from servolink.protocol.layout import layout
+from servolink.protocol.objects import from_object, to_object
+from servolink.protocol.packet import Packet
+from servolink.protocol.parser import _MAX_KNOWN_HEADERS, FrameParser
+from servolink.protocol.registry import PACKETS
+from servolink.virtual.ranges import in_range
+from tests.fuzz.errors import check, check_kept
+from tests.fuzz.recipes import IDS, Cursor, content_for, made
+
+_ORDERS: tuple[ByteOrder, ...] = ("little", "big")
+_LARGEST_FRAME = 65_544
+_ENCODINGS = ("utf-8", "utf-8", "utf-8", "big5", "utf-16-le", "latin-1", "shift_jis", "gb18030")
+_CODECS = {(order, name): Codec(order, name) for order in _ORDERS for name in _ENCODINGS}
+
+
+def parse(data: bytes) -> None:
+    """Parse a stream whole, and cut and given up as the first bytes say."""
+    if len(data) < 2:
+        return
+    order, cuts = _ORDERS[data[0] & 1], data[1]
+    if data[0] & 2:
+        stream = data[2:]
+        _parse(stream, order, cuts)
+        return
+    recipe = made(Cursor(data, 2), order)
+    frames = _parse(recipe.stream, order, cuts)
+    if recipe.clean:
+        assert frames == recipe.frames
+    elif recipe.apart:
+        found = iter(frames)
+        assert all(frame in found for frame in recipe.frames), "an intact frame was not found"
+
+
+def _parse(stream: bytes, order: ByteOrder, cuts: int) -> list[Frame]:
+    whole = FrameParser(order, keep_skipped=cuts % 16 == 0)
+    frames = whole.feed(stream)
+    assert len(whole._held) <= _LARGEST_FRAME
+    frames += whole.finish()
+    assert not whole._held
+    assert len(whole._entries) <= _MAX_KNOWN_HEADERS
+    assert whole.frames == len(frames)
+    _check_account(stream, frames, whole, order)
+    pieces = FrameParser(order)
+    again: list[Frame] = []
+    step = max(1 + cuts % 61, len(stream) // (64 if cuts < 16 else 3))
+    for at in range(0, len(stream), step):
+        again += pieces.feed(stream[at : at + step])
+    again += pieces.finish()
+    assert again == frames
+    assert pieces.skipped == whole.skipped
+    if cuts >= 240:
+        _give_up(stream, order, step)
+    return frames
+
+
+def _check_account(stream: bytes, frames: list[Frame], parser: FrameParser, order: ByteOrder) -> None:
+    """Each frame stood in the stream as it is, and each byte is in a frame or was skipped for a reason."""
+    taken = 0
+    for packet_id, content in frames:
+        assert layout(PACKETS[packet_id], order).rule.admits(len(content))
+        assert encode_frame(packet_id, content, order) in stream
+        taken += len(content) + OVERHEAD
+    skipped = sum(parser.skipped.values())
+    assert taken + skipped >= len(stream)
+    if parser._kept is not None:
+        assert skipped == sum(len(data) for _, data, _ in parser._kept)
+
+
+def _give_up(stream: bytes, order: ByteOrder, step: int) -> None:
+    parser = FrameParser(order)
+    frames: list[Frame] = []
+    for at in range(0, len(stream), step):
+        frames += parser.feed(stream[at : at + step])
+        while parser.begun is not None:  # a frame may be begun inside of the one that is given up
+            frames += parser.give_up()
+    assert all(encode_frame(*frame, order) in stream for frame in frames)
+
+
+def decode(data: bytes) -> None:
+    """Decode a content, encode what it says, and say it as an object."""
+    if len(data) < 3:
+        return
+    order, encoding = _ORDERS[data[0] & 1], _ENCODINGS[data[0] >> 1 & 7]
+    codec, packet_id = _CODECS[order, encoding], IDS[data[1] % len(IDS)]
+    content = data[2:] if data[0] & 128 else content_for(Cursor(data, 2), packet_id, order)
+    try:
+        packet = codec.decode(packet_id, content)
+    except DecodeError as error:
+        check_kept(error, content)
+        return
+    _check_exact(codec, packet, content)
+    _check_plain(codec, packet)
+    _check_object(packet)
+
+
+def _check_exact(codec: Codec, packet: Packet, content: bytes) -> None:
+    """What a board said can be given back to it: all but what stands behind the end of a caption."""
+    try:
+        again = codec.encode(packet, exact=True)[HEADER_SIZE:-1]
+    except EncodeError as error:
+        assert codec.caption_encoding != "utf-8", "what was read cannot be written"
+        check(error)
+        return
+    assert len(again) == len(content)
+    assert codec.decode(packet.packet_id, again) == packet
+    if again != content and codec.caption_encoding == "utf-8":  # others have several ways to write one character
+        assert "caption" in repr(packet)
+        assert all(new in (old, 0) for old, new in zip(content, again, strict=True))
+
+
+def _check_plain(codec: Codec, packet: Packet) -> None:
+    try:
+        frame = codec.encode(packet)
+    except EncodeError as error:
+        check(error)
+    else:
+        assert codec.decode_frame(frame) == packet
+        assert in_range(packet)
+
+
+def _check_object(packet: Packet) -> None:
+    described = to_object(packet)
+    try:
+        again = from_object(json.loads(json.dumps(described)))
+    except EncodeError as error:
+        check(error)
+        assert not in_range(packet)
+    else:
+        assert again == packet
+
+
+def decode_frame(data: bytes) -> None:
+    """Take `data` for exactly one frame."""
+    for order in _ORDERS:
+        codec = _CODECS[order, "utf-8"]
+        try:
+            packet = codec.decode_frame(data)
+        except DecodeError as error:
+            check_kept(error, data)
+        else:
+            assert FrameParser(order).feed(data) == [(packet.packet_id, data[HEADER_SIZE:-1])]
+
+
+def read_object(data: bytes) -> None:
+    """Take `data` for the JSON of a packet."""
+    try:
+        described: Any = json.loads(data)
+    except (ValueError, RecursionError):
+        return
+    try:
+        packet = from_object(described)
+        frame = Codec().encode(packet)
+    except EncodeError as error:
+        check(error)
+    else:
+        assert Codec().decode_frame(frame) == packet
+
+
+def use_encoding(data: bytes) -> None:
+    """Take the first bytes for the name of an encoding, and the others for a caption in it."""
+    name, _, raw = data.partition(b"\0")
+    try:
+        codec = Codec(caption_encoding=check_encoding(name.decode("utf-8", "surrogateescape")))
+    except ValueError as error:
+        check(error)
+        return
+    content = bytes(4) + raw[:32].ljust(32, b"\0") + bytes(2)
+    packet = codec.decode(30021, content)
+    _check_exact(codec, packet, content)
+    _check_plain(codec, packet)
