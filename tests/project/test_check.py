@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from hypothesis import given
+from msgspec.structs import replace
 
 from servolink.errors import EncodeError
 from servolink.project.check import problems
@@ -117,6 +118,11 @@ def test_a_sound_project_has_no_problems_on_a_board_that_it_fits() -> None:
             ["macros[0].commands[0].total_interval_ms: is 1011; the command takes 1000 ms"],
         ),
         (macro(MacroCommand(1, total_interval=1010), MacroCommand(1, 0, 1, 1, 101_000)), []),
+        (macro(MacroCommand(500, 1, total_interval=510)), []),
+        (
+            macro(MacroCommand(500, 1, total_interval=489)),
+            ["macros[0].commands[0].total_interval_ms: is 489; the command takes 500 ms"],
+        ),
         (
             Project(actions=(Action(1, "é" * 17),)),
             [
@@ -148,6 +154,7 @@ def test_a_sound_project_has_no_problems_on_a_board_that_it_fits() -> None:
             Project(actions=tuple(Action(number) for number in range(1, 1822))),
             ["!actions: there are 1,821; a board can list 1,820"],
         ),
+        (Project(actions=tuple(Action(number) for number in range(1, 1821))), []),
     ],
 )
 def test_each_problem_is_said_with_its_place(project: Project, expected: list[str]) -> None:
@@ -223,6 +230,25 @@ def test_captions_are_measured_in_the_encoding_of_the_board() -> None:
     project = Project(actions=(Action(1, "肘" * 16),))
     assert said(project, caption_encoding="big5") == []
     assert said(project)[0].endswith("takes 48 bytes in utf-8; a caption has 0..32 bytes")
+
+
+def test_what_has_one_right_answer_is_called_fixable() -> None:
+    project = Project(
+        0,
+        (ServoParameter(3, 1), ServoParameter(3, 1)),
+        (WAVE, Action(2, "", (STEP, STEP)), Action(2, "other", (Step(1, 0, 0), STEP))),
+        (Macro(1, "", (MacroCommand(1), MacroCommand(9))), Macro(2, "", (MacroCommand(2, 2),))),
+        (PAD,),
+        9,
+    )
+    assert [problem.path for problem in problems(project) if problem.fixable] == [
+        "servo_parameters[1].servo_id",
+        "actions[1].steps[1].servo_id",
+        "macros[0].commands[0].total_interval_ms",
+        "active_joystick_table",
+    ]
+    assert not problems(Project(joystick_tables=(PAD, replace(PAD, table_id=2)), active_joystick_table=9))[-1].fixable
+    assert problems(Project(active_joystick_table=9))[0].fixable
 
 
 def test_problems_come_in_the_order_of_the_file() -> None:
