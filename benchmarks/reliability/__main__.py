@@ -14,7 +14,7 @@ from collections.abc import Callable
 from functools import partial
 
 from benchmarks.measuring import Result, machine
-from benchmarks.reliability import PARTS, flood, framing, simulation, soak, stalls, sums, together
+from benchmarks.reliability import PARTS, flood, framing, reopening, simulation, soak, stalls, sums, together
 from benchmarks.reliability.history import STEPS, relive
 from benchmarks.report import FIGURES
 from servolink.printable import printable
@@ -57,6 +57,7 @@ def _work(args: argparse.Namespace) -> Callable[[], Result]:
         "sums": sums.run,
         "stalls": partial(stalls.run, pythons=pythons, real=args.real),
         "flood": flood.run,
+        "reopening": reopening.run,
         "soak": partial(soak.run, hours=args.hours, virtual=args.virtual),
     }
     return partial(work[args.part], short=args.short)

@@ -54,6 +54,12 @@ CANCELLED = 0.02
 _PATIENCE = 0.02
 
 
+def drawn(random: Random) -> Packet:
+    """Return something to say to a board."""
+    [make] = random.choices(_MAKERS, _WEIGHTS)
+    return make(random)
+
+
 class Conversation:
     """Callers that share one connection."""
 
@@ -84,8 +90,7 @@ class Conversation:
         random, loop = self._random, asyncio.get_running_loop()
         while self.steps < until:
             self.steps += 1
-            [make] = random.choices(_MAKERS, _WEIGHTS)
-            packet = make(random)
+            packet = drawn(random)
             call = Call(self.steps, packet, is_stop=packet is _STOP)
             if random.random() < self._line.stalls:
                 assert isinstance(loop, SimulatedLoop)  # noqa: S101 - narrows the type
