@@ -31,4 +31,7 @@ def checksum(data: bytes) -> int:
 def encode_frame(packet_id: int, content: bytes, byte_order: ByteOrder) -> bytes:
     """Return the whole frame for `content` of at most 65,535 bytes."""
     frame = HEADER[byte_order].pack(MAGIC, packet_id, len(content)) + content
-    return frame + checksum(frame).to_bytes(1, "little")
+    return frame + _BYTES[checksum(frame)]
+
+
+_BYTES = [bytes((number,)) for number in range(256)]

@@ -67,6 +67,7 @@ class Layout:
             self._record, values = group(last)
             self._item = Row(values, prefix)
         self.rule = self._rule(count)
+        self._pack = self._head.format.pack if self.rule.unit == 0 and not self._head.captions else None
         self.decode: Decoder = self._decoder()
 
     def _rule(self, count: Counted | None) -> LengthRule:
@@ -86,6 +87,12 @@ class Layout:
         `exact` writes whatever a board can have said, which is more than this library says by itself.
         """
         values = astuple(packet)
+        if self._pack is not None:
+            try:
+                if exact or self._head.free or self._head.in_range(values):
+                    return self._pack(*values)
+            except (struct_error, TypeError):
+                pass  # it is said in words below
         how = _writing(encoding, self._from_us and not exact, not exact)
         if self._item is not None:
             return self._encode_group(self._item, values, how)
@@ -167,7 +174,7 @@ class Layout:
                 raise self.wrong_length(content) from None
             if len(content) != base + count * unit:
                 raise self._wrong_count(content, count)
-            return packet(*head.text(values, encoding), read(content[base:], encoding))
+            return packet(*head.text(values, encoding), read(content, base, encoding))
 
         def decode_bare(content: bytes, encoding: str) -> Packet:
             try:
@@ -176,7 +183,7 @@ class Layout:
                 raise self.wrong_length(content) from None
             if len(content) != base + count * unit:
                 raise self._wrong_count(content, count)
-            return packet(read(content[base:], encoding))
+            return packet(read(content, base, encoding))
 
         return decode if head.values else decode_bare
 

@@ -18,6 +18,7 @@ from struct import Struct
 from typing import Literal, cast
 from zlib import adler32
 
+from servolink.protocol import compiled
 from servolink.protocol.frame import (
     HEADER,
     HEADER_SIZE,
@@ -132,7 +133,9 @@ class FrameParser:
         settled = 0  # frames before the last loss of sync
         wary = self._wary
         length = len(data)
-        if length > _MANY and not wary:
+        if compiled.collect is not None:
+            at, wary = self._collect(compiled.collect, data, at, frames, wary)
+        elif length > _MANY and not wary:
             at = self._run(data, at, frames)
         while True:
             body = at + HEADER_SIZE
@@ -173,6 +176,8 @@ class FrameParser:
             wary = self._wary
             if needed:
                 break
+            if compiled.collect is not None:
+                at, wary = self._collect(compiled.collect, data, at, frames, wary)
         if len(frames) > settled:
             self._believed(frames[-1], at)
         self._wary = wary
@@ -184,6 +189,14 @@ class FrameParser:
         if self._blocks is not None:
             self._blocks.move(at)
         return frames
+
+    def _collect(
+        self, collect: compiled.Collect, data: bytes, at: int, frames: list[Frame], wary: int
+    ) -> tuple[int, int]:
+        """Let the compiled loop collect frames; return where they end, and for how many more to be wary."""
+        before = len(frames)
+        at = collect(data, at, self._entries, frames, wary)
+        return at, max(0, wary - len(frames) + before)
 
     def _run(self, data: bytes, at: int, frames: list[Frame]) -> int:
         """Collect short frames one behind the other, but for the last, and return where they end.
@@ -331,10 +344,7 @@ class FrameParser:
             self._kept.append((len(frames), data[start:end], self._reason))
 
 
-_COMPILED = not __file__.endswith((".py", ".pyc"))
-_MANY = (
-    1 << 60 if _COMPILED else 512
-)  # bytes of a chunk that is worth a run; compiled, three cuts cost less than a call
+_MANY = 512  # bytes of a chunk that may hold a run of frames
 _ROOMY = 2 * HEADER_SIZE  # where the checksum of a frame stands that has room for another
 _WARY = 256
 

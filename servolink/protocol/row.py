@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import chain, starmap
+from itertools import starmap
+from operator import itemgetter
 from struct import Struct as Format
 from struct import error as struct_error
 from typing import Any
@@ -13,8 +14,12 @@ from msgspec import Struct as Record
 from msgspec.structs import astuple
 
 from servolink.errors import EncodeError
+from servolink.protocol import compiled
 from servolink.protocol.caption import decode_caption, decode_captions, encode_caption, encode_captions
 from servolink.protocol.declaration import Value
+
+Reader = Callable[[bytes, int, str], tuple[Any, ...]]
+"""Content, where its rows begin, and the encoding of captions to a group."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,24 +39,32 @@ class Row:
     def __init__(self, values: list[Value], prefix: str, suffix: str = "") -> None:
         """Lay `values` out in the byte order of `prefix`; `suffix` is the code of a count behind them."""
         self.values = values
+        self._prefix = prefix
         self.format = Format(prefix + "".join(value.code for value in values) + suffix)
         self.captions = tuple(at for at, value in enumerate(values) if value.is_caption)
         # Only where fewer values are allowed than fit the wire: the rest is checked by struct itself.
         self._narrow = tuple((at, value.low, value.high) for at, value in enumerate(values) if value.narrow)
-        self._free = not self.captions and not self._narrow
+        self.free = not self.captions and not self._narrow  # struct does all checks
+
+    def in_range(self, row: Sequence[Any]) -> bool:
+        """Tell whether no number is outside what its declaration allows; TypeError if one is no number."""
+        for at, low, high in self._narrow:  # noqa: SIM110 - all() of a generator costs several times as much
+            if not low <= row[at] <= high:
+                return False
+        return True
 
     def pack(self, values: Sequence[Any], where: str, how: Writing, count: tuple[int, ...] = ()) -> bytes:
         """Return the bytes of `values` and `count`; EncodeError names, after `where`, each value that does not fit."""
-        if self._free:
+        if self.free:
             try:
                 return self.format.pack(*values, *count)
             except (struct_error, TypeError):
                 pass
-        row = list(values)
+        row = [*values]
         for at in self.captions:
             row[at] = encode_caption(row[at], how.encoding, f"{where}.{self.values[at].name}", from_us=how.plain)
         try:
-            if not how.narrow or all(low <= row[at] <= high for at, low, high in self._narrow):
+            if not how.narrow or self.in_range(row):
                 return self.format.pack(*row, *count)
         except (struct_error, TypeError):
             pass
@@ -73,20 +86,24 @@ class Row:
     def _pack_at_once(self, group: Sequence[Any], record: type[Record] | None, how: Writing) -> bytes | None:
         """Return what `pack_group` does, several times as fast; None or any error if a value may not fit."""
         if record is None:
-            rows: Iterable[tuple[Any, ...]] = zip(group, strict=True)
-        elif {*map(type, group)} <= {record}:
-            rows = map(astuple, group)
-        else:
+            return self._bare(len(group)).pack(*group) if self.free else None
+        if not {*map(type, group)} <= {record}:
             return None
-        if group and not self._free:
+        rows: list[Any] = [*map(astuple, group)]
+        for at, low, high in self._narrow if group and how.narrow else ():
+            numbers = [*map(itemgetter(at), rows)]
+            if min(numbers) < low or max(numbers) > high:
+                return None
+        if group and self.captions:
             columns: list[Sequence[Any]] = [*zip(*rows, strict=True)]
             for at in self.captions:
                 columns[at] = encode_captions(columns[at], how.encoding, from_us=how.plain)
-            for at, low, high in self._narrow if how.narrow else ():
-                if not all(low <= number <= high for number in columns[at]):
-                    return None
-            rows = zip(*columns, strict=True)
+            return b"".join(map(self.format.pack, *columns))
         return b"".join(starmap(self.format.pack, rows))
+
+    def _bare(self, count: int) -> Format:
+        """Return the format of so many bare numbers."""
+        return Format(f"{self._prefix}{count}{self.values[0].code}")
 
     def _pack_one_by_one(self, group: Sequence[Any], record: type[Record] | None, where: str, how: Writing) -> bytes:
         parts = []
@@ -106,17 +123,30 @@ class Row:
             row[at] = decode_caption(row[at], encoding)
         return row
 
-    def reader(self, record: type[Record] | None) -> Callable[[bytes, str], tuple[Any, ...]]:
-        """Return what makes records (or bare numbers) from whole rows and the encoding of their captions."""
-        rows, captions, width = self.format.iter_unpack, self.captions, len(self.values)
-        if record is None:
-            return lambda content, encoding: tuple(chain.from_iterable(rows(content)))
-        if not captions:
-            return lambda content, encoding: tuple(starmap(record, rows(content)))
-        prefix, codes, size = self.format.format[:1], self.format.format[1:], self.format.size
+    def reader(self, record: type[Record] | None) -> Reader:
+        """Return what makes records (or bare numbers) of whole rows."""
+        in_python, read_rows, layout = self._reader(record), compiled.read_rows, self.format.format
+        if read_rows is None:
+            return in_python
 
-        def read(content: bytes, encoding: str) -> tuple[Any, ...]:
-            values = Format(prefix + codes * (len(content) // size)).unpack(content)
+        def read(content: bytes, start: int, encoding: str) -> tuple[Any, ...]:
+            if self.captions and encoding != "utf-8":
+                return in_python(content, start, encoding)
+            return read_rows(content, start, layout, record, encoding)
+
+        return read
+
+    def _reader(self, record: type[Record] | None) -> Reader:
+        rows, size, captions = self.format.iter_unpack, self.format.size, self.captions
+        if record is None:
+            return lambda content, start, encoding: self._bare((len(content) - start) // size).unpack(content[start:])
+        if not captions:
+            return lambda content, start, encoding: tuple(starmap(record, rows(content[start:])))
+        prefix, codes, width = self._prefix, self.format.format[1:], len(self.values)
+
+        def read(content: bytes, start: int, encoding: str) -> tuple[Any, ...]:
+            count = (len(content) - start) // size
+            values = Format(prefix + codes * count).unpack_from(content, start)
             columns: list[Sequence[Any]] = [values[at::width] for at in range(width)]
             for at in captions:
                 columns[at] = decode_captions(columns[at], encoding)

@@ -51,7 +51,7 @@ def test_many_rows_are_read_as_each_alone(record: Any, data: st.DataObject) -> N
         record(*row.text([*row.format.unpack(content[at : at + size])], encoding))
         for at in range(0, len(content), size)
     ]
-    assert row.reader(record)(content, encoding) == (*alone,)
+    assert row.reader(record)(content, 0, encoding) == (*alone,)
 
 
 def test_a_record_with_more_to_it_is_written_as_what_it_is_too() -> None:
