@@ -57,7 +57,7 @@ class CompiledLoops(BuildHookInterface[Any]):
 
 def compile_into(folder: Path) -> Path:
     """Compile the module into `folder`, at its place in the package, and return its file; NoCompiler if that fails."""
-    setuptools = import_module("setuptools")
+    setuptools, errors = import_module("setuptools"), import_module("setuptools.errors")
     optimized = [] if sys.platform == "win32" else ["-O3"]
     module = setuptools.Extension(MODULE, [str(ROOT / SOURCE)], extra_compile_args=optimized)
     command = setuptools.Distribution({"name": "servolink", "ext_modules": [module]}).get_command_obj("build_ext")
@@ -66,7 +66,7 @@ def compile_into(folder: Path) -> Path:
         command.ensure_finalized()
         try:
             command.run()
-        except import_module("setuptools.errors").BaseError as error:
+        except (errors.BaseError, errors.CCompilerError) as error:
             raise NoCompiler(
                 f"cannot compile {SOURCE}: {error}. Install a C compiler and Python's headers (Debian: gcc "
                 "python3-dev), or leave SERVOLINK_COMPILE unset: pure Python does the same."

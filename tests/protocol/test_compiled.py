@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -182,6 +183,13 @@ def test_any_content_is_the_same_packet(loops: Any, packet_id: int, content: byt
     for tried in (content, content[:begin] + noise[begin:], noise, content[:-1], b"", bytearray(content)):
         for encoding in ("utf-8", "big5", "utf-16-le"):
             assert decoded(layouts[0], tried, encoding) == decoded(layouts[1], tried, encoding)
+
+
+def test_without_a_compiler_it_is_said_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pytest.importorskip("setuptools")
+    monkeypatch.setenv("CC", "no-such-compiler")
+    with pytest.raises(NoCompiler, match=r"Install a C compiler .*, or leave SERVOLINK_COMPILE unset"):
+        compile_into(tmp_path)
 
 
 @pytest.mark.parametrize(
