@@ -22,7 +22,7 @@ from servolink.transports.faults import Faults
 from servolink.virtual.board import MEMORY, MOST_SERVOS, VirtualBoard
 from servolink.virtual.keys import HELP, Keys
 from servolink.virtual.network import host_and_port
-from servolink.virtual.script import ButtonChange, parse_script
+from servolink.virtual.script import Deed, Push, parse_script
 from servolink.virtual.serving import serve
 from servolink.virtual.state import load_state, save_state
 from servolink.virtual.storage import ADDS, CLEARS
@@ -63,7 +63,7 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
         "--state", type=Path, metavar="FILE", help="load what is stored from it, and save it at the end"
     )
     parser.add_argument(
-        "--script", type=_script, default=[], metavar="FILE", help="button presses, such as: 1.5 press 3"
+        "--script", type=_script, default=[], metavar="FILE", help="what people do to it, such as: 1.5 press 3"
     )
 
 
@@ -120,11 +120,11 @@ def _stop_on_signals() -> asyncio.Event:
 
 
 @contextmanager
-def _playing(board: VirtualBoard, changes: Iterable[ButtonChange]) -> Iterator[None]:
-    """Let button changes happen, counted from now."""
+def _playing(board: VirtualBoard, deeds: Iterable[Deed]) -> Iterator[None]:
+    """Let people do what a script says, counted from now."""
     loop = asyncio.get_running_loop()
     start = loop.time()
-    timers = [loop.call_at(start + change.at, _change, board, change) for change in changes]
+    timers = [loop.call_at(start + deed.at, _do, board, deed) for deed in deeds]
     try:
         yield
     finally:
@@ -132,9 +132,14 @@ def _playing(board: VirtualBoard, changes: Iterable[ButtonChange]) -> Iterator[N
             timer.cancel()
 
 
-def _change(board: VirtualBoard, change: ButtonChange) -> None:
-    act = board.press_button if change.down else board.release_button
-    act(change.button_id, asyncio.get_running_loop().time())
+def _do(board: VirtualBoard, deed: Deed) -> None:
+    now = asyncio.get_running_loop().time()
+    if isinstance(deed, Push):
+        board.push_servo(deed.servo_id, deed.degree, now)
+    elif deed.down:
+        board.press_button(deed.button_id, now)
+    else:
+        board.release_button(deed.button_id, now)
 
 
 @contextmanager
@@ -144,7 +149,7 @@ def _keyboard(board: VirtualBoard) -> Iterator[None]:
 
     def typed(text: str) -> None:
         for change in keys.typed(text):
-            asyncio.get_running_loop().call_later(change.at, _change, board, change)
+            asyncio.get_running_loop().call_later(change.at, _do, board, change)
 
     with single_keys(typed) as there:
         if there:
@@ -176,7 +181,7 @@ def _faults(text: str) -> Faults:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def _script(text: str) -> list[ButtonChange]:
+def _script(text: str) -> list[Deed]:
     try:
         return parse_script(Path(text).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

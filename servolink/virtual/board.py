@@ -132,6 +132,13 @@ class VirtualBoard:
         self._buttons.release(button_id, now)
         self.changed()
 
+    def push_servo(self, servo_id: int, degree: float, now: float) -> None:
+        """Turn a servo by hand to an angle; one that is held does not give way, and one that is not there cannot."""
+        self.advance(now)
+        if servo_id in self.servos:
+            self.servos[servo_id].push(degree)
+        self.changed()
+
     def advance(self, now: float) -> None:
         """Bring everything that goes on by itself up to `now`; a time before the last one changes nothing."""
         while (due := self._due()) is not None and due <= now:

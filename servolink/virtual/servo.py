@@ -107,6 +107,11 @@ class Servo:
         if not (is_start and is_hold):
             self._motion = None
 
+    def push(self, angle: float) -> None:
+        """Be turned by hand to `angle` (degrees), as far as the stops go; only a limp servo gives way."""
+        if not self.is_hold:
+            self.angle = max(LOWEST, min(HIGHEST, angle))
+
     def switch(self, *, on: bool) -> None:
         """Get power, and hold where it is, or lose it, and be limp; either way it is as new but for where it is."""
         self.unit, self.is_start, self.is_hold, self._motion = DEGREES, 1, int(on), None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from servolink.virtual.buttons import LONG_PRESS_AFTER
-from servolink.virtual.script import ButtonChange, parse_script
+from servolink.virtual.script import ButtonChange, Push, parse_script
 
 
 def test_words_become_changes_in_order_of_time() -> None:
@@ -17,7 +17,7 @@ def test_words_become_changes_in_order_of_time() -> None:
     4 up 7
     """
     changes = parse_script(script)
-    assert [(change.button_id, change.down) for change in changes] == [(3, True), (3, False), (7, True), (7, False)]
+    assert [change[1:] for change in changes] == [(3, True), (3, False), (7, True), (7, False)]
     assert [change.at for change in changes] == sorted(change.at for change in changes)
     assert changes[0] == ButtonChange(1.5, 3, True)
     assert changes[3] == ButtonChange(4.0, 7, False)
@@ -32,7 +32,7 @@ def test_press_is_short_and_long_is_long() -> None:
 
 def test_up_comes_before_down_at_the_same_time() -> None:
     changes = parse_script("1 down 3\n2 down 3\n2 up 3")
-    assert [change.down for change in changes] == [True, False, True]
+    assert [change[2] for change in changes] == [True, False, True]
 
 
 @pytest.mark.parametrize(
@@ -53,3 +53,17 @@ def test_up_comes_before_down_at_the_same_time() -> None:
 def test_other_lines_are_refused_by_number(line: str, text: str) -> None:
     with pytest.raises(ValueError, match=f"^line 2: .*{text}"):
         parse_script(f"1 press 3\n{line}\n")
+
+
+def test_a_servo_is_pushed() -> None:
+    assert parse_script("2.0 push 1 -45  # by hand\n1 press 3") == [
+        ButtonChange(1.0, 3, down=True),
+        ButtonChange(1.1, 3, down=False),
+        Push(2.0, 1, -45),
+    ]
+
+
+@pytest.mark.parametrize("line", ["1 push 1", "1 push 255 3", "1 push 1 2.5", "-1 push 1 2", "1 push x 2"])
+def test_a_push_that_is_none_is_named(line: str) -> None:
+    with pytest.raises(ValueError, match="line 1: "):
+        parse_script(line)

@@ -139,3 +139,17 @@ def test_charge_is_given_out_once(servo: Servo) -> None:
     servo.advance(110.0)
     assert servo.take_charge() == pytest.approx(400.0)
     assert servo.take_charge() == 0
+
+
+def test_only_a_limp_servo_gives_way_and_no_further_than_its_stops() -> None:
+    servo = Servo(1, angle=10.0, friction=1.0)
+    servo.push(50.0)
+    assert servo.angle == 10.0
+    servo.set_flags(0, 0, 0.0)
+    servo.push(50.0)
+    assert servo.angle == 50.0
+    servo.push(500.0)
+    assert servo.angle == 180.0
+    servo.set_flags(1, 1, 1.0)
+    servo.advance(5.0)
+    assert servo.angle == 180.0
