@@ -18,7 +18,7 @@ _WARNING = "released servos are limp, and raised limbs fall"
 def configure(command: str, parser: argparse.ArgumentParser) -> None:
     """Add the options of `command`."""
     if command == "release":
-        parser.add_argument("servo_ids", nargs="*", type=_servo_id, metavar="SERVO", help="which servos (all)")
+        parser.add_argument("servo_ids", nargs="*", type=servo_id, metavar="SERVO", help="which servos (all)")
         parser.add_argument("--yes", action="store_true", help=f"do not ask: {_WARNING}")
 
 
@@ -43,7 +43,7 @@ def _stop(args: argparse.Namespace) -> int:
 
 def _release(args: argparse.Namespace) -> int:
     which = f"servos {', '.join(map(str, args.servo_ids))}" if args.servo_ids else "all servos"
-    if not args.yes and not _confirmed(args, which):
+    if not args.yes and not may_release(args, which):
         return FAILED
 
     async def talk(board: Board, interruption: Interruption) -> int:
@@ -57,8 +57,8 @@ def _release(args: argparse.Namespace) -> int:
     return converse(args, talk)
 
 
-def _confirmed(args: argparse.Namespace, which: str) -> bool:
-    """Ask a person; a program has to say --yes."""
+def may_release(args: argparse.Namespace, which: str) -> bool:
+    """Ask a person whether servos may go limp; a program has to say --yes."""
     if args.json or sys.stdin is None or not sys.stdin.isatty():
         refuse(args, f"{_WARNING}; say --yes if they may")
     print(f"{_WARNING}. Release {which}? [y/N] ", end="", file=sys.stderr, flush=True)
@@ -73,7 +73,8 @@ def _confirmed(args: argparse.Namespace, which: str) -> bool:
     return False
 
 
-def _servo_id(text: str) -> int:
+def servo_id(text: str) -> int:
+    """Read the id of a servo."""
     if not (text.isascii() and text.isdecimal() and int(text) < ALL_SERVOS):
         raise argparse.ArgumentTypeError(f"{text!r} is no servo id, 0 to 254")
     return int(text)

@@ -34,6 +34,7 @@ COMMANDS = {
     "apply": ("servolink.cli.apply", "write a project file to the board, without ever losing what was there"),
     "rollback": ("servolink.cli.apply", "bring back what was on the board before the last import"),
     "project": ("servolink.cli.project", "show, check, edit and play projects in files, without a board"),
+    "teach": ("servolink.cli.teach", "take poses of limbs that are moved by hand"),
     "backups": ("servolink.cli.backups", "list what was on boards before imports"),
     "events": ("servolink.cli.events", "show button events as they come"),
     "decode": ("servolink.cli.packets", "turn frames into readable packets"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,6 +18,9 @@ from servolink.cli.main import main
 
 GUARD = 30.0
 """Seconds after which a program that does not end has failed."""
+
+_SLOW = re.compile(r"^Executing <.* took [\d.]+ seconds\n", re.MULTILINE)
+"""What asyncio says, in the development mode of COMMAND, where the machine is busy."""
 
 COMMAND = (sys.executable, "-X", "dev", "-W", "error", "-m", "servolink")
 
@@ -81,7 +85,7 @@ def finished(process: subprocess.Popen[str], by: signal.Signals | None = None) -
         except BaseException:
             process.kill()
             raise
-    return Said(process.returncode, out, err)
+    return Said(process.returncode, out, _SLOW.sub("", err))
 
 
 def program(*arguments: str, **changed: str) -> Said:
@@ -89,8 +93,13 @@ def program(*arguments: str, **changed: str) -> Said:
     return finished(started(*arguments, **changed))
 
 
-def in_terminal(*arguments: str, typed: str = "", env: Mapping[str, str] | None = None) -> Said:
-    """Run a command in a terminal of 100 columns and 40 lines; what it says on either stream is in `out`."""
+def in_terminal(
+    *arguments: str, typed: str = "", later: tuple[str, str] = ("", ""), env: Mapping[str, str] | None = None
+) -> Said:
+    """Run a command in a terminal of 100 columns and 40 lines; what it says on either stream is in `out`.
+
+    `later` is what it says, and what is typed when it has said that.
+    """
     import fcntl
     import struct
     import termios
@@ -103,13 +112,20 @@ def in_terminal(*arguments: str, typed: str = "", env: Mapping[str, str] | None 
             stdin=theirs,
             stdout=theirs,
             stderr=theirs,
+            start_new_session=True,
+            # In front on its terminal, as programs are that people start.
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),  # noqa: PLW1509 - one system call, no lock
             env=environment(TERM="xterm-256color", **(env or {})),
         )
         os.close(theirs)
         os.write(ours, typed.encode())
         out = bytearray()
+        said, answer = later
         while chunk := _read(ours):
             out += chunk
+            if answer and said in out.decode(errors="replace"):
+                os.write(ours, answer.encode())
+                answer = ""
         return Said(process.wait(GUARD), out.decode(), "")
     finally:
         os.close(ours)

@@ -1,0 +1,159 @@
+"""`servolink teach`: poses of a limb that is moved by hand, into an action or a macro."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from servolink.cli.halt import may_release, servo_id
+from servolink.cli.main import FAILED, INTERRUPTED, OK
+from servolink.cli.output import print_json, print_text
+from servolink.cli.session import Interruption, converse
+from servolink.cli.teach.limp import Limp
+from servolink.cli.teach.taking import Taking
+from servolink.cli.teach.writing import check_name, write
+from servolink.client.board import Board
+from servolink.client.servos import Servo
+from servolink.errors import ConnectionLost, NotFound
+from servolink.printable import printable
+from servolink.project.lesson import LONGEST, SHORTEST, Lesson
+
+_SPEED_CAP = 120.0
+
+
+def configure(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink teach`."""
+    parser.add_argument("name", metavar="NAME", help="of the action, or of the macro if there are several poses")
+    parser.add_argument("servo_ids", nargs="*", type=servo_id, metavar="SERVO", help="the servos to release (all)")
+    parser.add_argument("--file", type=Path, metavar="FILE", help="write into this project file, not to the board")
+    parser.add_argument("--button", type=_button, metavar="ID", help="the only button that takes poses (any)")
+    parser.add_argument(
+        "--interval", type=_seconds, metavar="S", help="seconds to each pose, instead of those that it took"
+    )
+    parser.add_argument(
+        "--speed-cap",
+        type=_speed,
+        default=_SPEED_CAP,
+        metavar="D",
+        help=f"degrees per second that playing it will not exceed ({_SPEED_CAP:g})",
+    )
+    parser.add_argument("--yes", action="store_true", help="do not ask whether the servos may go limp")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Release, take poses, hold again, write."""
+    which = f"servos {', '.join(map(str, args.servo_ids))}" if args.servo_ids else "all servos"
+    if not args.yes and not may_release(args, which):
+        return FAILED
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        await check_name(board, args.name, args.file)
+        servos = _chosen(await board.servos(), args.servo_ids)
+        lesson = Lesson(
+            args.name,
+            {servo.servo_id: int(servo.angle) for servo in servos},
+            asyncio.get_running_loop().time(),
+            speed_cap=args.speed_cap,
+            seconds=args.interval,
+        )
+        ids = frozenset(servo.servo_id for servo in servos)
+        taking = Taking(board, lesson, ids, button=args.button, json=args.json)
+        if not await _taught(taking, Limp(board, servos), interruption):
+            interruption.state += f"; {len(lesson.poses)} poses were not written"
+            interruption.tell()
+            return INTERRUPTED
+        if not lesson.poses:
+            print_text("no pose was taken, nothing is written")
+            return FAILED
+        where = await write(board, lesson, args.file)
+        if args.json:
+            print_json({"name": args.name, "poses": len(lesson.poses), "written": where})
+        else:
+            print_text(f"'{args.name}' with {len(lesson.poses)} poses is written: {where}")
+        return OK
+
+    return converse(args, talk, reconnect=True)
+
+
+async def _taught(taking: Taking, limp: Limp, interruption: Interruption) -> bool:
+    """Take poses with limp servos, which are held when this returns; tell whether it was not interrupted."""
+    interruption.state = f"{limp.words} may be limp; `servolink stop` holds all servos"
+    lost = False
+    with _gentle() as stop:
+        try:
+            await limp.release()
+            await taking.until(stop)
+        except ConnectionLost as error:
+            lost = True
+            _note(f"{error}; {limp.words} will be held as soon as the board is back, Ctrl-C twice gives up")
+        finally:
+            await limp.hold_when_back()
+        interruption.state = f"{limp.words} are held again"
+        if lost:
+            _note(f"the board is back, and {limp.words} are held")
+        return not stop.is_set()
+
+
+@contextmanager
+def _gentle() -> Iterator[asyncio.Event]:
+    """Let the first Ctrl-C set the event, so that limp servos can be held, and a second one end it all."""
+    loop, stop = asyncio.get_running_loop(), asyncio.Event()
+    task = asyncio.current_task()
+
+    def interrupt() -> None:
+        if stop.is_set() and task is not None:
+            task.cancel()
+        stop.set()
+
+    numbers = (
+        [signal.SIGINT, signal.SIGTERM] if sys.platform == "win32" else [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+    )
+    before = {number: signal.getsignal(number) for number in numbers}
+    for number in numbers:
+        signal.signal(number, lambda *_: loop.call_soon_threadsafe(interrupt))
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _note(text: str) -> None:
+    print(f"servolink: {printable(text)}", file=sys.stderr, flush=True)
+
+
+def _chosen(servos: tuple[Servo, ...], servo_ids: list[int]) -> tuple[Servo, ...]:
+    """Return the servos with these ids, or all; NotFound if there is one that the board does not have."""
+    there = {servo.servo_id for servo in servos}
+    if missing := [wanted for wanted in servo_ids if wanted not in there]:
+        raise NotFound(f"the board has no servo {missing[0]}")
+    return tuple(servo for servo in servos if not servo_ids or servo.servo_id in servo_ids)
+
+
+def _button(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and int(text) < 2**32):
+        raise argparse.ArgumentTypeError(f"{text!r} is no button id, 0 to {2**32 - 1}")
+    return int(text)
+
+
+def _seconds(text: str) -> float:
+    return _number(text, SHORTEST, LONGEST, "seconds")
+
+
+def _speed(text: str) -> float:
+    return _number(text, 1.0, 10_000.0, "degrees per second")
+
+
+def _number(text: str, low: float, high: float, unit: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = low - 1
+    if not low <= number <= high:
+        raise argparse.ArgumentTypeError(f"{text!r} is outside {low:g}..{high:g} {unit}")
+    return number

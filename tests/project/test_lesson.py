@@ -1,0 +1,82 @@
+"""Poses become actions and a macro, with the times that they took."""
+
+from __future__ import annotations
+
+import pytest
+
+from servolink.errors import ProjectError
+from servolink.project.lesson import LONGEST, SHORTEST, Lesson
+from servolink.project.model import Project
+from servolink.protocol.editing import Action, Macro
+from servolink.protocol.servos import Step
+
+
+def lesson(seconds: float | None = None) -> Lesson:
+    """Begin a lesson at 100 s, with two servos at 0 degrees."""
+    return Lesson("Wave", {1: 0, 2: 0}, 100.0, speed_cap=90.0, seconds=seconds)
+
+
+def test_one_pose_is_an_action() -> None:
+    one = lesson()
+    one.take({1: 30, 2: 0}, 101.5)
+    assert one.into(Project()) == Project(actions=(Action(1, "Wave", (Step(1, 30, 150), Step(2, 0, 150))),))
+
+
+def test_several_poses_are_a_macro_with_the_times_between_them() -> None:
+    several = lesson()
+    several.take({1: 30, 2: 0}, 101.5)
+    several.take({1: 0, 2: 10}, 103.75)
+    project = several.into(Project(actions=(Action(1, "Old"),), macros=(Macro(4, "Old"),)))
+    assert [(one.action_id, one.action_caption) for one in project.actions] == [
+        (1, "Old"),
+        (2, "Wave 1"),
+        (3, "Wave 2"),
+    ]
+    (_, macro) = project.macros
+    assert macro.macro_caption == "Wave"
+    assert [(one.command_id, one.type, one.total_interval) for one in macro.commands] == [(2, 0, 1500), (3, 0, 2250)]
+
+
+def test_a_pose_is_never_faster_than_the_cap() -> None:
+    hasty = lesson()
+    assert hasty.take({1: 90, 2: -180}, 100.01).seconds == 2.0
+    assert hasty.take({1: 90, 2: -180}, 100.02).seconds == SHORTEST
+    assert hasty.take({1: 89, 2: -180}, 9999.0).seconds == LONGEST
+
+
+def test_times_can_be_set() -> None:
+    even = lesson(seconds=0.5)
+    assert even.take({1: 10}, 107.0).seconds == 0.5
+    assert even.take({1: 100}, 108.0).seconds == 1.0
+
+
+def test_what_is_undone_leaves_no_trace() -> None:
+    undone = lesson()
+    undone.undo()
+    undone.take({1: 10}, 101.0)
+    undone.take({1: 90}, 102.0)
+    undone.undo()
+    assert undone.take({1: 20}, 103.0).seconds == 2.0
+    assert [pose.degrees for pose in undone.poses] == [{1: 10}, {1: 20}]
+
+
+@pytest.mark.parametrize(
+    "project",
+    [
+        Project(actions=(Action(1, "Wave"),)),
+        Project(macros=(Macro(1, "Wave"),)),
+        Project(actions=(Action(1, "Wave 7"),)),
+    ],
+)
+def test_a_name_is_not_taken_twice(project: Project) -> None:
+    taken = lesson()
+    taken.take({1: 10}, 101.0)
+    with pytest.raises(ProjectError, match=r"there is (action|macro) 'Wave.*' already; take another name"):
+        taken.into(project)
+
+
+def test_a_name_that_is_no_caption_is_refused() -> None:
+    long = Lesson("W" * 40, {1: 0}, 0.0, speed_cap=90.0)
+    long.take({1: 1}, 1.0)
+    with pytest.raises(ProjectError, match="a caption has at most 32 bytes"):
+        long.into(Project())
