@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
 import gc
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from statistics import median
 from time import process_time_ns
 
+from benchmarks.loops import installed, loops
 from benchmarks.measuring import CORES, Result, Table, table
 from benchmarks.responder import Responder, language
-from benchmarks.roundtrip_clients import LAYERS, PEERS, RAW, Client, Modbus, NewLoop, Ours, Polling
+from benchmarks.roundtrip_clients import LAYERS, PEERS, RAW, Client, Modbus, Ours, Polling
 
 SIZES = (14, 186)
 GOALS = {"asyncio": 2.0, "uvloop": 1.6}
@@ -76,25 +74,10 @@ def _measure(cases: list[_Case], rounds: int, times: int) -> None:
 def _cases(size: int, versions: dict[str, str]) -> Iterator[_Case]:
     for raw in RAW:
         yield _Case(raw(size), "")
-    for loop, new in _loops(versions):
+    for loop, new in loops(versions):
         for kind in (*LAYERS, *PEERS):
-            if not kind.package or _note(kind.package, versions):
+            if not kind.package or installed(kind.package, versions):
                 yield _Case(kind(size, new), loop)
-
-
-def _loops(versions: dict[str, str]) -> Iterator[tuple[str, NewLoop]]:
-    yield "asyncio", asyncio.new_event_loop
-    if _note("uvloop", versions):
-        yield "uvloop", import_module("uvloop").new_event_loop
-
-
-def _note(package: str, versions: dict[str, str]) -> bool:
-    """Note the version of `package`; False if it is not installed."""
-    try:
-        versions[package] = version(package)
-    except PackageNotFoundError:
-        return False
-    return True
 
 
 def _ratio(case: _Case, to: _Case) -> float:

@@ -11,6 +11,7 @@ from importlib import import_module
 from time import perf_counter_ns
 from typing import Any, ClassVar
 
+from benchmarks.loops import NewLoop
 from servolink.client.connect import connect
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Query
@@ -24,7 +25,6 @@ from servolink.protocol.servos import (
 )
 from servolink.transports.registry import create
 
-NewLoop = Callable[[], asyncio.AbstractEventLoop]
 _BAUDRATE = 115200  # a pseudo-terminal takes no notice of it
 
 

@@ -1,0 +1,92 @@
+"""How long a program waits for servolink to be there: imports and commands, beside what Python itself needs."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+
+from benchmarks.loops import installed
+from benchmarks.measuring import Result, table
+
+BARE = "python -c pass"
+IMPORT, HELP = "import servolink", "servolink --help"
+GOALS = {IMPORT: 60, HELP: 150}
+"""Milliseconds more than bare Python."""
+_IMPORTS = ("import servolink", "from servolink import connect", "import asyncio")
+_PEERS = {"pymodbus": "import pymodbus.client", "moteus": "import moteus"}
+_COMMANDS = ("servolink --help", "servolink servos --help", "servolink servos --url virtual://")
+
+
+def run(*, short: bool) -> Result:
+    """Start everything in turns."""
+    versions: dict[str, str] = {}
+    cases = _cases(versions)
+    walls: dict[str, list[float]] = {name: [] for name in cases}
+    cpus: dict[str, list[float]] = {name: [] for name in cases}
+    for at in range(4 if short else 22):
+        for name, command in cases.items():
+            wall, cpu = _start(command)
+            if at:  # the first one brings the files into memory, and compiles them
+                walls[name].append(wall)
+                cpus[name].append(cpu)
+    times = {name: (median(walls[name]), median(cpus[name])) for name in cases}
+    bare_wall, bare_cpu = times[BARE]
+    shown = table(
+        "from the start of Python to the end, ms",
+        ("what", "time", "time over bare Python", "CPU", "CPU over bare Python", "spread"),
+        [
+            (
+                name,
+                f"{wall_ms:.0f}",
+                f"{wall_ms - bare_wall:.0f}",
+                f"{cpu_ms:.0f}",
+                f"{cpu_ms - bare_cpu:.0f}",
+                f"{_spread(walls[name]):.0%}",
+            )
+            for name, (wall_ms, cpu_ms) in times.items()
+        ],
+        [
+            "`import servolink` alone loads little: what a name stands for is loaded when the name is first used.",
+            "asyncio is what no such program can do without.",
+            "Spread: half the distance between the quartiles of the times.",
+        ],
+    )
+    slow = [
+        f"{name}: {more:.0f} ms over bare Python, the goal is {goal} ms"
+        for name, goal in GOALS.items()
+        if (more := times[name][0] - bare_wall) > goal
+    ]
+    return {"tables": [shown], "slow": slow, "goals": GOALS, "versions": versions, "wall": walls, "cpu": cpus}
+
+
+def _cases(versions: dict[str, str]) -> dict[str, list[str]]:
+    imports = [*_IMPORTS, *(line for package, line in _PEERS.items() if installed(package, versions))]
+    program = shutil.which("servolink", path=Path(sys.executable).parent) or "servolink"
+    return (
+        {BARE: [sys.executable, "-c", "pass"]}
+        | {line: [sys.executable, "-c", line] for line in imports}
+        | {line: [program, *line.split()[1:]] for line in _COMMANDS}
+    )
+
+
+def _start(command: list[str]) -> tuple[float, float]:
+    """Return the milliseconds that pass and those of CPU until `command` has ended."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "SERVOLINK"))}
+    began = perf_counter()
+    started = subprocess.Popen(command, stdout=subprocess.DEVNULL, env=environment)  # noqa: S603 - our own commands
+    _, status, used = os.wait4(started.pid, 0)
+    wall = perf_counter() - began
+    started.returncode = os.waitstatus_to_exitcode(status)
+    if started.returncode:
+        raise RuntimeError(f"{' '.join(command)} ended with {started.returncode}")
+    return wall * 1000, (used.ru_utime + used.ru_stime) * 1000
+
+
+def _spread(times: list[float]) -> float:
+    ordered = sorted(times)
+    return (ordered[len(ordered) * 3 // 4] - ordered[len(ordered) // 4]) / 2 / median(ordered)
