@@ -123,11 +123,11 @@ class SerialTransport(StreamTransport):
         gone.__cause__ = error
         self._end(gone)
 
-    def _write(self, data: bytes) -> None:
+    def _write(self, pipe: asyncio.Transport, data: bytes) -> None:
         """Do not wait a turn of the loop for what the system takes at once, which is most often all."""
         taken = 0 if self._full else self._port.write_at_once(data)
         if taken < len(data):
-            super()._write(data[taken:])
+            pipe.write(data[taken:])
 
     def _unsent(self) -> int:
         try:

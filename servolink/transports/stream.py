@@ -39,10 +39,9 @@ class StreamTransport(asyncio.Protocol, ABC):
     async def _connect(self) -> asyncio.Transport:
         """Connect with this object as the protocol; OpenError says what to do."""
 
-    def _write(self, data: bytes) -> None:
-        """Give `data` to the system, or keep what it does not take, and call `pause_writing`."""
-        if self._pipe is not None:
-            self._pipe.write(data)
+    def _write(self, pipe: asyncio.Transport, data: bytes) -> None:
+        """Give `data` to the system; `pipe` keeps what it does not take, and calls `pause_writing`."""
+        pipe.write(data)
 
     def _unsent(self) -> int:
         """Bytes that have not left yet."""
@@ -66,7 +65,7 @@ class StreamTransport(asyncio.Protocol, ABC):
             raise self._lost()
         if not data:  # pyserial-asyncio would spin on it
             return
-        self._write(data)
+        self._write(self._pipe, data)
         self._sent += len(data)
         if self._full:
             taken = asyncio.get_running_loop().create_future()
