@@ -59,8 +59,8 @@ class Layout:
         if count is not None or bare(last) is bytes:
             self._tail = names.pop()
         fixed = [value(name, hints[name]) for name in names]
-        self._optional = Row([fixed.pop()], prefix) if fixed and fixed[-1].optional else None
-        self._head = Row(fixed, prefix, count.count if count else "")
+        self._whole = Row(fixed, prefix) if fixed and fixed[-1].optional else None  # with its optional last field
+        self._head = Row(fixed[:-1] if self._whole else fixed, prefix, count.count if count else "")
         self._record: type[Record] | None = None
         self._item: Row | None = None
         if count is not None:
@@ -77,8 +77,8 @@ class Layout:
             return LengthRule(base, unit, min((MAX_CONTENT - base) // unit, wire_range(count.count)[1]))
         if self._tail:
             return LengthRule(base, 1, MAX_CONTENT - base)
-        if self._optional is not None:
-            return LengthRule(base, self._optional.format.size, 1)
+        if self._whole is not None:
+            return LengthRule(base, self._whole.format.size - base, 1)
         return LengthRule(base)
 
     def encode(self, packet: Packet, encoding: str, *, exact: bool = False) -> bytes:
@@ -93,27 +93,21 @@ class Layout:
                     return self._pack(*values)
             except (struct_error, TypeError):
                 pass  # it is said in words below
+        if self._tail and self._item is None:
+            return self._encode_rest(*values)
         how = _writing(encoding, self._from_us and not exact, not exact)
         if self._item is not None:
             return self._encode_group(self._item, values, how)
-        if self._tail:
-            return self._encode_rest(values, how)
-        if self._optional is not None:
-            return self._encode_optional(self._optional, values, how)
-        return self._head.pack(values, self._name, how)
+        if self._whole is not None and values[-1] is None:
+            return self._head.pack(values[:-1], self._name, how)
+        return (self._whole or self._head).pack(values, self._name, how)
 
-    def _encode_optional(self, optional: Row, values: tuple[Any, ...], how: Writing) -> bytes:
-        *fixed, last = values
-        tail = b"" if last is None else optional.pack([last], self._name, how)
-        return self._head.pack(fixed, self._name, how) + tail
-
-    def _encode_rest(self, values: tuple[Any, ...], how: Writing) -> bytes:
-        *fixed, data = values
+    def _encode_rest(self, data: object) -> bytes:
         if not isinstance(data, (bytes, bytearray, memoryview)):
             raise EncodeError(f"{self._name}.{self._tail}: {type(data).__name__} is not bytes")
         if len(data) > self.rule.limit:
             raise EncodeError(f"{self._name}.{self._tail}: {len(data)} bytes are outside 0..{self.rule.limit}")
-        return self._head.pack(fixed, self._name, how) + bytes(data)
+        return bytes(data)
 
     def _encode_group(self, item: Row, values: tuple[Any, ...], how: Writing) -> bytes:
         *fixed, records = values
@@ -130,12 +124,12 @@ class Layout:
         if self._item is not None:
             return self._group_decoder(self._item)
         if self._tail:
-            return self._rest_decoder()
-        if self._optional is not None:
-            return self._optional_decoder(self._optional)
+            if self._head.values:
+                raise TypeError(f"{self._name}: the rest of the bytes is decoded only alone")
+            return lambda content, encoding: self._packet(bytes(content))
         if self._head.captions:
             raise TypeError(f"{self._name}: captions are decoded only before a group")
-        return self._fixed_decoder()
+        return self._fixed_decoder() if self._whole is None else self._optional_decoder(self._whole)
 
     def _fixed_decoder(self) -> Decoder:
         packet, unpack = self._packet, self._head.format.unpack
@@ -148,18 +142,11 @@ class Layout:
 
         return decode
 
-    def _rest_decoder(self) -> Decoder:
-        return lambda content, encoding: self._packet(bytes(content))
-
-    def _optional_decoder(self, optional: Row) -> Decoder:
-        packet, short = self._packet, self._fixed_decoder()
-        size, head, last = self._head.format.size, self._head.format.unpack_from, optional.format.unpack_from
-        whole = size + optional.format.size
+    def _optional_decoder(self, whole: Row) -> Decoder:
+        packet, short, unpack, size = self._packet, self._fixed_decoder(), whole.format.unpack, whole.format.size
 
         def decode(content: bytes, encoding: str) -> Packet:
-            if len(content) == whole:
-                return packet(*head(content), *last(content, size))
-            return short(content, encoding)
+            return packet(*unpack(content)) if len(content) == size else short(content, encoding)
 
         return decode
 
@@ -189,7 +176,7 @@ class Layout:
 
     def fault(self, name: str, value: object) -> str:
         """Say what is wrong with `value` as the number `name`, of the packet or its records; empty if nothing is."""
-        rows = [row for row in (self._head, self._item, self._optional) if row is not None]
+        rows = [row for row in (self._head, self._item, self._whole) if row is not None]
         numbers = {number.name or self._tail: number for row in rows for number in row.values if not number.is_caption}
         return numbers[name].fault(value) if name in numbers else ""
 

@@ -204,7 +204,22 @@ class LastCaption(Command, frozen=True):
     caption: Caption
 
 
-@pytest.mark.parametrize(("declared", "fault"), [(NoWire, "says nothing of the wire"), (LastCaption, "captions")])
+class NumberAndBytes(Command, frozen=True):
+    """Another one."""
+
+    packet_id: ClassVar[int] = 5
+    number: fields.U8
+    data: fields.Data
+
+
+@pytest.mark.parametrize(
+    ("declared", "fault"),
+    [
+        (NoWire, "says nothing of the wire"),
+        (LastCaption, "captions are decoded only before a group"),
+        (NumberAndBytes, "the rest of the bytes is decoded only alone"),
+    ],
+)
 def test_a_declaration_that_cannot_be_laid_out_is_refused_at_once(declared: type[Packet], fault: str) -> None:
     with pytest.raises(TypeError, match=fault):
         layout(declared, "little")
