@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> int:
         described = {
             "url": board.url,
             "project_id": await board.project_id(),
-            "is_unfinished": await board.has_unfinished_import(),
+            "has_unfinished_import": await board.has_unfinished_import(),
             "memory": {"size_bytes": memory.size, "total_size_bytes": memory.total_size},
             "battery_percent": await board.battery(),
             "servos": len(await board.servo_ids()),
@@ -51,7 +51,7 @@ def _facts(described: dict[str, object], free: int, total: int | None) -> Table:
             ("board", described["url"]),
             (
                 "project id",
-                "none: an import is unfinished" if described["is_unfinished"] else described["project_id"] or "none",
+                "none: an import is unfinished" if described["has_unfinished_import"] else described["project_id"] or "none",
             ),
             ("memory", f"{free:,} bytes free" + ("" if total is None else f" of {total:,}")),
             ("battery", f"{described['battery_percent']} %"),

@@ -69,6 +69,7 @@ def test_info(board: Board) -> None:
     assert {**described, "round_trip_seconds": None, "battery_percent": None, "memory": None} == {
         "url": board.url,
         "project_id": 77,
+        "has_unfinished_import": False,
         "memory": None,
         "battery_percent": None,
         "servos": 16,

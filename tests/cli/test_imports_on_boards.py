@@ -186,7 +186,7 @@ def test_every_command_says_that_an_import_is_unfinished(shell: Shell, after: st
     assert said.code == 0
     assert "holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes" in said.err
     assert "an import is unfinished" in shell("info").out
-    assert shell("--json", "info").json["is_unfinished"]
+    assert shell("--json", "info").json["has_unfinished_import"]
     assert "journal is lost" in shell("rollback", "--yes").err
     assert shell("apply", "--yes", after).code == 0
     assert shell("servos").err == ""
