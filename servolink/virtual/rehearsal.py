@@ -112,8 +112,7 @@ def _cut(moves: Iterable[Move]) -> tuple[Move, ...]:
     last: dict[int, int] = {}
     for move in moves:
         before = last.get(move.servo_id)
-        # Times are sums of fractions: what is less than a millisecond was not meant.
-        if before is not None and ended[before].end > move.start + 0.001:
+        if before is not None and ended[before].end > move.start:
             ended[before] = replace(ended[before], end=move.start, is_cut=True)
         last[move.servo_id] = len(ended)
         ended.append(move)

@@ -77,6 +77,25 @@ def test_a_macro_that_calls_what_got_a_new_id_is_another_macro() -> None:
     assert project.joystick_tables[1].buttons[0] == Button(1, "wave", wave.macro_id, 0, show.macro_id)
 
 
+def test_callers_may_come_before_what_they_call() -> None:
+    caller = Macro(1, "Caller", (MacroCommand(2, 2),))
+    one, other = (Project(macros=(caller, Macro(2, "Waits", (MacroCommand(delay, 1),)))) for delay in (5, 6))
+    project, _ = merged(one, other)
+    assert project.macros[2:] == (
+        Macro(4, "Caller", (MacroCommand(3, 2),)),
+        Macro(3, "Waits", (MacroCommand(6, 1),)),
+    )
+
+
+def test_macros_that_never_end_can_be_merged() -> None:
+    one = Project(macros=tuple(Macro(at, "XY"[at % 2], (MacroCommand(at % 4 + 1, 2),)) for at in (1, 2, 3, 4)))
+    other = Project(macros=(Macro(1, "Y", (MacroCommand(2, 2),)), Macro(2, "X", (MacroCommand(1, 2),))))
+    project, _ = merged(one, other)
+    assert project.macros[:4] == one.macros
+    first, second = project.macros[4:]
+    assert (first.commands[0].command_id, second.commands[0].command_id) == (second.macro_id, first.macro_id)
+
+
 def test_merging_again_adds_nothing() -> None:
     other = msgspec.structs.replace(HUMANOID, actions=(Action(1, "Raise left arm", (Step(1, 61, 50),)), NOD))
     once, _ = merged(HUMANOID, other)

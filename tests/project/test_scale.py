@@ -67,6 +67,8 @@ def test_times_that_are_too_long_are_refused() -> None:
     assert longest.actions[0].steps[0].interval == 0x7FFF
     with pytest.raises(ProjectError, match=r"action 1 'Raise left arm', step 1: 0.5 s times 656 .* 327.67 s"):
         scaled(HUMANOID, 656)
+    with pytest.raises(ProjectError, match="is too long"):
+        scaled(HUMANOID, 0x8000 / 50)
     macro = Macro(1, "Wait", (MacroCommand(0x7FFF_FFFF, 1),))
     with pytest.raises(ProjectError, match=r"macro 1 'Wait', command 1: .* too long"):
         scaled(Project(macros=(macro,)), 1.1)
