@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache, reduce
 from operator import or_
-from struct import calcsize
 from types import GenericAlias
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
@@ -18,6 +17,7 @@ from msgspec import NODEFAULT, UNSET, Meta, Struct, UnsetType
 
 from servolink.project.model import Project
 from servolink.protocol.caption import CAPTION_SIZE
+from servolink.protocol.declaration import wire_range
 from servolink.protocol.editing import MacroCommand
 from servolink.protocol.fields import I32, Natural32, Wire
 
@@ -152,8 +152,7 @@ def _in_file(field: _Field, *, exact: bool) -> Any:
             if exact
             else Annotated[str, Meta(max_length=CAPTION_SIZE, pattern=_NO_CONTROLS), about]
         )
-    bits = 8 * calcsize("<" + code)
-    low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if code.islower() else (0, (1 << bits) - 1)
+    low, high = wire_range(code)
     if not exact:
         low = max([low, *(int(one.ge) for one in metas if one.ge is not None)])
         high = min([high, *(int(one.le) for one in metas if one.le is not None)])
