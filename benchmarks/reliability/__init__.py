@@ -9,7 +9,7 @@ from importlib import import_module
 
 from benchmarks.measuring import Result
 
-PARTS = ("simulation", "framing", "sums", "stalls", "flood", "reopening", "soak")
+PARTS = ("simulation", "framing", "hidden", "sums", "stalls", "flood", "reopening", "soak")
 """Modules here, each with `run(*, short) -> Result`."""
 
 

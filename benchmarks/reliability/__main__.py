@@ -14,7 +14,7 @@ from collections.abc import Callable
 from functools import partial
 
 from benchmarks.measuring import Result, machine
-from benchmarks.reliability import PARTS, flood, framing, reopening, simulation, soak, stalls, sums, together
+from benchmarks.reliability import PARTS, flood, framing, hidden, reopening, simulation, soak, stalls, sums, together
 from benchmarks.reliability.history import STEPS, relive
 from benchmarks.report import FIGURES
 from servolink.printable import printable
@@ -54,6 +54,7 @@ def _work(args: argparse.Namespace) -> Callable[[], Result]:
     work: dict[str, Callable[..., Result]] = {
         "simulation": partial(simulation.run, first=args.first, histories=args.histories, steps=args.steps),
         "framing": framing.run,
+        "hidden": hidden.run,
         "sums": sums.run,
         "stalls": partial(stalls.run, pythons=pythons, real=args.real),
         "flood": flood.run,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 from random import Random
 
 from benchmarks.measuring import Result, table
@@ -12,7 +11,7 @@ from benchmarks.reliability.line import LINES, Direction, Line
 from benchmarks.reliability.witness import Witness
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import ActionEntry, AddActionResponse, QueryActionListResponse, QueryProjectIDResponse
-from servolink.protocol.frame import HEADER_SIZE, Frame
+from servolink.protocol.frame import HEADER, HEADER_SIZE, Frame
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
@@ -25,6 +24,7 @@ _CHUNK = 62  # bytes in a packet of a USB serial adapter
 _FLOORS = {"short answers": 0.99997, "mixed with lists": 0.9998}
 """The best that was reached on the worst of these lines before there was this parser."""
 
+_CODEC = Codec()
 _SHORT: tuple[Callable[[Random], Packet], ...] = (
     lambda random: AddActionResponse(random.randrange(256)),
     lambda random: QueryRemainPowerResponse(random.randrange(1001)),
@@ -36,40 +36,27 @@ _SHORT: tuple[Callable[[Random], Packet], ...] = (
 )
 
 
-@dataclass(slots=True)
-class Found:
-    """What was sent, and what came out."""
-
-    intact: int
-    found: int
-    damaged: int
-    believed: int
-    """Frames that came out beyond those that arrived whole."""
-    delay: int
-    """Most bytes that came after an intact frame before it was found."""
-
-    @property
-    def recall(self) -> float:
-        """The share of intact frames that were found."""
-        return self.found / self.intact
-
-
-class _Listener:
+class Listener:
     """A parser behind a line, with what was sent whole and what came out."""
 
     def __init__(self) -> None:
+        """Begin to listen."""
         self.sent: Counter[Frame] = Counter()
         self.came: Counter[Frame] = Counter()
+        self.damaged = 0
         self.delay = 0
+        """Most bytes that came after an intact frame before it was found."""
         self._parser = FrameParser()
         self._witness = Witness()
         self._fed = 0
 
     def expect(self, frame: Frame, end: int) -> None:
+        """Note that `frame` comes whole and ends at this byte of the stream."""
         self.sent[frame] += 1
         self._witness.expect(frame, end)
 
     def hear(self, chunk: bytes) -> None:
+        """Take the next bytes."""
         self._fed += len(chunk)
         for frame in self._parser.feed(chunk):
             self.came[frame] += 1
@@ -77,22 +64,22 @@ class _Listener:
                 self.delay = max(self.delay, self._fed - end)
 
     def finish(self) -> None:
+        """Take the end of the stream."""
         self.came.update(self._parser.finish())
 
 
-def listen(line: Line, frames: int, seed: int, *, lists: bool) -> Found:
-    """Parse what arrives of so many frames over `line`."""
-    random = Random(f"framing {seed} {line.name} {lists}")
-    codec, direction, listener = Codec(), Direction(line, random), _Listener()
-    arrived, damaged, buffer, chunk = 0, 0, b"", line.reports or _CHUNK
+def listen(line: Line, draw: Callable[[Random], bytes], frames: int, seed: str) -> Listener:
+    """Parse what arrives over `line` of so many frames that are drawn."""
+    random = Random(seed)
+    direction, listener = Direction(line, random), Listener()
+    arrived, buffer, chunk = 0, b"", line.reports or _CHUNK
     for _ in range(frames):
-        packet = _list(random) if lists and random.random() < _LISTS else random.choice(_SHORT)(random)
-        frame = codec.encode(packet)
+        frame = draw(random)
         arriving, whole = direction.carry(frame)
         if whole:
-            end = arrived + arriving.index(frame) + len(frame)
-            listener.expect((packet.packet_id, frame[HEADER_SIZE:-1]), end)
-        damaged += not whole
+            _, packet_id, _ = HEADER["little"].unpack_from(frame)
+            listener.expect((packet_id, frame[HEADER_SIZE:-1]), arrived + arriving.index(frame) + len(frame))
+        listener.damaged += not whole
         arrived += len(arriving)
         buffer += arriving
         while len(buffer) >= chunk:
@@ -100,13 +87,21 @@ def listen(line: Line, frames: int, seed: int, *, lists: bool) -> Found:
             buffer = buffer[chunk:]
     listener.hear(buffer)
     listener.finish()
-    found = (listener.sent & listener.came).total()
-    return Found(listener.sent.total(), found, damaged, listener.came.total() - found, listener.delay)
+    return listener
 
 
-def _list(random: Random) -> Packet:
+def short_answer(random: Random) -> bytes:
+    """Draw an answer of at most 21 bytes."""
+    return _CODEC.encode(random.choice(_SHORT)(random))
+
+
+def _mixed(random: Random) -> bytes:
+    return _list(random) if random.random() < _LISTS else short_answer(random)
+
+
+def _list(random: Random) -> bytes:
     actions = (ActionEntry(at, f"action {random.randrange(1000)}") for at in range(random.randint(1, _LONGEST_LIST)))
-    return QueryActionListResponse(tuple(actions))
+    return _CODEC.encode(QueryActionListResponse(tuple(actions)))
 
 
 def run(*, short: bool, seed: int = 1) -> Result:
@@ -117,11 +112,12 @@ def run(*, short: bool, seed: int = 1) -> Result:
         for line in LINES:
             if line.stalls and not line.damages:
                 continue
-            found = listen(line, count, seed, lists=traffic != "short answers")
-            if found.recall < _FLOORS[traffic]:
-                wrong.append(f"{line.name}, {traffic}: {found.intact - found.found} of {found.intact} not found")
-            figures[f"{line.name}, {traffic}"] = {name: getattr(found, name) for name in Found.__slots__}
-            rows.append(_row(line, traffic, found))
+            draw = short_answer if traffic == "short answers" else _mixed
+            heard = _figures(listen(line, draw, count, f"framing {seed} {line.name} {traffic}"))
+            figures[f"{line.name}, {traffic}"] = heard
+            rows.append(_row(line, traffic, heard))
+            if heard["found"] < _FLOORS[traffic] * heard["intact"]:
+                wrong.append(f"{line.name}, {traffic}: {heard['found']} of {heard['intact']} intact frames were found")
     shown = table(
         "what the parser makes of each line",
         ("line", "frames", "intact", "found", "recall", "damaged", "believed", "per million damaged", "latest"),
@@ -134,16 +130,27 @@ def run(*, short: bool, seed: int = 1) -> Result:
     return {"tables": [shown], "wrong": wrong, "figures": figures}
 
 
-def _row(line: Line, traffic: str, found: Found) -> tuple[str, ...]:
-    share = f"{found.believed / found.damaged * 1e6:,.0f}" if found.damaged else ""
+def _figures(listener: Listener) -> dict[str, int]:
+    found = (listener.sent & listener.came).total()
+    return {
+        "intact": listener.sent.total(),
+        "found": found,
+        "damaged": listener.damaged,
+        "believed": listener.came.total() - found,
+        "delay": listener.delay,
+    }
+
+
+def _row(line: Line, traffic: str, heard: dict[str, int]) -> tuple[str, ...]:
+    damaged, believed = heard["damaged"], heard["believed"]
     return (
         line.name,
         traffic,
-        f"{found.intact:,}",
-        f"{found.found:,}",
-        f"{found.recall:.4%}",
-        f"{found.damaged:,}",
-        f"{found.believed:,}",
-        share,
-        f"{found.delay:,} B",
+        f"{heard['intact']:,}",
+        f"{heard['found']:,}",
+        f"{heard['found'] / heard['intact']:.4%}",
+        f"{damaged:,}",
+        f"{believed:,}",
+        f"{believed / damaged * 1e6:,.0f}" if damaged else "",
+        f"{heard['delay']:,} B",
     )
