@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from struct import pack
 
 from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.packet import Packet, Query, Response
+from servolink.protocol.packet import Command, Packet, Query, Response
 from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest, SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest
 from tests.client.numbered_board import numbered
@@ -62,6 +62,8 @@ class Checker:
         self.faults: list[str] = []
         """What must not be."""
         self.counts: Counter[str] = Counter()
+        self.unknown: deque[Call] = deque(maxlen=_KEPT)
+        """The calls whose outcome was left open."""
         self.number = 0
         """Of the latest sending; the first is 1."""
         self.sendings: dict[int, Sending] = {}
@@ -100,6 +102,8 @@ class Checker:
         """Return the number of the sending that begins; the caller is in `CALL`."""
         call = CALL.get()
         number = self._begin(Sending(call, packet, deadline))
+        if isinstance(packet, Command):
+            self.counts["commands sent"] += 1
         if packet != call.request:
             if not isinstance(packet, Query):
                 self.fault(call.step, f"{packet} was sent, which {call.request} does not need")
@@ -129,6 +133,8 @@ class Checker:
         if call is not None and packet == call.request:
             call.executed += 1
             self.counts["executed"] += 1
+            if isinstance(packet, Command):
+                self.counts["commands executed"] += 1
             if isinstance(packet, ONCE):
                 self.counts["motion and clearing"] += 1
             if call.executed > 1 and not isinstance(packet, Query) and not call.is_stop:
@@ -171,6 +177,8 @@ class Checker:
             if not self._damaging and arrives is not None and arrives <= sending.deadline:
                 self.counts["lost in time"] += 1
                 self.fault(call.step, f"the answer to {call.request} came {sending.deadline - arrives:.6f} s early")
+        if unknown:
+            self.unknown.append(call)
         return "outcome unknown" if unknown else "timed out"
 
     def refused(self, call: Call) -> str:

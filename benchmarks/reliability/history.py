@@ -89,5 +89,6 @@ async def _live(history: History, steps: int) -> None:
         checker.fault(steps, f"{missed} answers arrived whole and were not found")
     history.counts.update(checker.counts)
     history.counts.update(stage.stats)
+    history.counts["unknown and done"] = sum(call.executed > 0 for call in checker.unknown)
     history.counts.update(calls=stage.conversation.steps, sendings=checker.number, missed=missed)
     history.digest, history.seconds = checker.digest, loop.now - begun
