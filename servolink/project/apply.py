@@ -80,9 +80,9 @@ async def apply_project(
 def check_writable(board: Asked, project: Project, *, exact: bool) -> None:
     """Raise ProjectError for what cannot be written to any board; `exact` as in `apply_project`."""
     if not exact:
-        for problem in problems(project):
+        for problem in problems(project, caption_encoding=board.codec.caption_encoding):
             if problem.severity == "error":
-                raise ProjectError(f"{problem.path}: {problem.text}")
+                raise ProjectError(str(problem))
     for write in writes(Content(), project):
         try:
             board.codec.encode(write.request, exact=exact)
