@@ -172,6 +172,11 @@ def test_bars() -> None:
     ]
 
 
+def test_bars_end_where_the_chart_does() -> None:
+    _, *rows = drawn(2.0, Move(1, 1.0, 1e9, 0, 60), Move(2, 2.0, 1e9, 0, 60), Move(3, 1.0, 2.0, 0, 60))
+    assert rows == [" " * 22 + "[60=================>", " " * 42 + "|", " " * 22 + "[60================]"]
+
+
 def test_a_chart_of_no_time() -> None:
     axis, row = drawn(0.0, Move(1, 0.0, 0.0, 0, 60))
     assert axis.split() == ["0", "s"]

@@ -16,7 +16,7 @@ _STEPS = (1, 2, 5)
 def chart(timeline: Timeline, captions: Mapping[int, str], width: int) -> list[str]:
     """Return the lines of a chart `width` columns wide.
 
-    `[60===]` is a movement to 60 degrees, `[60==>` one that the next cut short, `|` one too short to be drawn.
+    `[60===]` is a movement to 60 degrees, `[60==>` one that the next or the end cut short, `|` one too short to be drawn.
     """
     moved = sorted({move.servo_id for move in timeline.moves})
     rows = {servo_id: (servo_id, captions.get(servo_id, "")) for servo_id in moved}
@@ -31,14 +31,14 @@ def chart(timeline: Timeline, captions: Mapping[int, str], width: int) -> list[s
 
 
 def _draw(row: list[str], move: Move, scale: float) -> None:
-    start, end = round(move.start * scale), round(move.end * scale)
+    start, end = round(move.start * scale), min(round(move.end * scale), len(row))
     size = end - start
     if size < 2:
         row[start] = "|"
         return
     label = str(move.target)
     inside = label.ljust(size - 2, "=") if len(label) <= size - 2 else "=" * (size - 2)
-    row[start:end] = f"[{inside}{'>' if move.is_cut else ']'}"
+    row[start:end] = f"[{inside}{'>' if move.is_cut or end == len(row) else ']'}"
 
 
 def _axis(seconds: float, scale: float, columns: int) -> str:
