@@ -16,7 +16,7 @@ _STEPS = (1, 2, 5)
 def chart(timeline: Timeline, captions: Mapping[int, str], width: int) -> list[str]:
     """Return the lines of a chart `width` columns wide.
 
-    `[60===]` is a movement to 60 degrees, `[60==>` one that the next or the end cut short, `|` one too short to be drawn.
+    `[60===]` is a movement to 60 degrees, `[60==>` one that the next or the end cuts short, `|` one too short to draw.
     """
     moved = sorted({move.servo_id for move in timeline.moves})
     rows = {servo_id: (servo_id, captions.get(servo_id, "")) for servo_id in moved}
