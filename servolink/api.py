@@ -23,6 +23,7 @@ from servolink.errors import (
     TransportError,
     TransportUnavailable,
 )
+from servolink.project.file import load_project, save_project
 from servolink.project.model import Project
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import Action, ActionEntry, Macro, MacroCommand, MacroEntry, ServoParameter
@@ -71,5 +72,7 @@ __all__ = [
     "TransportUnavailable",
     "connect",
     "discover",
+    "load_project",
     "reconnecting",
+    "save_project",
 ]
