@@ -3,7 +3,8 @@
 BENCHMARKS = {
     "parser": ("benchmarks.parser", True, "The parser against the one that a textbook has"),
     "peers": ("benchmarks.peers", True, "The parser against those of other libraries, each on its own format"),
-    "packets": ("benchmarks.packets", True, "Bytes to typed packets, against the bare tuples of `struct`"),
+    "packets": ("benchmarks.packets", True, "Bytes to typed packets and back, beside bare tuples and other tools"),
+    "compiled": ("benchmarks.compiled", True, "The compiled loops, beside pure Python and a parser by Cython"),
     "hostile": ("benchmarks.hostile", True, "Streams that were made to hurt"),
     "recall": ("benchmarks.recall", True, "Intact frames found on a damaged line"),
     "imports": ("benchmarks.imports", True, "Projects written while the cable is pulled"),
