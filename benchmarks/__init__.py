@@ -7,6 +7,10 @@ BENCHMARKS = {
     "compiled": ("benchmarks.compiled", True, "The compiled loops, beside pure Python and a parser by Cython"),
     "hostile": ("benchmarks.hostile", True, "Streams that were made to hurt"),
     "recall": ("benchmarks.recall", True, "Intact frames found on a damaged line"),
+    "roundtrip": ("benchmarks.roundtrip", True, "A request and its answer, layer by layer"),
+    "handoff": ("benchmarks.handoff", True, "From a thread that reads to the event loop"),
+    "start": ("benchmarks.start", False, "Until a program or a command has begun"),
+    "scale": ("benchmarks.scale", False, "Many boards, and a board with a large library"),
     "imports": ("benchmarks.imports", True, "Projects written while the cable is pulled"),
 }
 """Name to the module, whether `--short` without names runs it, and its heading, in the order of docs/benchmarks.md.

@@ -13,6 +13,7 @@ from time import perf_counter_ns, process_time_ns
 from benchmarks.handoff_ways import WAYS, Burst, Descriptor, NoThread, OurOwner, ToThread, Way
 from benchmarks.loops import NewLoop, loops
 from benchmarks.measuring import CORES, Result, Table, table
+from benchmarks.neighbours import Neighbours
 
 BURST_GOAL = 0.3
 """Microseconds of CPU per chunk."""
@@ -20,9 +21,10 @@ PACED_GOAL = 1.15
 """How many times the median delay of `add_reader`."""
 _CHUNK = bytes(64)
 _PACER = """
-import os, sys, time
+import os, random, sys, time
 pause, rounds, *pipes = sys.argv[1:]
 for _ in range(int(rounds)):
+    random.shuffle(pipes)
     for pipe in pipes:
         time.sleep(float(pause))
         os.write(int(pipe), time.perf_counter_ns().to_bytes(8, "little"))
@@ -33,9 +35,10 @@ def run(*, short: bool) -> Result:
     """Measure all ways on each loop."""
     result: Result = {"tables": [], "slow": [], "versions": {}, "cases": []}
     for name, new_loop in loops(result["versions"]):
+        neighbours = Neighbours()
         bursts = _bursts(new_loop, 3 if short else 15, 2000 if short else 20_000)
         delays = _delays(new_loop, 100 if short else 3000)
-        result["tables"].append(_table(name, bursts, delays))
+        result["tables"].append(_table(name, bursts, delays, neighbours.note()))
         burst, paced = median(bursts[OurOwner]), median(delays[OurOwner]) / median(delays[NoThread])
         if burst > BURST_GOAL * 1000:
             result["slow"].append(f"{name}: {burst / 1000:.2f} µs per chunk of a burst, the goal is {BURST_GOAL}")
@@ -113,7 +116,7 @@ def _noting(delays: list[int]) -> Callable[[bytes], None]:
     return note
 
 
-def _table(loop: str, bursts: dict[type[Way], list[float]], delays: dict[type[Way], list[int]]) -> Table:
+def _table(loop: str, bursts: dict[type[Way], list[float]], delays: dict[type[Way], list[int]], others: str) -> Table:
     def burst(way: type[Way]) -> tuple[str, str]:
         if way not in bursts:
             return "-", "-"
@@ -132,7 +135,8 @@ def _table(loop: str, bursts: dict[type[Way], list[float]], delays: dict[type[Wa
         [(way.name, *burst(way), *paced(way)) for way in WAYS],
         [
             f"Burst: chunks of {len(_CHUNK)} bytes are all there at once; the cost includes to read and to hear them.",
-            "Alone: another process writes into a pipe each millisecond, to all ways in turns; until it is heard.",
+            "Alone: another process writes into a pipe each millisecond, to all ways in random turns; until heard.",
             "Spread: half the distance between the quartiles of the rounds.",
+            others,
         ],
     )

@@ -11,6 +11,7 @@ from time import process_time_ns
 
 from benchmarks.loops import installed, loops
 from benchmarks.measuring import CORES, Result, Table, table
+from benchmarks.neighbours import Neighbours
 from benchmarks.responder import Responder, language
 from benchmarks.roundtrip_clients import LAYERS, PEERS, RAW, Client, Modbus, Ours, Polling
 
@@ -45,6 +46,7 @@ def run(*, short: bool) -> Result:
     rounds, times = (3, 100) if short else (21, 500)
     result: Result = {"tables": [], "slow": [], "versions": {}, "goals": GOALS, "cases": []}
     for size in SIZES:
+        neighbours = Neighbours()
         cases = list(_cases(size, result["versions"]))
         with ExitStack() as stack:
             for case in cases:
@@ -53,7 +55,7 @@ def run(*, short: bool) -> Result:
                 case.client.open(responder.path)
                 stack.callback(case.client.close)
             _measure(cases, rounds, times)
-        result["tables"].append(_table(size, cases))
+        result["tables"].append(_table(size, cases, neighbours.note()))
         result["slow"] += _slow(size, cases)
         result["cases"] += [
             {"answer": size, "client": case.client.name, "loop": case.loop}
@@ -106,20 +108,22 @@ def _slow(size: int, cases: list[_Case]) -> Iterator[str]:
             yield f"{size}-byte answers, {loop}: pymodbus takes {ratio:.2f}x our time, the goal is {PEER_GOAL}x"
 
 
-def _table(size: int, cases: list[_Case]) -> Table:
+def _table(size: int, cases: list[_Case], others: str) -> Table:
     epoll = _only(cases, Polling)
     assert epoll is not None  # noqa: S101 - it is one of RAW
     return table(
         f"request and answer of {size} bytes over a pseudo-terminal, µs",
-        ("client", "loop", "p50", "p99", "CPU", "requests/s", "p50 / epoll", "spread"),
+        ("client", "loop", "p50", "over epoll", "p50 / epoll", "spread", "p99", "CPU", "requests/s"),
         [
             (
                 case.client.name,
                 case.loop,
-                *(f"{median(values) / 1000:.1f}" for values in (case.p50, case.p99, case.cpu)),
-                f"{1e9 / median(case.wall):,.0f}",
+                f"{median(case.p50) / 1000:.1f}",
+                f"{median(one - other for one, other in zip(case.p50, epoll.p50, strict=True)) / 1000:+.1f}",
                 f"{_ratio(case, epoll):.2f}x",
                 f"{_spread(case, epoll):.0%}",
+                *(f"{median(values) / 1000:.1f}" for values in (case.p99, case.cpu)),
+                f"{1e9 / median(case.wall):,.0f}",
             )
             for case in cases
         ],
@@ -127,6 +131,7 @@ def _table(size: int, cases: list[_Case]) -> Table:
             f"The other end is a program in {language()}, " + _where() + ".",
             "Times are those that a clock on the wall shows, but for CPU, which is the client's own.",
             "Spread: half the distance between the quartiles of the rounds' ratios.",
+            f"{others} The busier, the longer the system takes for its part, and the smaller the ratios.",
         ],
     )
 

@@ -12,6 +12,7 @@ from statistics import median
 from typing import Any
 
 from benchmarks.measuring import CORES, Result, Table, table
+from benchmarks.neighbours import Neighbours
 from benchmarks.scale_worker import ACTIONS
 
 COUNTS = (1, 4, 16, 64)
@@ -25,12 +26,14 @@ _WORKER = (sys.executable, "-m", "benchmarks.scale_worker")
 
 def run(*, short: bool) -> Result:
     """Measure all counts of each kind, in turns."""
+    neighbours = Neighbours()
     rounds, seconds = (1, 1) if short else (5, 4)
     found: dict[tuple[str, int], list[dict[str, Any]]] = {(kind, count): [] for kind in KINDS for count in COUNTS}
     for _ in range(rounds):
         for (kind, count), runs in found.items():
             with _boards(kind, count) as urls:
                 runs.append(_json("poll", str(seconds), *urls))
+    others = neighbours.note()
     with _served("serve-library") as url:
         library = [_json("library", url) for _ in range(1 if short else 5)]
     wrong = [f"{kind} {count}: not all answered" for (kind, count), runs in found.items() if _share(runs) == 0]
@@ -39,7 +42,7 @@ def run(*, short: bool) -> Result:
         for kind in KINDS[1:]
         if (ratio := _middle(found[kind, COUNTS[-1]], "cpu") / COUNTS[-1] / _middle(found[kind, 1], "cpu")) > GROWTH
     ]
-    tables = [_polling(found), _library(library)]
+    tables = [_polling(found, others), _library(library)]
     for one in (run for runs in found.values() for run in runs):
         one["late"] = {f"p{percent}": _late([one], percent) for percent in (50, 90, 99, 100)}
     return {
@@ -90,7 +93,7 @@ def _late(runs: list[dict[str, Any]], percent: int) -> float:
     return float(median(run["late"][min(len(run["late"]) - 1, len(run["late"]) * percent // 100)] for run in runs))
 
 
-def _polling(found: dict[tuple[str, int], list[dict[str, Any]]]) -> Table:
+def _polling(found: dict[tuple[str, int], list[dict[str, Any]]], others: str) -> Table:
     rows = []
     for (kind, count), runs in found.items():
         cpu = _middle(runs, "cpu")
@@ -125,6 +128,7 @@ def _polling(found: dict[tuple[str, int], list[dict[str, Any]]]) -> Table:
             "Late: from when a board was to be asked until the program has its servos. Nothing to ask: asyncio itself.",
             "virtual://: boards in the same process, whose CPU and memory count; tcp://: in another on another core.",
             "Memory grows by the times of the latest 4,096 round trips that statistics keep: 128 KB a board at most.",
+            others,
         ],
     )
 

@@ -12,6 +12,7 @@ from time import perf_counter
 
 from benchmarks.loops import installed
 from benchmarks.measuring import Result, table
+from benchmarks.neighbours import Neighbours
 
 BARE = "python -c pass"
 IMPORT, HELP = "import servolink", "servolink --help"
@@ -24,6 +25,7 @@ _COMMANDS = ("servolink --help", "servolink servos --help", "servolink servos --
 
 def run(*, short: bool) -> Result:
     """Start everything in turns."""
+    neighbours = Neighbours()
     versions: dict[str, str] = {}
     cases = _cases(versions)
     walls: dict[str, list[float]] = {name: [] for name in cases}
@@ -54,6 +56,7 @@ def run(*, short: bool) -> Result:
             "`import servolink` alone loads little: what a name stands for is loaded when the name is first used.",
             "asyncio is what no such program can do without.",
             "Spread: half the distance between the quartiles of the times.",
+            f"{neighbours.note()} So time is longer than CPU.",
         ],
     )
     slow = [
