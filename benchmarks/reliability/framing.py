@@ -9,6 +9,7 @@ from random import Random
 from benchmarks.measuring import Result, table
 from benchmarks.reliability.line import LINES, Direction, Line
 from benchmarks.reliability.witness import Witness
+from servolink.client.carrier import Carrier
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import ActionEntry, AddActionResponse, QueryActionListResponse, QueryProjectIDResponse
 from servolink.protocol.frame import HEADER, HEADER_SIZE, Frame
@@ -43,10 +44,13 @@ class Listener:
         """Begin to listen."""
         self.sent: Counter[Frame] = Counter()
         self.came: Counter[Frame] = Counter()
+        self.passed: Counter[Frame] = Counter()
+        """What of that a client takes."""
         self.damaged = 0
         self.delay = 0
         """Most bytes that came after an intact frame before it was found."""
         self._parser = FrameParser()
+        self._carrier = Carrier("little")
         self._witness = Witness()
         self._fed = 0
 
@@ -60,6 +64,7 @@ class Listener:
         self._fed += len(chunk)
         for frame in self._parser.feed(chunk):
             self.came[frame] += 1
+            self.passed[frame] += not self._carrier.hides(frame)
             if (end := self._witness.recognise(frame)) is not None:
                 self.delay = max(self.delay, self._fed - end)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+from servolink.client.carrier import Carrier
 from servolink.client.deadlines import Deadlines
 from servolink.client.explain import lost, overtaken, same
 from servolink.client.lanes import Lane, Lanes, Pending
@@ -16,7 +17,7 @@ from servolink.client.stats import Stats
 from servolink.client.turns import Turns
 from servolink.errors import ConnectionLost, DecodeError
 from servolink.protocol.codec import Codec
-from servolink.protocol.frame import Frame
+from servolink.protocol.frame import MAGIC, Frame
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Response
 from servolink.protocol.parser import FrameParser
@@ -48,6 +49,7 @@ class Answers:
         self._silent_since: float | None = None
         self._next_answer: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._parser = FrameParser(codec.byte_order)
+        self._carrier = Carrier(codec.byte_order)
         self._parser.skipped = stats.skipped
         self._deadlines = Deadlines(self._expire, lambda: self.stats.bytes_received)
 
@@ -58,7 +60,10 @@ class Answers:
         self.stats.bytes_received += len(chunk)
         self._heard_at = self._now()
         for frame in self._parser.feed(chunk):
-            self._take(frame)
+            if (MAGIC in frame[1] or self._carrier.inside) and self._carrier.hides(frame):
+                self.stats.hidden += 1
+            else:
+                self._take(frame)
 
     def lost(self, error: Exception | None, /) -> None:
         """Take note that the transport has ended."""

@@ -21,6 +21,8 @@ class Stats:
     """Bytes that were part of no frame, by reason (see `servolink.protocol.parser`)."""
     undecodable: int = 0
     """Intact frames whose content contradicts itself."""
+    hidden: int = 0
+    """Frames that were inside another one, as in a caption, and were not believed."""
     unsolicited: int = 0
     """Frames that nobody asked for."""
     mismatched: int = 0
