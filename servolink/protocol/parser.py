@@ -49,7 +49,7 @@ content to sum it: not at all, into pieces, or (False) into blocks that are reme
 _Cut = Callable[[bytes, int], tuple[bytes, int, bytes]]
 """Cuts a buffer, where a frame of a known length begins, into content, checksum and the next header."""
 _Short = tuple[int, int, int, _Cut]
-"""What the header of a short frame implies: its size, packet id, the header's share of the sum, and how to cut it."""
+"""What the header of a short frame implies: its size, packet id, the header's sum, and how to cut it."""
 
 
 class FrameParser:
@@ -214,7 +214,7 @@ class FrameParser:
                 if end > room:
                     return at
                 content, check, header = cut(data, at)
-                if total + adler32(content) & 0xFF != check:
+                if adler32(content, total) & 0xFF != check:
                     return at
                 frames.append((packet_id, content))
                 at = end
@@ -329,8 +329,8 @@ class FrameParser:
         pieces: Struct | Literal[False] | None = piecewise(length) if length <= _LONG else False
         total = sum(header) - (pieces is None)  # adler32, which sums what is in one piece, begins at one
         self._entries[header] = length + HEADER_SIZE, packet_id, total, pieces
-        if pieces is None:
-            self._short[header] = length + OVERHEAD, packet_id, total, _cutter(length)
+        if length <= _SHORT:
+            self._short[header] = length + OVERHEAD, packet_id, sum(header) & 0xFF, _cutter(length)
         return ""
 
     def _skip(self, data: bytes, start: int, end: int, frames: list[Frame]) -> None:
@@ -344,6 +344,7 @@ class FrameParser:
             self._kept.append((len(frames), data[start:end], self._reason))
 
 
+_SHORT = 255  # bytes of content whose sum adler32 can add to a header's and still be exact
 _MANY = 512  # bytes of a chunk that may hold a run of frames
 _ROOMY = 2 * HEADER_SIZE  # where the checksum of a frame stands that has room for another
 _WARY = 256

@@ -10,6 +10,7 @@ from benchmarks.streams import any_frame, chunks, damaged_line
 from servolink.protocol.frame import Frame, encode_frame
 from servolink.protocol.parser import CHECKSUM, NOISE, PADDING, FrameParser
 from servolink.protocol.servos import QueryServoRequest
+from servolink.protocol.settings import SendDummyDataRequest
 
 GOOD = encode_frame(QueryServoRequest.packet_id, b"\x07", "little")
 FOUND: Frame = (QueryServoRequest.packet_id, b"\x07")
@@ -49,3 +50,13 @@ def test_a_run_finds_what_small_chunks_do(seed: int) -> None:
         frames = [frame for chunk in chunks(stream, size) for frame in parser.feed(chunk)]
         found.append((frames + parser.finish(), parser.skipped))
     assert found[1:] == found[:1] * 3
+
+
+@pytest.mark.parametrize("length", [0, 1, 254, 255, 256, 257])
+@pytest.mark.parametrize("byte", [b"\0", b"\xff"])
+def test_one_sum_of_all_is_believed_in_a_run(length: int, byte: bytes) -> None:
+    right = encode_frame(SendDummyDataRequest.packet_id, byte * length, "little")
+    for checksum in range(256):
+        parser = acquainted(FrameParser(), [right])
+        frames = parser.feed((right[:-1] + bytes([checksum])) * 60)
+        assert len(frames) == (60 if checksum == right[-1] else 0)
