@@ -41,7 +41,8 @@ def page(figures: Path) -> str:
 def _section(name: str, result: Result, machine: Result) -> Iterator[str]:
     yield f"## {BENCHMARKS[name][2]}\n"
     yield f"```console no-run\n$ python -m benchmarks {name}\n```\n"
-    yield "{python}, {processor}, {cores} cores, {system}; {date}.".format(**machine)
+    where = {"servolink": "in pure Python", **machine}
+    yield "{python}, servolink {servolink}, {processor}, {cores} cores, {system}; {date}.".format(**where)
     if versions := result.get("versions"):
         yield f"With {', '.join(f'{other} {version}' for other, version in versions.items())}."
     yield ""

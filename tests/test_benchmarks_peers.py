@@ -26,7 +26,7 @@ def test_what_is_missing_is_reported_and_the_rest_is_measured(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(peers, "PEERS", {"nothing-like-it": ("no_such_module", ("Nothing",))})
-    monkeypatch.setattr(peers, "PACES", {True: Pace(1, 0.1)})
+    monkeypatch.setattr(peers, "PACES", {True: Pace(1, 0.1, 1)})
     result = peers.run(short=True)
     assert result["missing"] == ["nothing-like-it"]
     assert result["wrong"] == []

@@ -38,7 +38,7 @@ SLOWER = {14: 1.5, 186: 1.8}
 """At most how many times as slow as aioesphomeapi, which is compiled, by frame size."""
 
 
-PACES = {False: Pace(11, 40.0), True: Pace(3, 4.0)}
+PACES = {False: Pace(9, 30.0, 3), True: Pace(3, 4.0, 1)}
 """How exactly to measure, and how for `--short`."""
 
 

@@ -15,6 +15,7 @@ from benchmarks.peers.speed import Speed
 MISSING = 'not installed: pip install -e ".[bench]"'
 _FEEDING = (
     "Ours is fed chunks of 4 KiB. One frame a call is best for the parsers that need it; see the table of chunks.",
+    "A comparison that spreads over more than 10 % is measured again, twice at most; the steadiest one is shown.",
     "Parsers that read from a stream object have it in memory: a real port would cost them a system call a read.",
 )
 _DAMAGE = (
