@@ -93,7 +93,7 @@ def _race(peer: type[Peer], stream: _Stream, pace: Pace) -> Speed | None:
         else:
             sides.append(_feeding(kind, pieces * repeat))
         counts.append(count * repeat)
-    tries = []
+    tries: list[Speed] = []
     while len(tries) < pace.tries and all(speed.times.spread > _STEADY for speed in tries):
         times = in_turns(sides, pace.rounds)
         ours, typed, theirs = ([ns / count for ns in row] for row, count in zip(times, counts, strict=True))
