@@ -131,7 +131,7 @@ def _table(size: int, cases: list[_Case], others: str) -> Table:
             f"The other end is a program in {language()}, " + _where() + ".",
             "Times are those that a clock on the wall shows, but for CPU, which is the client's own.",
             "Spread: half the distance between the quartiles of the rounds' ratios.",
-            f"{others} The busier, the longer the system takes for its part, and the smaller the ratios.",
+            f"{others} The longer the system itself takes, the smaller are all ratios.",
         ],
     )
 
