@@ -10,7 +10,7 @@ import pytest
 from benchmarks import peers
 from benchmarks.peers import tables
 from benchmarks.peers.damage import DAMAGES, damage, recall
-from benchmarks.peers.ours import Ours, OursTyped, Textbook
+from benchmarks.peers.ours import Ours, OursTyped, Textbook, typical
 from benchmarks.peers.peer import SIZES, Peer
 from benchmarks.peers.speed import Pace
 
@@ -52,7 +52,7 @@ def test_each_parser_finds_every_frame_of_a_clean_stream(size: int) -> None:
 
 @pytest.mark.parametrize("kind", DAMAGES)
 def test_damage_leaves_the_intact_frames_in_the_stream(kind: str) -> None:
-    frames = [Ours.frame(14, number) for number in range(500)]
+    frames = [typical(14, number) for number in range(500)]
     damaged = damage(frames, 14, kind)
     rest = iter(damaged.pieces)
     assert all(frame in rest for frame in damaged.intact)
@@ -61,11 +61,11 @@ def test_damage_leaves_the_intact_frames_in_the_stream(kind: str) -> None:
 
 
 def test_recall_counts_what_was_found_and_what_was_not_sent() -> None:
-    frames = [Ours.frame(14, number) for number in range(10)]
+    frames = [typical(14, number) for number in range(10)]
     damaged = damage(frames, 14, "noise")
     complete = recall(Ours, damaged, damaged.pieces)
     assert (complete.intact, complete.found, complete.false, complete.share) == (10, 10, 0, 1.0)
     damaged.intact[:] = frames[:4]
     assert recall(Ours, damaged, damaged.pieces).false == 6
-    damaged.intact[:] = [Ours.frame(14, number) for number in range(20)]
+    damaged.intact[:] = [typical(14, number) for number in range(20)]
     assert recall(Textbook, damaged, frames).share == 0.5
