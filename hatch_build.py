@@ -1,6 +1,6 @@
 """`SERVOLINK_COMPILE=1 pip install .` compiles the two loops that cost most; without it nothing is compiled.
 
-See docs/compiled.md.
+See docs/compiled.md. `python hatch_build.py FOLDER` compiles without installing and prints the path.
 """
 
 from __future__ import annotations
@@ -72,3 +72,10 @@ def compile_into(folder: Path) -> Path:
                 "python3-dev), or leave SERVOLINK_COMPILE unset: pure Python does the same."
             ) from error
     return Path(command.get_ext_fullpath(MODULE))
+
+
+if __name__ == "__main__":
+    try:
+        sys.stdout.write(f"{compile_into(Path(sys.argv[1]))}\n")
+    except NoCompiler as fault:
+        sys.exit(str(fault))

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import gc
+import os
+import re
+import subprocess
 import sys
 import tracemalloc
-from collections.abc import Iterator
-from contextlib import contextmanager
-from importlib import import_module
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -17,11 +16,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks import loading
 from benchmarks.samples import samples
 from benchmarks.streams import damaged_line, hostile
-from hatch_build import MODULE, NoCompiler, compile_into
 from servolink.errors import DecodeError
-from servolink.protocol import compiled
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, ByteOrder, Frame, encode_frame
 from servolink.protocol.layout import Layout
@@ -35,37 +33,16 @@ from tests.protocol.test_parser import streams
 
 
 @pytest.fixture(scope="session")
-def fast(tmp_path_factory: pytest.TempPathFactory) -> Any:
+def fast() -> Any:
     """Return the compiled module: that of this installation, or one made now."""
-    try:
-        return import_module(MODULE)
-    except ImportError:
-        pass
-    try:
-        built = compile_into(tmp_path_factory.mktemp("compiled"))
-    except (ImportError, NoCompiler) as error:
-        pytest.skip(f"nothing can be compiled here: {error}")
-    found = spec_from_file_location(MODULE, built)
-    assert found is not None
-    assert found.loader is not None
-    module = module_from_spec(found)
-    found.loader.exec_module(module)
-    return module
+    module, origin = loading.loops()
+    return module or pytest.skip(f"nothing can be compiled here: {origin}")
 
 
 @pytest.fixture(scope="session", params=["stand-in", "compiled"])
 def loops(request: pytest.FixtureRequest) -> Any:
     """Return the loops in Python and in C: what calls them is tested where nothing can be compiled, too."""
     return uncompiled if request.param == "stand-in" else request.getfixturevalue("fast")
-
-
-@contextmanager
-def using(loops: Any) -> Iterator[None]:
-    """Let the package find these loops; None for the way without any."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compiled, "collect", loops and loops.collect)
-        patch.setattr(compiled, "read_rows", loops and loops.read_rows)
-        yield
 
 
 def state(thing: Any) -> Any:
@@ -80,7 +57,7 @@ def state(thing: Any) -> Any:
 def history(stream: bytes, cuts: list[int], loops: Any, byte_order: ByteOrder = "little") -> list[Any]:
     """Return what a parser returns, skips and knows after each chunk and at the end."""
     parser, told, at = FrameParser(byte_order, keep_skipped=True), list[Any](), 0
-    with using(loops):
+    with loading.using(loops):
         for cut in [*cuts, len(stream)]:
             told.append((parser.feed(stream[at:cut]), parser.begun, state(parser), parser.take_skipped()))
             at = max(at, cut)
@@ -176,7 +153,7 @@ def decoded(layout: Layout, content: Any, encoding: str) -> Packet | str:
 def test_any_content_is_the_same_packet(loops: Any, packet_id: int, content: bytes, byte_order: ByteOrder) -> None:
     random, layouts = Random(packet_id), []
     for each in (loops, None):
-        with using(each):
+        with loading.using(each):
             layouts.append(Layout(PACKETS[packet_id], byte_order))
     noise = bytes(byte if random.random() < 0.5 else random.randrange(256) for byte in content)
     begin = layouts[0].rule.base
@@ -185,11 +162,17 @@ def test_any_content_is_the_same_packet(loops: Any, packet_id: int, content: byt
             assert decoded(layouts[0], tried, encoding) == decoded(layouts[1], tried, encoding)
 
 
-def test_without_a_compiler_it_is_said_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    pytest.importorskip("setuptools")
-    monkeypatch.setenv("CC", "no-such-compiler")
-    with pytest.raises(NoCompiler, match=r"Install a C compiler .*, or leave SERVOLINK_COMPILE unset"):
-        compile_into(tmp_path)
+def test_without_a_compiler_it_is_said_what_to_do(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "hatch_build.py", str(tmp_path)],
+        cwd=Path(__file__).parents[2],
+        env={**os.environ, "CC": "no-such-compiler"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert re.search("Install a C compiler .*, or leave SERVOLINK_COMPILE unset", done.stderr)
 
 
 @pytest.mark.parametrize(
