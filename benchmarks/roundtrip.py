@@ -59,7 +59,7 @@ def run(*, short: bool) -> Result:
         result["slow"] += _slow(size, cases)
         result["cases"] += [
             {"answer": size, "client": case.client.name, "loop": case.loop}
-            | {name: getattr(case, name) for name in ("p50", "p99", "wall", "cpu")}
+            | {name: [round(value) for value in getattr(case, name)] for name in ("p50", "p99", "wall", "cpu")}
             for case in cases
         ]
     return result
