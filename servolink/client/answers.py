@@ -24,7 +24,7 @@ from servolink.protocol.parser import FrameParser
 from servolink.protocol.settings import ClearAllDataRequest
 
 _PAUSE = 0.05
-"""Seconds without a byte after which a begun frame that nobody waits for is no longer taken to be arriving."""
+"""Seconds without a byte after which a begun frame is no longer taken to be arriving."""
 _MOST_PAUSES = 20  # a board that never stops sending must not put deadlines off for ever
 
 
@@ -190,8 +190,8 @@ class Answers:
         """Tell whether the begun frame is no false start; move the deadlines that it may hold back."""
         packet_id, received, wanted = self._parser.begun or (0, 0, 0)
         lane = self._lanes.by_response_id.get(packet_id)
-        if lane is not None and lane.pending is not None:
-            return self._answer_is_arriving(lane.pending, now, received, wanted)
+        if lane is not None and lane.pending is not None and _goes_on(lane.pending, now, received, wanted):
+            return True
         if now >= self._heard_at + _PAUSE:
             return False
         waiting = [pending for lane, pending in due if lane.pending is pending and pending.pauses < _MOST_PAUSES]
@@ -200,15 +200,16 @@ class Answers:
             pending.deadline = max(pending.deadline, self._heard_at + _PAUSE)
         return bool(waiting)
 
-    def _answer_is_arriving(self, pending: Pending, now: float, received: int, wanted: int) -> bool:
-        """Move a deadline if this very answer is still arriving, at least a hundredth of it per timeout."""
-        if pending.deadline > now:
-            return True  # its own deadline decides, not that of another
-        if received - pending.received < wanted / 100:
-            return False
-        pending.received = received
-        pending.deadline = now + pending.timeout
-        return True
+
+def _goes_on(pending: Pending, now: float, received: int, wanted: int) -> bool:
+    """Move a deadline if this very answer is still arriving, at least a hundredth of it per timeout."""
+    if pending.deadline > now:
+        return True  # its own deadline decides, not that of another
+    if received - pending.received < wanted / 100:
+        return False
+    pending.received = received
+    pending.deadline = now + pending.timeout
+    return True
 
 
 def _fail(pending: Pending, error: Exception) -> None:

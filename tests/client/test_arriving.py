@@ -72,6 +72,17 @@ def test_a_late_answer_that_comes_just_when_the_deadline_of_the_fence_passes_sti
     run(main())
 
 
+def test_an_answer_with_pauses_longer_than_its_timeout_is_waited_for() -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=SWALLOWED)
+        async with linked(board, retries=0) as link:
+            in_pieces(board, board.codec.encode(QueryServoListResponse((5, 6))), 0.001, 0.004, 0.03, 0.06)
+            answer = await link.request(QueryServoListRequest(), timeout=0.005)
+            assert answer == QueryServoListResponse((5, 6))
+
+    run(main())
+
+
 def test_what_trickles_in_holds_no_deadline_up_for_long() -> None:
     async def main() -> None:
         board = FakeBoard(usual=SWALLOWED)
