@@ -68,7 +68,6 @@ def run(*, short: bool) -> Result:
         "missing": missing,
         "tables": [_typical_table(typical), _summary(ways), _each(ways, "decoded"), _each(ways, "encoded")],
         "typical": typical,
-        "packets": [asdict(way) for way in ways],
         "wrong": wrong,
         "slow": [*_too_slow(typical), *_slower(ways)],
     }
