@@ -19,7 +19,11 @@ _KEPT_BYTES = re.compile("([\udc00-\udcff]+)")
 def _keep_bytes(error: UnicodeError) -> tuple[str, int]:
     """Map each byte that is no text to U+DC00 + byte: `surrogateescape`, but for every encoding and byte."""
     assert isinstance(error, UnicodeDecodeError)  # noqa: S101 - narrows the type; only decoding uses it
-    return "".join(chr(0xDC00 + byte) for byte in error.object[error.start : error.end]), error.end
+    return _kept(error.object[error.start : error.end]), error.end
+
+
+def _kept(raw: bytes) -> str:
+    return "".join(chr(0xDC00 + byte) for byte in raw)
 
 
 codecs.register_error(_BYTES_AS_CODE_POINTS, _keep_bytes)
@@ -55,7 +59,28 @@ def decode_caption(raw: bytes, encoding: str) -> str:
     else:
         end = next((at for at in range(0, len(raw), width) if not any(raw[at : at + width])), len(raw))
         text = raw[:end]
-    return text.decode(encoding, _BYTES_AS_CODE_POINTS)
+    found = text.decode(encoding, _BYTES_AS_CODE_POINTS)
+    return found if encoding == "utf-8" or _is_form(text, found, encoding) else _decode_forms(text, encoding)
+
+
+def _is_form(raw: bytes, text: str, encoding: str) -> bool:
+    """Tell whether `text` is written as `raw`, which for a character with two codes in Big5 is only one of them."""
+    try:
+        return _encode_kept(text, encoding) == raw
+    except UnicodeError:
+        return False
+
+
+def _decode_forms(raw: bytes, encoding: str) -> str:
+    """Return the text of `raw`, with the bytes kept of each character that would be written in another form."""
+    text, begun = "", 0
+    decoder = codecs.getincrementaldecoder(encoding)(_BYTES_AS_CODE_POINTS)
+    for end in range(1, len(raw) + 1):
+        if character := decoder.decode(raw[end - 1 : end], end == len(raw)):
+            form = raw[begun:end]
+            text += character if _is_form(form, character, encoding) else _kept(form)
+            begun = end
+    return text if _is_form(raw, text, encoding) else _kept(raw)
 
 
 def decode_captions(raws: Sequence[bytes], encoding: str) -> list[str]:

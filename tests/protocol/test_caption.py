@@ -94,6 +94,20 @@ def test_the_terminator_is_a_whole_character() -> None:
     assert decode_caption("機".encode("utf-16-le") * 16, "utf-16-le") == "機" * 16
 
 
+@pytest.mark.parametrize(
+    ("raw", "encoding", "text"),
+    [
+        (b"A\xa2\xccB", "big5", "A\udca2\udcccB"),  # the other code of \u5140, \xa4\xb8
+        (b"\xfbe", "cp932", "\udcfb\udc65"),  # IBM's code of what NEC has as well
+        (b"2\x1b\xa4a", "iso2022_jp", "2\udc1b\udca4a"),
+        (b"\x0e", "iso2022_kr", "\udc0e"),  # shifts, and says nothing
+    ],
+)
+def test_another_code_of_a_character_is_kept_as_bytes(raw: bytes, encoding: str, text: str) -> None:
+    assert decode_caption(raw.ljust(32, b"\0"), encoding) == text
+    assert encode_caption(text, encoding, "x", from_us=False).rstrip(b"\0") == raw
+
+
 def test_half_a_character_is_kept_as_bytes() -> None:
     raw = b"wave\xe6\xa9"
     text = decode_caption(raw.ljust(32, b"\0"), "utf-8")
