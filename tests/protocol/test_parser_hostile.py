@@ -33,9 +33,9 @@ class Work:
         """Count what parsers do meanwhile."""
         scan, recover, sum_blocks = FrameParser._scan, FrameParser._recover, BlockSums.sum
 
-        def counted_adler32(data: bytes) -> int:
+        def counted_adler32(data: bytes, start: int = 1) -> int:
             self.bytes += len(data)
-            return adler32(data)
+            return adler32(data, start)
 
         def counted_scan(parser: FrameParser, data: bytes, at: int) -> list[Frame]:
             self.bytes += len(data)
