@@ -103,6 +103,7 @@ def test_sums_of_blocks_are_forgotten() -> None:
     parser, frame = FrameParser(), encode_frame(10050, b"\xff" * 65_535, "little")
     for _ in range(40):
         assert parser.feed(frame) == [(10050, b"\xff" * 65_535)]
+        assert parser._blocks is not None
         assert len(parser._blocks._running) <= _MOST_BLOCKS + 256
 
 
