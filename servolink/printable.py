@@ -7,6 +7,7 @@ import unicodedata
 # Controls, format characters (bidi overrides), lone surrogates, private use, unassigned, and the two separators
 # that end a line: none of them may reach a terminal or a log as itself.
 _HIDDEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
+_BLANKS = "\u034f\u115f\u1160\u17b4\u17b5\u3164\uffa0"  # letters and marks that leave no trace: a name without a look
 _JOINERS = "\u200c\u200d"  # needed inside emoji and several scripts; they only join what stands beside them
 
 
@@ -27,7 +28,8 @@ def shown(value: object) -> str:
 
 
 def _shown(character: str) -> str:
-    if character in _JOINERS or unicodedata.category(character) not in _HIDDEN:
+    hidden = character in _BLANKS or unicodedata.category(character) in _HIDDEN
+    if not hidden or character in _JOINERS:
         return character
     code = ord(character)
     if 0xDC00 <= code <= 0xDCFF:  # a byte that was no text (see protocol/caption.py)

@@ -82,10 +82,19 @@ def fail(error: Exception, code: int) -> int:
 def refuse(args: argparse.Namespace, text: str) -> NoReturn:
     """End as wrong usage, with `text` after the usage of the command."""
     parser: argparse.ArgumentParser = args.parser
-    parser.error(text)
+    parser.print_usage(sys.stderr)
+    parser.exit(USAGE, f"{parser.prog}: error: {chr(10).join(map(printable, text.split(chr(10))))}\n")
 
 
-class _Command(argparse.ArgumentParser):
+class _Parser(argparse.ArgumentParser):
+    """Repeats what was typed so that it can be shown."""
+
+    def error(self, message: str) -> NoReturn:
+        """End as wrong usage."""
+        super().error(printable(message))
+
+
+class _Command(_Parser):
     """Takes its options from the module of its command, which is imported only when that command is given."""
 
     module = ""
@@ -101,7 +110,7 @@ class _Command(argparse.ArgumentParser):
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="servolink",
         description="Drive a servo control board.",
         epilog=EXIT_CODES,

@@ -11,9 +11,10 @@ import msgspec
 from servolink.atomic import write_atomically
 from servolink.errors import TransportUnavailable
 from servolink.printable import printable
+from servolink.transports.address import refusal
 
 _NAME = re.compile(r"(?!com\d+$)[a-z0-9][a-z0-9_-]{0,63}", re.IGNORECASE | re.ASCII)
-_ESCAPED = re.compile(r'["\\\x00-\x1f\x7f]')
+_PERHAPS_ESCAPED = re.compile(r"[^ !#-\[\]-~]")
 
 
 class Alias(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -55,7 +56,14 @@ def load_aliases() -> dict[str, Alias]:
 
 
 def save_alias(name: str, alias: Alias) -> None:
-    """Let `name` stand for `alias` from now on; the file is replaced as a whole or not at all."""
+    """Let `name` stand for `alias` from now on; the file is replaced as a whole or not at all.
+
+    TransportUnavailable for an address that is no text.
+    """
+    try:
+        f"{alias.url}{alias.serial_number}".encode()
+    except UnicodeEncodeError as error:
+        raise refusal(alias.url, "holds bytes that are no text; write each as in %FF") from error
     aliases = load_aliases() | {name: alias}
     path = aliases_path()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -82,4 +90,10 @@ def _toml(aliases: Mapping[str, Alias]) -> str:
 
 
 def _string(text: str) -> str:
-    return '"' + _ESCAPED.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + '"'
+    return '"' + _PERHAPS_ESCAPED.sub(_escaped, text) + '"'
+
+
+def _escaped(found: re.Match[str]) -> str:
+    character = found[0]
+    is_shown = character not in '"\\' and printable(character) == character
+    return character if is_shown else f"\\U{ord(character):08x}"

@@ -5,6 +5,7 @@ The lock ends with the process, however that ends, so a file that can be locked 
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 import sys
@@ -12,6 +13,7 @@ import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import BinaryIO
 
@@ -59,7 +61,7 @@ def announced(board: Candidate) -> Iterator[None]:
             stack.callback(Path(name).unlink, missing_ok=True)
             file = stack.enter_context(open(number, "wb", buffering=0))
             _lock(file, wait=True)
-            file.write(msgspec.json.encode(board))
+            file.write(json.dumps(asdict(board)).encode())
         yield
 
 

@@ -50,6 +50,20 @@ def test_any_text_of_a_device_can_be_kept(url: str, serial_number: str) -> None:
     assert (written["url"], written.get("serial_number", "")) == (url, serial_number)
 
 
+def test_what_a_terminal_would_obey_is_escaped_in_the_file(path: Path) -> None:
+    save_alias("left", Alias("serial:///dev/\x9b2J\u202e", "臂"))
+    assert path.read_text(encoding="utf-8").endswith(
+        '[boards.left]\nurl = "serial:///dev/\\U0000009b2J\\U0000202e"\nserial_number = "臂"\n'
+    )
+
+
+def test_an_address_that_is_no_text_is_refused(path: Path) -> None:
+    save_alias("left", Alias("tcp://pi:9000"))
+    with pytest.raises(TransportUnavailable, match=r"/dev/\\xff: holds bytes that are no text; write each as in %FF"):
+        save_alias("right", Alias("serial:///dev/\udcff"))
+    assert load_aliases() == {"left": Alias("tcp://pi:9000")}
+
+
 @pytest.mark.parametrize(
     ("content", "named"),
     [

@@ -1,0 +1,132 @@
+"""Hostile texts as what is typed: each place of each command refuses them in words that can be shown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from servolink.cli.main import COMMANDS, FAILED, NO_BOARD, USAGE
+from tests.hostile.corpus import PAYLOADS, controls
+from tests.hostile.terminals import ESCAPE, in_pipe, in_terminal
+
+_ALL = "".join(payload.text for payload in PAYLOADS).replace("\0", "")
+_NO_CONTROLS = "".join(character for character in _ALL if character >= " " and character not in "\x7f?&%")
+_SHORT = "x\x1b[2J\x9b1m\u202e\udcff"
+TEXTS = {"everything": _ALL, "no C0 controls": _NO_CONTROLS, "short": _SHORT}
+"""What is refused at once, what gets further, and what could be the name of a file."""
+
+TYPED = (
+    "{}",
+    "--{}",
+    "--url {} info",
+    "--url tcp://{}:80 info",
+    "--url tcp://[{}]:80 info",
+    "--url tcp://host:{} info",
+    "--url {}://host info",
+    "--url virtual://?{} info",
+    "--url virtual://?{}=1 info",
+    "--url virtual://?servos={} info",
+    "--url serial:///dev/{} info",
+    "--url hid://{} info",
+    "--url usb://{} info",
+    "--url replay:///{} info",
+    "--byte-order {} info",
+    "--caption-encoding {} --url virtual:// info",
+    "info {}",
+    "list {}",
+    "use {} virtual://",
+    "use mine {}",
+    "use mine serial:///dev/\udcff{}",
+    "doctor {}",
+    "doctor --print-udev {}",
+    "servos {}",
+    "--url virtual:// move {}",
+    "--url virtual:// move 1=1 --duration {}",
+    "stop {}",
+    "release {}",
+    "run {} 1",
+    "run action {}",
+    "actions {}",
+    "macros {}",
+    "tables {}",
+    "--url virtual:// export /{}/x",
+    "--url virtual:// plan {}",
+    "--url virtual:// apply {} --yes",
+    "--url virtual:// rollback {} --yes",
+    "backups {}",
+    "project {}",
+    "project show {}",
+    "project show virtual://{}",
+    "project show --{}",
+    "project new /{}/x",
+    "project check {}",
+    "project check x --servos {}",
+    "project preflight x --servo-limit {}",
+    "project play {} x",
+    "project mirror x 1 --map {} -o y",
+    "project rename x {} 1 y -o z",
+    "teach",
+    "--url virtual:// teach {} --yes",
+    "--url virtual:// teach x {} --yes",
+    "--url virtual:// teach x --interval {} --yes",
+    "--url virtual:// teach x --file /{}/x 250 --yes",
+    "events --count {}",
+    "events --seconds {}",
+    "decode {}",
+    "decode --hex {}",
+    "decode --file {}",
+    "encode {}",
+    'encode {{"packet":"{}"}}',
+    'encode {{"id":20020,"fields":{{"{}":1}}}}',
+    "virtual --tcp {}",
+    "virtual --tcp {}:1",
+    "virtual --usbip {}",
+    "virtual --faults {}",
+    "virtual --faults {}=1",
+    "virtual --servos {}",
+    "virtual --script {}",
+    "virtual --add {}",
+    "virtual --tcp 127.0.0.1:0 --state /dev/null/{}",
+    "bench --requests {}",
+    "demo {}",
+)
+
+
+def arguments(pattern: str, text: str) -> list[str]:
+    """Return the words of `pattern`, with `text` for the braces."""
+    return [word.format(text) for word in pattern.split()]
+
+
+@pytest.fixture(autouse=True)
+def _folder_without_boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("SERVOLINK_URL", raising=False)
+
+
+def test_every_command_is_typed_to() -> None:
+    assert {*COMMANDS} <= {word for pattern in TYPED for word in pattern.split()}
+
+
+@pytest.mark.parametrize("kind", TEXTS)
+@pytest.mark.parametrize("pattern", TYPED)
+def test_what_was_typed_is_shown_as_text(pattern: str, kind: str, caplog: pytest.LogCaptureFixture) -> None:
+    typed = arguments(pattern, TEXTS[kind])
+    said = in_pipe(*typed)
+    assert said.code in (FAILED, USAGE, NO_BOARD)
+    assert not controls(said.out + said.err)
+    described = in_pipe("--json", *typed)
+    assert described.code == said.code
+    assert described.out.isascii()
+    assert not controls(described.out + described.err)
+    seen = in_terminal(*typed)
+    assert seen.code == said.code
+    assert not controls(ESCAPE.sub("", seen.out)) - {"\r"}
+    assert not any(controls(record.getMessage()) for record in caplog.records)
+
+
+def test_the_environment_is_shown_as_text(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SERVOLINK_URL", _ALL)
+    said = in_pipe("info")
+    assert said.code == NO_BOARD
+    assert not controls(said.out + said.err)

@@ -1,0 +1,107 @@
+"""How each command is tried with hostile texts in everything that it reads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Arguments, with the names of a world in braces (see `World.arguments`), and what becomes of them."""
+
+    pattern: str
+    refused: bool = False
+    """Hostile texts make it fail, by an error."""
+    timed: bool = False
+    """How many escapes a terminal gets depends on the time that it takes, or on what is wrong with the texts."""
+
+    def __str__(self) -> str:
+        """Return the arguments."""
+        return self.pattern
+
+
+TRIALS: dict[str, tuple[Trial, ...]] = {
+    "list": (Trial("list"), Trial("list --probe")),
+    "use": (Trial("use mine serial:///dev/{text}"), Trial("use mine virtual://?state={text}")),
+    "doctor": (Trial("doctor serial:///dev/no{place}"), Trial("doctor {few}"), Trial("doctor")),
+    "info": (
+        Trial("--url {all} info"),
+        Trial("--url serial:///dev/{place} info"),
+        Trial("--url replay:///{place} info"),
+    ),
+    "servos": (Trial("--url {all} servos"), Trial("--url {few} --caption-encoding latin-1 servos")),
+    "move": (Trial("--url {few} move 1=10 2=-10 --duration 0.05", timed=True), Trial("--url {few} move 250=1")),
+    "stop": (Trial("--url {few} stop"),),
+    "release": (Trial("--url {few} release --yes"), Trial("--url {few} release 1 250 --yes")),
+    "run": (
+        *(Trial(f"--url {{few}} run {kind} {at}") for kind in ("action", "macro") for at in (1, 2, 8, 20)),
+        Trial("--url {few} run action 99"),
+    ),
+    "actions": (Trial("--url {all} actions"), *(Trial(f"--url {{few}} actions {at}") for at in (1, 6, 7, 8, 20, 21))),
+    "macros": (Trial("--url {all} macros"), *(Trial(f"--url {{few}} macros {at}") for at in (1, 6, 7, 8, 20, 21))),
+    "tables": (Trial("--url {all} tables 1"), *(Trial(f"--url {{few}} tables {at}") for at in ("", 2, 3, 20, 21))),
+    "export": (Trial("--url {few} export {new}", timed=True), Trial("--url {few} export {noise}")),
+    "plan": (
+        Trial("--url {few} plan {allowed}", timed=True),
+        Trial("--url virtual://?servos=250 plan {allowed}", timed=True),
+        Trial("--url {few} plan {other}", refused=True, timed=True),
+        Trial("--url {few} plan {mixed}"),
+        Trial("--url {few} plan {noise}"),
+    ),
+    "apply": (
+        Trial("--url {few} apply {allowed} --yes", timed=True),
+        Trial("--url {few} apply {other} --yes", refused=True, timed=True),
+    ),
+    "rollback": (
+        Trial("--url {few} apply {allowed} --yes", timed=True),
+        Trial("--url {few} rollback --yes", timed=True),
+        Trial("--url {few} rollback {other} --yes", timed=True),
+        Trial("--url {few} rollback {mixed} --yes"),
+    ),
+    "backups": (Trial("backups"), Trial("--url {few} apply {allowed} --yes", timed=True), Trial("backups")),
+    "project": (
+        Trial("project show {project}"),
+        Trial("project show {few}", timed=True),
+        *(Trial(f"project show {{other}} action:{at} macro:{at} table:{at}") for at in range(1, 21)),
+        Trial("project show {other} {name}"),
+        Trial("project new {new}"),
+        Trial("project new {other}"),
+        Trial("project check {allowed} --servos 3 --memory 100 --speed-cap 1"),
+        Trial("project check {project} --servos 3 --memory 100 --speed-cap 1", timed=True),
+        Trial("project check {mixed}"),
+        Trial("project check {allowed} --fix"),
+        Trial("project preflight {project} --speed-cap 1 --limit 0 5"),
+        Trial("project preflight {other} {name} --speed-cap 1"),
+        *(Trial(f"project play {{other}} macro:{at} --fast") for at in range(1, 21)),
+        Trial("project mirror {allowed} action:1 macro:2 --map 1=2,3=4 -o {mirrored}"),
+        Trial("project mirror {other} action:1 -o {mirrored} --force", refused=True),
+        Trial("project scale-time {allowed} 2 --in-place"),
+        Trial("project scale-time {other} 2 {name} -o {scaled}"),
+        Trial("project merge {allowed} {allowed} -o {merged}"),
+        Trial("project merge {allowed} {other} -o {merged}", refused=True),
+        Trial("project rename {allowed} action 1 wave -o {renamed}"),
+        Trial("project rename {allowed} action 999 {name} -o {renamed}"),
+        Trial("project schema"),
+    ),
+    "events": (Trial("--url {few} events --seconds 0.02"),),
+    "decode": (
+        Trial("decode --hex {hex}"),
+        Trial("decode --file {stream}"),
+        Trial("decode --hex {noise}"),
+        Trial("decode --file {noise}"),
+        Trial("decode --file {missing}"),
+        Trial("decode {name}"),
+    ),
+    "encode": (Trial("encode {name}"), Trial("encode {{}} {name}")),
+    "virtual": (
+        Trial("virtual --tcp 127.0.0.1:0 --state {noise}"),
+        Trial("virtual --tcp 127.0.0.1:0 --script {script}"),
+        Trial("virtual --tcp 127.0.0.1:0 --script {missing}"),
+    ),
+    "bench": (Trial("--url {few} bench --requests 1"),),
+    "teach": (Trial("--url {few} teach wave 250 --yes"), Trial("--url {few} teach wave --file {mixed} --yes")),
+}
+"""The trials of each command, in their order; each command has them for itself, in a world of its own."""
+
+EXEMPT = {"demo": "reads nothing but its own virtual board, on which it stores its own captions"}
+"""The other commands, and why they have no trials here."""

@@ -1,0 +1,209 @@
+"""A folder with a board, projects and other files in it, in which every text is hostile, or none is."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from urllib.parse import quote
+
+import pytest
+
+from servolink.discovery.served import announced
+from servolink.errors import EncodeError
+from servolink.project.file import format_project
+from servolink.project.model import Project
+from servolink.protocol.caption import decode_caption
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import (
+    Action,
+    AddActionRequest,
+    AddMacroRequest,
+    AddServoParameterRequest,
+    Macro,
+    MacroCommand,
+    ServoParameter,
+)
+from servolink.protocol.frame import HEADER_SIZE, encode_frame
+from servolink.protocol.joystick import AddJoystickTableRequest, Button, JoystickTable
+from servolink.protocol.packet import Packet
+from servolink.protocol.servos import Step
+from servolink.transports.candidate import Candidate
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.state import save_state
+from servolink.virtual.storage import Kind
+from tests.hostile.corpus import ONE_OF_EACH, PAYLOADS, Payload
+
+SERVOS = 240
+_MEMORY = 400_000
+_GIVEN = ("mixed", "noise", "stream", "script")
+_MARK = "?" * 32
+_UNESCAPED = "/[]:$()'\"\\"
+_IN_FILES = "x\x1b[2J\x1b]0;o\x07\r\n\t\x7f\x9b31m\u202e\u2066\u200b\u2028\u3164[bold]:bomb:%00&$(x)=1'\"\\\udcff\udc9b"
+_IN_ADDRESSES = "x\x9b31m\x85\u202e\u2066\u200b\u2028\u3164[bold]:bomb:$(x)'\"\\\udcff\udc9b"
+"""An address is refused if C0 controls are in it."""
+
+
+@dataclass(frozen=True)
+class World:
+    """Where commands are run, and the texts in it."""
+
+    folder: Path
+    captions: Sequence[bytes]
+    """One for each payload."""
+    name: str
+    """Of files."""
+    place: str
+    """The same in addresses."""
+
+    @classmethod
+    def hostile(cls, folder: Path) -> World:
+        """Make one in which every text is hostile."""
+        return cls(folder, [payload.caption for payload in PAYLOADS], _IN_FILES, _IN_ADDRESSES)
+
+    @classmethod
+    def harmless(cls, folder: Path) -> World:
+        """Make the same one with nothing but letters and numbers."""
+        return cls(folder, [f"text {at}".encode() for at in range(len(PAYLOADS))], "x", "x")
+
+    def copied(self, folder: Path) -> World:
+        """Copy what was built."""
+        shutil.copytree(self.folder, folder)
+        return replace(self, folder=folder)
+
+    @contextmanager
+    def entered(self) -> Iterator[None]:
+        """Be a user whose own folders are here, and who has a device that is called as everything here is."""
+        with pytest.MonkeyPatch.context() as patch:
+            for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_RUNTIME_DIR"):
+                folder = self.path(name)
+                folder.mkdir(mode=0o700, exist_ok=True)
+                patch.setenv(name, str(folder))
+            name = _only_text(self.name)
+            with announced(Candidate(f"serial:///dev/{_only_text(self.place)}", name, name, name)):
+                yield
+
+    def url(self, board: str) -> str:
+        """Return the address of a board; what need not be escaped in it is not."""
+        state = quote(os.fsencode(self._board(board)), safe=_UNESCAPED).replace(quote("\u202e\u2066"), "\u202e\u2066")
+        return f"virtual://?servos={SERVOS}&memory={_MEMORY}&state={state}"
+
+    @property
+    def written(self) -> Iterator[Path]:
+        """The files that commands have written."""
+        given = {self.path(suffix) for suffix in _GIVEN}
+        return (path for path in self.folder.rglob("*") if path.is_file() and path not in given)
+
+    def path(self, suffix: str) -> Path:
+        """Return the path of a file."""
+        return self.folder / f"{self.name}.{suffix}"
+
+    def arguments(self, pattern: str) -> list[str]:
+        """Return the words of `pattern` with the names of this world for what is in braces.
+
+        `{all}` and `{few}` are boards, `{name}`, `{place}` and `{text}` the names of files, the last two without
+        control characters; any other word is the suffix of a file.
+        """
+        names = _Names(self)
+        return [word.format_map(names) for word in pattern.split()]
+
+    def build(self) -> None:
+        """Write all files."""
+        self.folder.mkdir()
+        few = [self.captions[PAYLOADS.index(payload)] for payload in ONE_OF_EACH]
+        self._save_board("all", self.captions)
+        self._save_board("few", few)
+        texts = [decode_caption(caption, "utf-8") for caption in self.captions]
+        self._write("project", format_project(_project(texts)).encode())
+        self._write("other", format_project(_project([decode_caption(caption, "utf-8") for caption in few])).encode())
+        self._write("allowed", format_project(_project([texts[at] for at in _ALLOWED][::8])).encode())
+        self._write("mixed", json.dumps({"schema": 1, self.name: texts}).encode())
+        self._write("noise", b"\n".join(self.captions))
+        frames = [
+            encode_frame(AddActionRequest.packet_id, _content(AddActionRequest(1, _MARK), caption), "little")
+            for caption in self.captions
+        ]
+        self._write("stream", b"".join(map(bytes.__add__, frames, self.captions)))
+        self._write("hex", "\n".join(frame.hex() for frame in frames).encode())
+        self._write("script", b"1 press 3\n2 dance " + self.name.encode("utf-8", "surrogateescape"))
+
+    def _board(self, name: str) -> Path:
+        return self.folder / f"{self.place}.{name}.board"
+
+    def _write(self, suffix: str, content: bytes) -> None:
+        self.path(suffix).write_bytes(content)
+
+    def _save_board(self, name: str, captions: Sequence[bytes]) -> None:
+        board = VirtualBoard(SERVOS, memory=_MEMORY)
+        board.storage.project_id = 5
+        for kind, declared in _STORED.items():
+            records = {at: _content(declared(at), caption) for at, caption in enumerate(captions, 1)}
+            assert board.storage.put(kind, records)
+        every = (Button(at, _MARK, 1) for at in range(1, len(captions) + 1))
+        table = Codec().encode(AddJoystickTableRequest(1, "all", tuple(every)))[HEADER_SIZE:-1]
+        for caption in captions:
+            table = table.replace(_MARK.encode(), caption.ljust(32, b"\0"), 1)
+        parameters = {
+            at: _content(AddServoParameterRequest((ServoParameter(at, 1, _MARK),)), caption)[2:]
+            for at, caption in enumerate(captions[:SERVOS], 1)
+        }
+        assert board.storage.put(Kind.TABLE, {1: table})
+        assert board.storage.put(Kind.SERVO, parameters)
+        save_state(board, self._board(name))
+
+
+_STORED: dict[Kind, Callable[[int], Packet]] = {
+    Kind.ACTION: lambda at: AddActionRequest(at, _MARK, (Step(at % SERVOS + 1, 10, 5),)),
+    Kind.MACRO: lambda at: AddMacroRequest(at, _MARK, (MacroCommand(at, total_interval=50),)),
+    Kind.TABLE: lambda at: AddJoystickTableRequest(at, _MARK, (Button(1, _MARK, at),)),
+}
+
+
+class _Names(dict[str, str]):
+    """What stands for a word in braces."""
+
+    def __init__(self, world: World) -> None:
+        super().__init__(all=world.url("all"), few=world.url("few"), name=world.name, place=world.place)
+        self["text"] = _only_text(world.place)
+        self._world = world
+
+    def __missing__(self, suffix: str) -> str:
+        return str(self._world.path(suffix))
+
+
+def _only_text(name: str) -> str:
+    """Return `name` without the bytes that are none, which nothing but a file's name can hold."""
+    return name.encode("utf-8", "ignore").decode()
+
+
+def _content(packet: Packet, caption: bytes) -> bytes:
+    """Return the content of a packet with `caption` for each mark in it."""
+    return Codec().encode(packet)[HEADER_SIZE:-1].replace(_MARK.encode(), caption.ljust(32, b"\0"))
+
+
+def _is_allowed(payload: Payload) -> bool:
+    """Tell whether this library would write it as a caption by itself."""
+    try:
+        Codec().encode(AddActionRequest(1, decode_caption(payload.caption, "utf-8")))
+    except EncodeError:
+        return False
+    return True
+
+
+_ALLOWED = [at for at, payload in enumerate(PAYLOADS) if _is_allowed(payload)]
+
+
+def _project(texts: Sequence[str]) -> Project:
+    numbered = list(enumerate(texts, 1))
+    return Project(
+        6,
+        tuple(ServoParameter(at, 1, text) for at, text in numbered[:SERVOS]),
+        tuple(Action(at, text, (Step(at % SERVOS + 1, 10, 5),)) for at, text in numbered),
+        tuple(Macro(at, text, (MacroCommand(at, total_interval=50),)) for at, text in numbered),
+        tuple(JoystickTable(at, text, (Button(1, text, at),)) for at, text in numbered),
+        1,
+    )
