@@ -31,7 +31,7 @@ from servolink.protocol.frame import (
 )
 from servolink.protocol.layout import layout
 from servolink.protocol.registry import PACKETS
-from servolink.protocol.sums import BlockSums, content_sum, piecewise
+from servolink.protocol.sums import BlockSums, piecewise
 
 REASONS = ("padding", "noise", "unknown id", "length", "checksum", "incomplete")
 PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE = REASONS
@@ -135,7 +135,7 @@ class FrameParser:
         length = len(data)
         if compiled.collect is not None:
             at, wary = self._collect(compiled.collect, data, at, frames, wary)
-        elif length > _MANY and not wary:
+        elif length > _MANY and not wary and self._short:
             at = self._run(data, at, frames)
         while True:
             body = at + HEADER_SIZE
@@ -150,7 +150,7 @@ class FrameParser:
                 if pieces is None:
                     total += adler32(content)
                 elif pieces:
-                    total += content_sum(content, pieces)
+                    total += sum(map(adler32, pieces.unpack(content)))
                 else:
                     total += self._block_sums().sum(data, body, end)
                 if total & 0xFF == data[end]:
@@ -327,7 +327,9 @@ class FrameParser:
         if len(self._entries) >= _MAX_KNOWN_HEADERS:
             self._entries.clear()
         pieces: Struct | Literal[False] | None = piecewise(length) if length <= _LONG else False
-        total = sum(header) - (pieces is None)  # adler32, which sums what is in one piece, begins at one
+        total = sum(header)
+        if pieces is not False:
+            total -= max(1, -(-length // 256))  # adler32 begins at one, for each piece
         self._entries[header] = length + HEADER_SIZE, packet_id, total, pieces
         if length <= _SHORT:
             self._short[header] = length + OVERHEAD, packet_id, sum(header) & 0xFF, _cutter(length)
