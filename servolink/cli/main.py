@@ -83,7 +83,8 @@ def refuse(args: argparse.Namespace, text: str) -> NoReturn:
     """End as wrong usage, with `text` after the usage of the command."""
     parser: argparse.ArgumentParser = args.parser
     parser.print_usage(sys.stderr)
-    parser.exit(USAGE, f"{parser.prog}: error: {chr(10).join(map(printable, text.split(chr(10))))}\n")
+    lines = "\n".join(map(printable, text.split("\n")))
+    parser.exit(USAGE, f"{parser.prog}: error: {lines}\n")
 
 
 class _Parser(argparse.ArgumentParser):

@@ -1,0 +1,104 @@
+"""Hostile texts in what a program says to the library: each error can be shown, logged and raised again as it is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from servolink.client.connect import connect
+from servolink.errors import ServolinkError
+from servolink.project.file import load_project, parse_project, save_project
+from servolink.project.find import find
+from servolink.project.kinds import KINDS
+from servolink.project.model import Project
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import Action, AddActionRequest, QueryActionResponse
+from servolink.protocol.objects import from_object
+from servolink.transports.address import Address
+from servolink.transports.faults import Faults
+from servolink.transports.registry import create
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.network import host_and_port
+from servolink.virtual.script import parse_script
+from servolink.virtual.state import load_state
+from servolink.virtual.transport import VirtualTransport
+from tests.hostile.calls import PROJECT
+from tests.hostile.corpus import PAYLOADS, controls
+from tests.virtual_time import run
+
+
+def _stored_on_a_full_board(text: str) -> None:
+    async def store() -> None:
+        async with connect(VirtualTransport(VirtualBoard(1, memory=0), f"virtual://{text}")) as board:
+            await board.request(AddActionRequest(1, text), exact=True)
+            await board.add_action(Action(1, text))
+
+    run(store())
+
+
+def _opened(text: str) -> None:
+    async def ask() -> None:
+        async with connect(f"serial:///dev/x{text}") as board:
+            await board.project_id()
+
+    run(ask())
+
+
+SAYINGS: dict[str, Callable[[str], object]] = {
+    "caption": lambda text: Codec().encode(AddActionRequest(1, text)),
+    "caption on a full board": _stored_on_a_full_board,
+    "caption in another encoding": lambda text: Codec(caption_encoding="big5").encode(QueryActionResponse(1, text)),
+    "caption encoding": lambda text: Codec(caption_encoding=text),
+    "packet": lambda text: from_object({"packet": text}),
+    "packet that is a list": lambda text: from_object({"packet": [text]}),
+    "field": lambda text: from_object({"id": 20020, "fields": {text: 1}}),
+    "field of a record": lambda text: from_object({"id": 20050, "fields": {"steps": [{text: 1}]}}),
+    "value": lambda text: from_object({"id": 20020, "fields": {"servo_id": text}}),
+    "data": lambda text: from_object({"id": 10050, "fields": {"data": text}}),
+    "address": Address.parse,
+    "address of a device": _opened,
+    "scheme": lambda text: create(f"{text}://x"),
+    "option": lambda text: create(f"virtual://?{text}=1"),
+    "value of an option": lambda text: create(f"virtual://?servos={text}"),
+    "faults": Faults.parse,
+    "place": host_and_port,
+    "script": parse_script,
+    "saved board": lambda text: load_state(VirtualBoard(1), Path("/dev/null") / text),
+    "project": parse_project,
+    "key of a project": lambda text: parse_project(json.dumps({"schema": 1, text: 1})),
+    "number in a project": lambda text: parse_project(json.dumps({"schema": 1, "project_id": text})),
+    "version": lambda text: parse_project(json.dumps({"schema": text})),
+    "type of a command": lambda text: parse_project(
+        json.dumps({"schema": 1, "macros": [{"macro_id": 1, "commands": [{"type": text}]}]})
+    ),
+    "caption in a project": lambda text: parse_project(
+        json.dumps({"schema": 1, "actions": [{"action_id": 1, "action_caption": text, "steps": []}]})
+    ),
+    "file of a project": lambda text: load_project(Path("/dev/null") / text),
+    "file for a project": lambda text: save_project(Path("/dev/null") / text, PROJECT),
+    "name of a record": lambda text: find(PROJECT, text, KINDS),
+    "name among hostile names": lambda text: find(
+        Project(actions=(Action(1, text), Action(2, text), Action(3, f"{text}!"))), text, KINDS
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SAYINGS)
+def test_an_error_is_text(name: str) -> None:
+    errors = [error for payload in PAYLOADS if (error := _error(SAYINGS[name], payload.text)) is not None]
+    assert errors
+    for error in errors:
+        for shown in (str(error), repr(error)):
+            assert not controls(shown), ascii(shown)
+
+
+def _error(say: Callable[[str], Any], text: str) -> Exception | None:
+    try:
+        say(text)
+    except (ServolinkError, ValueError) as error:
+        return error
+    return None
