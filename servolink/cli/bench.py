@@ -43,7 +43,8 @@ def run(args: argparse.Namespace) -> int:
                 what,
                 round(result["requests_per_second"]),
                 result["bytes_per_second"],
-                *(round(seconds * 1000, 2) for seconds in result["round_trip_seconds"].values()),
+                # None where every answer came late, to be used for the next try.
+                *(seconds and round(seconds * 1000, 2) for seconds in result["round_trip_seconds"].values()),
             )
             for (what, _), result in zip(_ASKED, results, strict=True)
         ]

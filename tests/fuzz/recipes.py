@@ -78,7 +78,7 @@ def made(cursor: Cursor, byte_order: ByteOrder) -> Made:
 
 def content_for(cursor: Cursor, packet_id: int, byte_order: ByteOrder) -> bytes:
     """Take a content that obeys the length rule of its packet, mostly with a count that is right."""
-    rule, count_size = _shape(packet_id, byte_order)
+    rule, count_size = shape(packet_id, byte_order)
     how = cursor.byte()
     records = min(how % 64 % (_MOST_RECORDS + 1), rule.limit) if rule.unit else 0
     content = cursor.take(rule.base + rule.unit * records)
@@ -125,7 +125,7 @@ def _no_frame(kind: int, result: Made, cursor: Cursor, byte_order: ByteOrder) ->
 
 
 @cache
-def _shape(packet_id: int, byte_order: ByteOrder) -> tuple[LengthRule, int]:
+def shape(packet_id: int, byte_order: ByteOrder) -> tuple[LengthRule, int]:
     """Return the length rule of a packet, and how many bytes its count takes at the end of what is fixed."""
     declared = PACKETS[packet_id]
     names = declared.__struct_fields__

@@ -10,7 +10,6 @@ from servolink.discovery.served import candidates
 from servolink.errors import OpenError, ProjectError, TransportUnavailable
 from servolink.printable import printable
 from servolink.project.file import format_project, parse_project
-from servolink.project.store import Store
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
 from servolink.transports.faults import Faults, LineFaults
@@ -132,17 +131,6 @@ def names_of_boards(data: bytes) -> None:
     assert all(map(is_name, names))
     save_alias("more", Alias("virtual://"))
     assert load_aliases() == names | {"more": Alias("virtual://")}
-
-
-def journal(data: bytes, folder: Path) -> None:
-    """Take the bytes for the journal of an import."""
-    store = Store(folder)
-    (folder / "imports").mkdir(exist_ok=True)
-    (folder / "imports/x.json").write_bytes(data)
-    try:
-        store.journals()
-    except ProjectError as error:
-        check(error)
 
 
 def announcement(path: Path) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import TypeAlias
 
 from servolink.errors import ConnectionLost
-from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
 from servolink.transports.base import Receiver
@@ -40,10 +39,12 @@ class LyingBoard:
         self.asked: list[Packet] = []
         """All requests that came."""
         self._unasked = unasked
-        self._codec = board.codec if board else Codec()
+        self.virtual = board or VirtualBoard(4)
+        """What knows the truth."""
+        self._codec = self.virtual.codec
         self._parser = FrameParser(self._codec.byte_order)
         self._truth: list[bytes] = []
-        self._board = (board or VirtualBoard(4)).attach(self._truth.append)
+        self._board = self.virtual.attach(self._truth.append)
         self._receiver: Receiver | None = None
         self._speeches: dict[Iterator[tuple[float, bytes]], asyncio.TimerHandle] = {}
 
@@ -64,11 +65,22 @@ class LyingBoard:
 
     async def close(self) -> None:
         receiver, self._receiver = self._receiver, None
+        self.repent()
+        if receiver is not None:
+            receiver.lost(None)
+
+    def speak(self, data: bytes) -> None:
+        """Say something at once."""
+        assert self._receiver is not None
+        self.said += len(data)
+        self._receiver.data(data)
+
+    def repent(self) -> None:
+        """Say nothing more of what it wanted to say, and the truth from now on."""
+        self.lie = truth
         for timer in self._speeches.values():
             timer.cancel()
         self._speeches.clear()
-        if receiver is not None:
-            receiver.lost(None)
 
     def _begin(self, speech: Speech) -> None:
         self._go_on(iter(speech))
@@ -83,6 +95,5 @@ class LyingBoard:
 
     def _say(self, speech: Iterator[tuple[float, bytes]], chunk: bytes) -> None:
         if self._receiver is not None:
-            self.said += len(chunk)
-            self._receiver.data(chunk)
+            self.speak(chunk)
         self._go_on(speech)

@@ -1,0 +1,131 @@
+"""Boards that lie: all that is asked ends in time, by an answer or a typed error, and later the truth gets through."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import tracemalloc
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from servolink.client.board import Board
+from servolink.client.connect import connect
+from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
+from servolink.project.plan import Plan
+from servolink.protocol.codec import Codec
+from servolink.protocol.joystick import ButtonEventResponse
+from servolink.virtual.board import VirtualBoard
+from tests.hostile.calls import PROJECT, Call, calls
+from tests.hostile.corpus import controls
+from tests.hostile.lies import LIES, Lying
+from tests.hostile.lying_board import LyingBoard
+from tests.project.pulled import contents_of
+from tests.virtual_time import run
+
+_NO_CALLS = {"close", "states", "unit_of", "codec", "stats", "url"}
+_MOST_SECONDS = 600.0
+"""Of virtual time, which the longest of them takes, whatever the board does."""
+_WHOLE_PROJECTS = {"plan", "apply", "rollback"}
+"""Calls that read all of a board, as `export_project` does."""
+_AFTERWARDS = 1.0
+_LONGEST = 2000  # characters of an error, which may name all servos
+_FLOODS = [name for name, how in LIES.items() if how.unasked() != ()]
+_FLOODED = 20.0
+_MEMORY = 200_000  # bytes: three of the longest frame
+_EVENTS = 10_000
+
+
+_STORED = contents_of(PROJECT)
+
+
+def lying(how: Lying) -> LyingBoard:
+    """Return a board with a project on it that lies so."""
+    board = VirtualBoard(4)
+    board.storage.contents = _STORED
+    return LyingBoard(how.lie(), how.unasked(), board=board)
+
+
+def test_every_method_of_a_board_is_called(tmp_path: Path) -> None:
+    methods = {name for name, _ in inspect.getmembers(Board) if not name.startswith("_")}
+    assert {*calls(tmp_path)} == methods - _NO_CALLS
+
+
+def test_the_truth_is_told_from_a_lie(tmp_path: Path) -> None:
+    for method, call in calls(tmp_path).items():
+        outcome = run(_outcome(lying(LIES["none"]), call))
+        assert isinstance(outcome, Exception) == (method == "rollback"), outcome  # there is nothing to go back to
+    plan = run(_outcome(lying(LIES["none"]), calls(tmp_path)["plan"]))
+    assert isinstance(plan, Plan)
+    assert plan.changes == ()
+
+
+@pytest.mark.parametrize("name", LIES)
+def test_a_lie_is_an_answer_or_a_typed_error(name: str, tmp_path: Path) -> None:
+    for method, call in calls(tmp_path).items():
+        if LIES[name].long and method in _WHOLE_PROJECTS:
+            continue
+        outcome = run(_outcome(lying(LIES[name]), call))
+        if isinstance(outcome, Exception):
+            assert not controls(str(outcome)), method
+            assert len(str(outcome)) < _LONGEST, method
+
+
+async def _outcome(board: LyingBoard, call: Call) -> object:
+    loop = asyncio.get_running_loop()
+    async with connect(board) as client:
+        begun = loop.time()
+        outcome: object
+        try:
+            outcome = await call(client)
+        except ServolinkError as error:
+            outcome = error
+        assert loop.time() - begun < _MOST_SECONDS
+        board.repent()
+        await asyncio.sleep(_AFTERWARDS)
+        try:
+            assert await client.project_id() == board.virtual.storage.project_id
+        except (ConnectionLost, RequestTimeout):  # it owes so many answers that none can be told from another
+            assert client.stats.timeouts > 1
+    await asyncio.sleep(0)
+    return outcome
+
+
+@pytest.mark.parametrize("name", _FLOODS)
+def test_a_flood_takes_no_memory(name: str) -> None:
+    assert run(_peak(lying(LIES[name]))) < _MEMORY
+
+
+async def _peak(board: LyingBoard) -> int:
+    """Return how many bytes a client takes at most while a board says more than it is asked."""
+    loop = asyncio.get_running_loop()
+    async with connect(board, retries=0, timeout=0.5) as client:
+        events = client.button_events(limit=100)
+        subscribing = asyncio.ensure_future(anext(events))
+        await asyncio.sleep(_AFTERWARDS)
+        tracemalloc.start()
+        try:
+            until = loop.time() + _FLOODED
+            while loop.time() < until:
+                with suppress(ServolinkError):
+                    await client.actions()
+                await asyncio.sleep(0.1)
+            peak = tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+        subscribing.cancel()
+        await asyncio.gather(subscribing, events.aclose(), return_exceptions=True)
+    return peak
+
+
+def test_events_that_nobody_reads_are_counted_and_dropped() -> None:
+    async def read() -> tuple[int, int, int]:
+        board = LyingBoard()
+        async with connect(board) as client, client.button_events(limit=8) as events:
+            push = Codec().encode(ButtonEventResponse(1, 1))
+            for _ in range(_EVENTS):
+                board.speak(push)
+            return client.stats.events_received, client.stats.events_dropped, events.dropped
+
+    assert run(read()) == (_EVENTS, _EVENTS - 8, _EVENTS - 8)

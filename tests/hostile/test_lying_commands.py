@@ -1,0 +1,102 @@
+"""Every command that talks to a board, with boards that lie: it ends in time, with an exit code and printable words."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from servolink.cli.main import COMMANDS, FAILED, NO_BOARD, OK
+from servolink.client import connect
+from servolink.doctor import probe
+from servolink.project.file import save_project
+from servolink.transports.candidate import Candidate
+from tests.hostile.calls import PROJECT
+from tests.hostile.corpus import controls
+from tests.hostile.lies import LIES
+from tests.hostile.terminals import in_pipe
+from tests.hostile.test_lying_boards import lying
+from tests.virtual_time import run
+
+TALKING = {
+    "list": ("list --probe",),
+    "doctor": ("doctor lying://board",),
+    "info": ("info",),
+    "servos": ("servos",),
+    "move": ("move 1=10 2=-10 --duration 0.05", "move 1=10 --start"),
+    "stop": ("stop",),
+    "release": ("release --yes",),
+    "run": ("run action 1 --start", "run macro 4"),
+    "actions": ("actions", "actions 1"),
+    "macros": ("macros", "macros 4"),
+    "tables": ("tables", "tables 3"),
+    "export": ("export {new}",),
+    "plan": ("plan {file}",),
+    "apply": ("apply {file} --yes", "apply {file} --yes --replace --no-backup"),
+    "rollback": ("rollback {file} --yes",),
+    "project": ("project show lying://board",),
+    "events": ("events --seconds 1",),
+    "bench": ("bench --requests 2",),
+}
+EXEMPT = {
+    "demo": "has a virtual board of its own",
+    "use": "opens nothing",
+    "backups": "reads files",
+    "decode": "reads files",
+    "encode": "reads files",
+    "virtual": "is a board",
+    "teach": "goes on until somebody ends it, and then until the servos are held",
+}
+_MOST_SECONDS = 900.0
+"""Of virtual time: an import reads the board several times."""
+_QUICK = {"list", "doctor", "stop", "events"}
+"""What is tried with boards that have much to say, too; the others read no more than `Board` does."""
+
+
+@pytest.fixture
+def seconds(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Let commands run in virtual time; return how long each ran."""
+    taken: list[float] = []
+
+    async def timed(main: Coroutine[Any, Any, int]) -> int:
+        loop = asyncio.get_running_loop()
+        begun = loop.time()
+        try:
+            return await main
+        finally:
+            taken.append(loop.time() - begun)
+
+    monkeypatch.setattr(asyncio, "run", lambda main: run(timed(main)))
+    return taken
+
+
+def test_every_command_is_tried() -> None:
+    assert {*TALKING, *EXEMPT} == {*COMMANDS}, "a command that nobody lies to: add it to tests/hostile"
+    assert not TALKING.keys() & EXEMPT.keys()
+
+
+@pytest.mark.parametrize("name", LIES)
+def test_a_command_ends(name: str, seconds: list[float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (connect, probe):
+        monkeypatch.setattr(module, "create", lambda url: lying(LIES[name]))
+    monkeypatch.setattr("servolink.cli.list.discover", _one_board)
+    monkeypatch.setattr("servolink.doctor.examination.discover", _one_board)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    files = {"file": str(tmp_path / "file"), "new": str(tmp_path / "new")}
+    save_project(tmp_path / "file", PROJECT)
+    for command, patterns in TALKING.items():
+        if LIES[name].long and command not in _QUICK:
+            continue
+        for pattern in patterns:
+            said = in_pipe("--url", "lying://board", *(word.format_map(files) for word in pattern.split()))
+            assert said.code in (OK, FAILED, NO_BOARD), f"{pattern}: {said}"
+            assert not controls(said.out + said.err), pattern
+            assert said.code == OK or said.err or command in {"list", "doctor", "plan"}, f"{pattern}: {said}"
+    assert max(seconds) < _MOST_SECONDS
+
+
+async def _one_board() -> list[Candidate]:
+    return [Candidate("lying://board")]
