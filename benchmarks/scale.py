@@ -127,7 +127,7 @@ def _polling(found: dict[tuple[str, int], list[dict[str, Any]]], others: str) ->
         [
             "Late: from when a board was to be asked until the program has its servos. Nothing to ask: asyncio itself.",
             "virtual://: boards in the same process, whose CPU and memory count; tcp://: in another on another core.",
-            "More at the end: what polling itself takes, and the times of the latest 4,096 round trips (128 KB at most).",
+            "More at the end: what polling needs, and the times of the latest 4,096 round trips (up to 128 KB).",
             others,
         ],
     )
