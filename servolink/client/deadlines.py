@@ -26,7 +26,7 @@ class Deadlines:
         """Be sure to look at `deadline` (loop time); an earlier look stands."""
         if self._timer is None or deadline < self._timer.when():
             self.stop()
-            self._timer = self._loop.call_at(deadline, self._reached)
+            self._timer = self._loop.call_at(deadline, self._reached, deadline)
 
     def stop(self) -> None:
         """Forget all deadlines."""
@@ -34,17 +34,17 @@ class Deadlines:
             self._timer.cancel()
             self._timer = None
 
-    def _reached(self) -> None:
+    def _reached(self, deadline: float) -> None:
         self._timer = None
-        self._look_again(-1, _MOST_LOOKS)
+        self._look_again(deadline, -1, _MOST_LOOKS)
 
-    def _look_again(self, received: int, looks: int) -> None:
+    def _look_again(self, deadline: float, received: int, looks: int) -> None:
         # Two turns of the loop: a turn runs its callbacks in the order found, ours before what it reads.
-        self._loop.call_soon(self._loop.call_soon, self._look, received, looks)
+        self._loop.call_soon(self._loop.call_soon, self._look, deadline, received, looks)
 
-    def _look(self, received: int, looks: int) -> None:
+    def _look(self, deadline: float, received: int, looks: int) -> None:
         now_received = self._received()
         if received != now_received and looks:
-            self._look_again(now_received, looks - 1)
+            self._look_again(deadline, now_received, looks - 1)
             return
-        self._passed(self._loop.time())
+        self._passed(max(deadline, self._loop.time()))  # a timer comes early by what the clock does not resolve

@@ -35,6 +35,8 @@ FENCES: tuple[Query[Any], ...] = (
 """Queries with short answers, used in turn: a late answer to one must not pass for an answer to the next."""
 
 
+_LEAST = 0.01
+"""A query is not repeated when less than this share of its timeout is left: nothing could answer it."""
 _SILENCE = 8
 """A board that has answered nothing for so many timeouts, whatever it was asked, is gone."""
 
@@ -146,7 +148,7 @@ class Link:
         until = begun + timeout * (max(repeats, self._retries) + 1)
         fault: DecodeError | None = None
         tries = 0
-        while tries <= repeats and (tries == 0 or now < until):
+        while tries <= repeats and (tries == 0 or until - now > timeout * _LEAST):
             if self._lanes.in_doubt(lane):
                 late = await self._fence(lane, until)
                 if late is not None and tries:  # the very answer that this query waited for

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 import pytest
 
 from servolink.client.deadlines import Deadlines
-from tests.client.fake_board import now
+from tests.client.fake_board import now, turns_of_the_loop
 from tests.virtual_time import VirtualTimeLoop, run
 
 
@@ -59,6 +59,20 @@ def test_a_deadline_passes_exactly_then() -> None:
         await asyncio.sleep(1.4999)
         assert clock.passed == []
         await asyncio.sleep(1)
+        assert clock.passed == [begun + 1.5]
+
+    run(main())
+
+
+def test_a_timer_that_comes_early_by_what_the_clock_does_not_resolve_is_not_set_again() -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        loop._clock_resolution = 1 / 64  # type: ignore[attr-defined]  # that of Windows
+        clock, begun = Clock(), now()
+        clock.deadlines.arm(begun + 1.5)
+        await asyncio.sleep(1.49)
+        await turns_of_the_loop(3)
         assert clock.passed == [begun + 1.5]
 
     run(main())

@@ -75,6 +75,20 @@ def test_retries_behind_slow_fences_stay_within_the_total_deadline(fence_answers
     run(main())
 
 
+def test_nothing_is_sent_for_which_too_little_time_is_left() -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=late(0.9975))
+        board.plan(QueryServoListRequest, *[LOST] * 9)
+        async with linked(board, timeout=1.0) as link:
+            begun = now()
+            with pytest.raises(RequestTimeout, match=r"\(2 tries\)"):
+                await link.request(QueryServoListRequest())
+            assert now() - begun == pytest.approx(2.9975)
+            assert len(board.sent) == 3  # the query, a fence, the query
+
+    run(main())
+
+
 @pytest.mark.parametrize(("retries", "times"), [(0, 1), (1, 2), (4, 5)])
 def test_how_often_can_be_said_for_one_request(retries: int, times: int) -> None:
     async def main() -> None:
