@@ -79,7 +79,7 @@ def forgetting_who_is_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def believing_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Deadlines, "_look_again", lambda self, received, looks: self._look(received, 0))
+    monkeypatch.setattr(Deadlines, "_look_again", lambda self, at, received, looks: self._look(at, received, 0))
 
 
 def moving_after_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
