@@ -1,0 +1,104 @@
+"""Files with anything in them: each is read, or refused by one error that can be shown."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import AddActionRequest, AddServoParameterRequest, ServoParameter, WriteProjectIDRequest
+from servolink.protocol.servos import Step
+from tests.fuzz import texts
+from tests.fuzz.amounts import examples
+from tests.hostile.corpus import PAYLOADS
+
+_anything = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from([one.text for one in PAYLOADS]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3),
+    max_leaves=6,
+)
+_FRAMES = [
+    Codec().encode(packet).hex()
+    for packet in (
+        WriteProjectIDRequest(7),
+        AddServoParameterRequest((ServoParameter(1, 2, "knee"), ServoParameter(200, 0, "x"))),
+        AddActionRequest(3, "wave", (Step(1, 2, 3),)),
+    )
+]
+
+
+@st.composite
+def spoilt(draw: st.DrawFn, whole: Any) -> Any:
+    """Draw `whole` with anything in one place of it."""
+    if not isinstance(whole, (dict, list)) or not whole or draw(st.integers(0, 3)) == 0:
+        return draw(_anything)
+    key = draw(st.sampled_from(sorted(whole) if isinstance(whole, dict) else range(len(whole))))
+    changed = whole.copy()
+    changed[key] = draw(spoilt(whole[key]))
+    return changed
+
+
+def files(whole: Any, written: Callable[[Any], bytes]) -> st.SearchStrategy[bytes]:
+    """Draw the bytes of a file that says `whole`, or nearly so, or anything."""
+    return st.binary(max_size=200) | spoilt(whole).map(written) | st.just(written(whole))
+
+
+def as_json(said: Any) -> bytes:
+    """Write JSON."""
+    return json.dumps(said).encode()
+
+
+def as_lines(said: Any) -> bytes:
+    """Write JSON, a line for each part."""
+    return b"".join(as_json(line) + b"\n" for line in said) if isinstance(said, list) else as_json(said)
+
+
+_RECORDING = [{"t": 0.1, "sent": "134c"}, {"t": 0.2, "received": "00"}, {"t": 0.3, "lost": "it is gone"}]
+_STATE = {"byte_order": "little", "battery": 900.0, "angles": {"1": 5.0}, "requests": _FRAMES}
+_BOARD = {"url": "tcp://127.0.0.1:1", "product": "board", "serial_number": "", "problem": ""}
+
+
+@examples(60)
+@given(files(_RECORDING, as_lines))
+def test_a_recording(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "file").write_bytes(content)
+    texts.recording(tmp_path / "file")
+
+
+@examples(60)
+@given(files(_STATE, as_json))
+def test_what_a_virtual_board_has_kept(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "file").write_bytes(content)
+    texts.saved_board(tmp_path / "file")
+
+
+@examples(60)
+@given(
+    st.binary(max_size=200)
+    | st.builds(
+        lambda name, key, value: f"[boards.{name}]\n{key} = {json.dumps(value)}\n".encode(),
+        st.sampled_from(["left", '"x\\u001b"', '"a b"', "com1"]),
+        st.sampled_from(["url", "serial_number", "port", '"\\u202e"']),
+        _anything,
+    )
+)
+def test_names_of_boards(tmp_path: Path, content: bytes) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+        texts.names_of_boards(content)
+
+
+@examples(60)
+@given(files(_BOARD, as_json))
+def test_what_a_served_board_says_of_itself(tmp_path: Path, content: bytes) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+        (tmp_path / "servolink").mkdir(mode=0o700, exist_ok=True)
+        (tmp_path / "servolink/x.board").write_bytes(content)
+        texts.announcement(tmp_path / "servolink/x.board")
