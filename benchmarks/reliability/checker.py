@@ -22,7 +22,7 @@ MOTION = (ExecuteActionRequest, ExecuteActionExRequest, ExecuteMacroRequest)
 ONCE = (*MOTION, ClearAllDataRequest)
 """What must never happen twice."""
 _SHOWN = 30  # of the latest events
-_KEPT = 10_000  # of the latest sendings; nothing takes longer
+_KEPT = 1_000  # of the latest sendings; nothing takes longer
 
 
 @dataclass(slots=True, eq=False)
