@@ -7,6 +7,7 @@ BENCHMARKS = {
     "compiled": ("benchmarks.compiled", True, "The compiled loops, beside pure Python and a parser by Cython"),
     "hostile": ("benchmarks.hostile", True, "Streams that were made to hurt"),
     "recall": ("benchmarks.recall", True, "Intact frames found on a damaged line"),
+    "reliability": ("benchmarks.reliability", True, "Conversations on bad lines, with bad boards and busy programs"),
     "roundtrip": ("benchmarks.roundtrip", True, "A request and its answer, layer by layer"),
     "handoff": ("benchmarks.handoff", True, "From a thread that reads to the event loop"),
     "start": ("benchmarks.start", False, "Until a program or a command has begun"),

@@ -1,6 +1,8 @@
 """What a bad line, a bad board and a busy program do to a conversation: `python -m benchmarks.reliability --help`.
 
-Everything is drawn from seeds and runs in virtual time, unless it says otherwise.
+Everything is drawn from seeds and runs in virtual time, unless it says otherwise. One seed is one history: lines are in
+`line.py`, boards in `board.py`, what callers do in `conversation.py`, and what must not be in `checker.py`. A fault
+is printed with its seed; `python -m benchmarks.reliability --seed N` lives through it again and shows what led to it.
 """
 
 from __future__ import annotations
