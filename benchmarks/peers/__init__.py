@@ -5,6 +5,7 @@ A parser of another library is one small file here. One whose library is missing
 
 from __future__ import annotations
 
+import gc
 import logging
 from collections.abc import Iterator
 from importlib import import_module
@@ -48,11 +49,13 @@ def run(*, short: bool) -> Result:
     try:
         return _run(PACES[short], short=short)
     finally:
+        gc.unfreeze()
         logging.disable(logging.NOTSET)
 
 
 def _run(pace: Pace, *, short: bool) -> Result:
     peers, missing = installed()
+    gc.freeze()  # or each would pay, now and then, for looking through what all the others have imported
     everybody: list[type[Peer]] = [Ours, *peers]
     measured = [measure(peer, size, pace, short=short) for size in SIZES for peer in everybody]
     ours = [row for row in measured if row is not None and row.peer is Ours]
