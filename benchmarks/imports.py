@@ -94,6 +94,7 @@ class _Bench:
 
     def judge(self, name: str, histories: Iterator[History]) -> Counter[str]:
         """Run `histories` and count what became of them."""
+        self._random = Random(name)
         count: Counter[str] = Counter(dict.fromkeys((*_WORDS, "most"), 0))
         for history in histories:
             folder = self.folder / "one"
