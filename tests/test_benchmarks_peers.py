@@ -8,11 +8,13 @@ from pathlib import Path
 import pytest
 
 from benchmarks import peers
+from benchmarks.measuring import Comparison
 from benchmarks.peers import tables
 from benchmarks.peers.damage import DAMAGES, damage, recall
 from benchmarks.peers.ours import Ours, OursTyped, Textbook, typical
 from benchmarks.peers.peer import SIZES, Peer
-from benchmarks.peers.speed import Pace
+from benchmarks.peers.row import Row
+from benchmarks.peers.speed import Pace, Speed
 
 
 def installed() -> list[type[Peer]]:
@@ -32,6 +34,20 @@ def test_what_is_missing_is_reported_and_the_rest_is_measured(
     assert result["wrong"] == []
     assert {row["parser"] for row in result["rows"]} == {"servolink", "textbook parser"}
     assert tables.MISSING in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("ratio", "met"), [(10.0, True), (9.99, False)])
+def test_a_goal_is_missed_by_whoever_comes_nearest(ratio: float, met: bool) -> None:
+    class Library(Textbook):
+        package = "library"
+
+    def row(peer: type[Peer], times: float) -> Row:
+        found = Comparison(1.0, times, times, 0.01)
+        return Row(peer, 14, 14, Speed(times, 1.0, found, found), None, {}, {}, {})
+
+    (goal,) = peers.goals([row(Library, 50.0), row(Library, ratio), row(Textbook, 2.0)])
+    assert goal.met == met
+    assert goal.measured.startswith(f"{ratio:.1f} times")
 
 
 def test_each_library_is_in_the_extra() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from statistics import median
+from typing import NamedTuple
 
 from benchmarks.measuring import Table, table
 from benchmarks.peers.damage import DAMAGES
@@ -26,6 +27,23 @@ _DAMAGE = (
     "In chunks of 64 bytes, or as the parser needs to be fed; without requests and their time-outs.",
 )
 _FED = {"chunks": "chunks", "frames": "one frame a call", "stream": "a stream object"}
+
+
+class Goal(NamedTuple):
+    """What was to be reached, and what was."""
+
+    text: str
+    measured: str
+    met: bool
+
+
+def goals(reached: Sequence[Goal]) -> Table:
+    """Return what was to be reached."""
+    return table(
+        "Goals, in chunks of 4 KiB",
+        ("goal", "measured", "reached"),
+        [(goal.text, goal.measured, "yes" if goal.met else "no") for goal in reached],
+    )
 
 
 def who(peers: Sequence[type[Peer]], missing: Sequence[str]) -> Table:
