@@ -26,9 +26,9 @@ def fixed(project: Project) -> tuple[Project, list[str]]:
     for place in ("servo_parameters", *(kind.plural for kind in KINDS)):
         records = _in_order(place, _once(getattr(project, place), _name, done), done)
         project = replace(project, **{place: records})
-    actions = tuple(_with_parts_once(one, "servo", done) for one in project.actions)
-    tables = tuple(_with_parts_once(one, "button", done) for one in project.joystick_tables)
-    project = replace(project, actions=actions, joystick_tables=tables)
+    for place, word in (("actions", "servo"), ("joystick_tables", "button")):
+        records = tuple(_with_parts_once(one, word, done) for one in getattr(project, place))
+        project = replace(project, **{place: _once(records, _name, done)})  # two may now be the same
     return _with_times(_with_active_table(project, done), done), done
 
 

@@ -87,6 +87,11 @@ def test_a_sound_project_is_left_alone() -> None:
     assert fixed(project) == (project, [])
 
 
+def test_records_that_become_the_same_are_not_kept_twice() -> None:
+    once, twice = (JoystickTable(1, "pad", (Button(4),) * times) for times in (1, 2))
+    assert fixed(Project(joystick_tables=(once, twice)))[0] == Project(joystick_tables=(once,))
+
+
 @given(projects | said_projects())
 def test_all_that_is_called_fixable_is_fixed_at_once_and_said(project: Project) -> None:
     repaired, done = fixed(project)
