@@ -38,7 +38,7 @@ from tests.virtual_time import VirtualTimeLoop
 _PATIENCE = 120.0
 """Seconds of virtual time after which a call hangs: an export reads much, and may read each of it eight times."""
 _LARGEST_FRAME = 65_544
-_MEMORY = 2000
+_MEMORY = 300
 _MOST_SAID = 200_000
 _NEEDS_FILES = ("apply", "rollback")
 _REQUESTS: tuple[Request[Any], ...] = (

@@ -42,7 +42,10 @@ def address(data: bytes) -> None:
         return
     url = STARTS[data[0] % len(STARTS)] + data[1:].decode("utf-8", "surrogateescape")
     try:
-        if Address.parse(url).scheme in _KNOWN:  # others may be those of plug-ins, which takes long to find out
+        parsed = Address.parse(url)
+        for part in (parsed.scheme, parsed.host, parsed.port, parsed.path, *parsed.options, *parsed.options.values()):
+            assert all(character >= " " and character != "\x7f" for character in part)
+        if parsed.scheme in _KNOWN:  # others may be those of plug-ins, which takes long to find out
             transport = create(url)
             assert isinstance(transport, Transport)
             assert transport.url == url

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count, cycle, repeat
@@ -80,11 +81,11 @@ def _longest(fill: bytes) -> Callable[[int, bytes], bytes]:
     return changed
 
 
-def _listing(entries: int, record_id: Callable[[int], int]) -> Callable[[], Lie]:
-    """List records that are not there."""
+def _listing(entries: int, record_id: Callable[[int], int], *, of_each: bool = True) -> Callable[[], Lie]:
+    """List records that are not there, of each kind or actions only."""
 
     def lie(packet: Packet, answer: bytes) -> Speech:
-        ids = [record_id(at) for at in range(entries)]
+        ids = [record_id(at) for at in range(entries if of_each or isinstance(packet, QueryActionListRequest) else 0)]
         match packet:
             case QueryActionListRequest():
                 said: Packet = QueryActionListResponse(tuple(ActionEntry(one, "wave") for one in ids))
@@ -118,6 +119,17 @@ def _alternating() -> Lie:
         if isinstance(packet, QueryProjectIDRequest):
             return [(LATENCY, Codec().encode(QueryProjectIDResponse(at)))]
         return _listing(at, lambda number: number + at)()(packet, answer)
+
+    return lie
+
+
+def _changing_when_read() -> Lie:
+    """Say the same twice, and then, when all that it lists was read, something else."""
+    times = Counter[int]()
+
+    def lie(packet: Packet, answer: bytes) -> Speech:
+        times[packet.packet_id] += 1
+        return _listing(1 + (times[packet.packet_id] % 3 == 0), lambda at: at + 1)()(packet, answer)
 
     return lie
 
@@ -203,9 +215,10 @@ LIES: dict[str, Lying] = {
     "lists one record many times": Lying(_listing(_MOST_ENTRIES, lambda at: 1), long=True),
     "lists what is not there": Lying(_listing(_FEW, lambda at: at + 100)),
     "lists what cannot be": Lying(_listing(_FEW, lambda at: [0, -1, -(2**31), 2**31 - 1, 0][at])),
-    "lists all that fits": Lying(_listing(_MOST_ENTRIES, lambda at: at + 1), long=True),
+    "lists all that fits": Lying(_listing(_MOST_ENTRIES, lambda at: at + 1, of_each=False), long=True),
     "lists one more each time": Lying(_growing),
     "never says the same": Lying(_alternating),
+    "says something else when it was read": Lying(_changing_when_read),
     "pushes events without end": Lying(unasked=lambda: zip(repeat(0.001), repeat(_PUSH * 3))),
     "answers nothing, pushes without end": Lying(
         lambda: lambda packet, answer: (), lambda: zip(repeat(0.01), repeat(_PUSH))

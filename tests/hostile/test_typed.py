@@ -119,9 +119,10 @@ def test_what_was_typed_is_shown_as_text(pattern: str, kind: str, caplog: pytest
     assert described.code == said.code
     assert described.out.isascii()
     assert not controls(described.out + described.err)
-    seen = in_terminal(*typed)
-    assert seen.code == said.code
-    assert not controls(ESCAPE.sub("", seen.out)) - {"\r"}
+    if kind == "short":
+        seen = in_terminal(*typed)
+        assert seen.code == said.code
+        assert not controls(ESCAPE.sub("", seen.out)) - {"\r"}
     assert not any(controls(record.getMessage()) for record in caplog.records)
 
 
