@@ -45,14 +45,14 @@ def run(args: argparse.Namespace) -> int:
 
 def _facts(described: dict[str, object], free: int, total: int | None) -> Table:
     active, round_trip = described["active_joystick_table"], described["round_trip_seconds"]
+    project_id = described["project_id"] or "none"
+    if described["has_unfinished_import"]:
+        project_id = "none: an import is unfinished"
     return Table(
         (),
         [
             ("board", described["url"]),
-            (
-                "project id",
-                "none: an import is unfinished" if described["has_unfinished_import"] else described["project_id"] or "none",
-            ),
+            ("project id", project_id),
             ("memory", f"{free:,} bytes free" + ("" if total is None else f" of {total:,}")),
             ("battery", f"{described['battery_percent']} %"),
             ("servos", described["servos"]),
