@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
+import errno
 import os
-import tempfile
+import secrets
+import stat
 from contextlib import suppress
 from pathlib import Path
 
+_NO_SYNC = {errno.EINVAL, errno.ENOTSUP}
+"""What network file systems say that cannot write a folder to the disk at will."""
+
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Let `path` hold `content`, replacing what it held; on any failure it is as it was. OSError says why."""
-    number, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    temporary = Path(name)
+    """Let `path` hold `content`, replacing what it held; on any failure it is as it was. OSError says why.
+
+    A link stays one, and a file keeps its permissions; a new one gets the usual ones.
+    """
+    path = Path(os.path.realpath(path))
+    temporary = path.with_name(f".servolink-{secrets.token_hex(8)}")
     try:
-        with open(number, "wb") as file:
+        with temporary.open("xb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
+        with suppress(FileNotFoundError):
+            temporary.chmod(stat.S_IMODE(path.stat().st_mode))
         temporary.replace(path)
     except BaseException:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # what went wrong first is what is told
+            temporary.unlink()
         raise
     _keep_name(path.parent)
 
@@ -30,5 +41,8 @@ def _keep_name(folder: Path) -> None:
         descriptor = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(descriptor)
+        except OSError as error:
+            if error.errno not in _NO_SYNC:
+                raise
         finally:
             os.close(descriptor)
