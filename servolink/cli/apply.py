@@ -8,6 +8,7 @@ import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
+from servolink.cli.backups import backup_named
 from servolink.cli.main import OK, refuse
 from servolink.cli.output import print_json, print_text
 from servolink.cli.plan import plan_object, print_plan
@@ -20,7 +21,7 @@ from servolink.project.apply import Applied
 from servolink.project.file import load_project
 from servolink.project.model import Project
 from servolink.project.plan import Plan
-from servolink.project.progress import Progress, Tell
+from servolink.project.progress import Phase, Progress, Tell
 from servolink.project.rollback import backup_for
 from servolink.project.store import Store
 
@@ -32,7 +33,10 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--yes", action="store_true", help="do not ask")
     if command == "rollback":
         parser.add_argument(
-            "backup", nargs="?", type=Path, metavar="BACKUP", help="one of `servolink backups`; by default the last"
+            "backup",
+            nargs="?",
+            metavar="BACKUP",
+            help="a number of `servolink backups`, or a file (the last)",
         )
         return
     parser.add_argument("file", type=Path, metavar="FILE", help="a project file")
@@ -46,6 +50,8 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Show what would change, ask, and do it."""
+    if not args.yes and args.json:
+        refuse(args, "--json asks nothing; --yes goes on without asking")
     if not (args.yes or _can_ask()):
         refuse(args, "there is no terminal to ask on; --yes goes on without asking")
     return _apply(args) if args.command == "apply" else _roll_back(args)
@@ -60,16 +66,22 @@ def _apply(args: argparse.Namespace) -> int:
 
         with shown_progress(board, quiet=args.json) as tell:
             plan = await board.plan(project, replace=args.replace, progress=tell)
-        return await _Change(args, board, interruption).make(plan, work)
+        ways = (
+            "the same command goes on; without a backup nothing goes back"
+            if args.no_backup
+            else "nothing is lost: the same command goes on, `servolink rollback` goes back"
+        )
+        return await _Change(args, board, interruption, ways).make(plan, work)
 
     return converse(args, talk, state=_UNTOUCHED)
 
 
 def _roll_back(args: argparse.Namespace) -> int:
-    project: Project | None = load_project(args.backup, exact=True) if args.backup else None
+    named = backup_named(args.backup) if args.backup else None
+    project: Project | None = load_project(named, exact=True) if named else None
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        path = args.backup or await backup_for(board, Store())
+        path = named or await backup_for(board, Store())
         if not args.json:
             print_text(f"from {path}")
         with shown_progress(board, quiet=args.json) as tell:
@@ -78,7 +90,7 @@ def _roll_back(args: argparse.Namespace) -> int:
         async def work(tell: Tell) -> Applied:
             return await board.rollback(path, progress=tell)
 
-        return await _Change(args, board, interruption).make(plan, work)
+        return await _Change(args, board, interruption, "nothing is lost: the same command goes on").make(plan, work)
 
     return converse(args, talk, state=_UNTOUCHED)
 
@@ -86,16 +98,18 @@ def _roll_back(args: argparse.Namespace) -> int:
 class _Change:
     """Asks, works, and keeps true what Ctrl-C or an error says."""
 
-    def __init__(self, args: argparse.Namespace, board: Board, interruption: Interruption) -> None:
+    def __init__(self, args: argparse.Namespace, board: Board, interruption: Interruption, ways: str) -> None:
+        """`ways` are those out of an unfinished import."""
         self._args = args
         self._board = board
         self._interruption = interruption
+        self._ways = ways
 
     async def make(self, plan: Plan, work: Callable[[Tell], Awaitable[Applied]]) -> int:
         """Do it, if it is wanted."""
         if not self._args.json:
             print_plan(plan)
-        if not plan.changes:
+        if not plan.differs:
             if self._args.json:
                 print_json({"changed": False, "plan": plan_object(plan)})
             return OK
@@ -115,9 +129,9 @@ class _Change:
         tell(progress)
         if progress.phase not in ("reading", "saving"):
             self._interruption.state = (
-                f"the board holds an unfinished import, stopped while {PHASES[progress.phase]}, at "
-                f"{printable(progress.item)} ({progress.done} of {progress.total}); nothing is lost: "
-                "the same command goes on, `servolink rollback` goes back"
+                f"{_LEFT.get(progress.phase, 'the board holds an unfinished import')}, stopped while "
+                f"{PHASES[progress.phase]}, at {printable(progress.item)} ({progress.done} of {progress.total}); "
+                f"{self._ways}"
             )
 
     def _report(self, plan: Plan, applied: Applied) -> None:
@@ -128,8 +142,15 @@ class _Change:
             print_json({**described, "plan": plan_object(plan)})
             return
         print_text("done, and verified by reading the whole board twice", "green")
-        if backup:
-            print_text(f"what was there before is in {backup}; `servolink rollback` brings it back")
+        if backup and not (applied.resumed and self._args.command == "rollback"):
+            begun = " the unfinished import" if applied.resumed else ""
+            print_text(f"what was there before{begun} is in {backup}; `servolink rollback` brings it back")
+
+
+_LEFT: dict[Phase, str] = {
+    "marking": "the board may say that it holds an unfinished import, but nothing else was changed",
+    "finishing": "everything is written, but the board may still say that the import is unfinished",
+}
 
 
 def _can_ask() -> bool:
@@ -137,5 +158,9 @@ def _can_ask() -> bool:
 
 
 async def _yes() -> bool:
-    answer = await asyncio.to_thread(input, "do it? [y/N] ")
+    try:
+        answer = await asyncio.to_thread(input, "do it? [y/N] ")
+    except EOFError:  # Ctrl-D
+        print()
+        return False
     return answer.strip().lower() in ("y", "yes")

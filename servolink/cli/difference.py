@@ -8,11 +8,14 @@ from typing import Any
 
 from servolink.cli.output import print_text
 from servolink.project.compare import Change
+from servolink.project.journal import is_unfinished
 from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
 from servolink.protocol.joystick import Button, JoystickTable
 from servolink.protocol.servos import Step
 
 _STYLES = {"+": "green", "-": "red", "~": "yellow"}
+_COMPARED = 1_000_000
+"""Pairs of lines; comparing more takes seconds."""
 _DOES = {0: "action {}", 1: "wait {} ms", 2: "macro {}"}
 
 
@@ -35,7 +38,7 @@ def lines_of(change: Change) -> Iterator[str]:
     elif change.new is None:
         yield f"- {change.what}{_summary(change.old)}"
     elif isinstance(change.new, int):
-        yield f"~ {change.what}: {change.old} -> {change.new}"
+        yield f"~ {change.what}: {_number(change.old)} -> {_number(change.new)}"
     else:
         yield f"~ {change.what} '{_caption(change.new)}'"
         if _caption(change.old) != _caption(change.new):
@@ -44,10 +47,23 @@ def lines_of(change: Change) -> Iterator[str]:
 
 
 def _inside(old: list[str], new: list[str]) -> Iterator[str]:
-    for tag, low, high, first, last in SequenceMatcher(None, old, new, autojunk=False).get_opcodes():
+    """Yield the lines that go and come; of long lists without much in common all of them."""
+    begin = _alike(old, new)
+    end = _alike(old[begin:][::-1], new[begin:][::-1])
+    old, new = old[begin : len(old) - end], new[begin : len(new) - end]
+    pairs = len(old) * len(new)
+    whole = [("replace", 0, len(old), 0, len(new))]
+    codes = SequenceMatcher(None, old, new, autojunk=False).get_opcodes() if pairs <= _COMPARED else whole
+    for tag, low, high, first, last in codes:
         if tag != "equal":
             yield from (f"    - {item}" for item in old[low:high])
             yield from (f"    + {item}" for item in new[first:last])
+
+
+def _alike(old: list[str], new: list[str]) -> int:
+    """Return how many items both begin with."""
+    pairs = enumerate(zip(old, new, strict=False))
+    return next((at for at, (before, after) in pairs if before != after), min(len(old), len(new)))
 
 
 def _caption(record: Any) -> str:
@@ -70,7 +86,12 @@ def _summary(value: Any) -> str:
         case ServoParameter():
             return f" '{value.servo_caption}': corrected by {value.adjusted_degree}°"
         case _:
-            return f": {value}"
+            return f": {_number(value)}"
+
+
+def _number(value: int) -> str:
+    """Return an id; the project id of a board in the middle of an import is none."""
+    return "an unfinished import" if is_unfinished(value) else str(value)
 
 
 def _count(items: Sequence[object], word: str) -> str:

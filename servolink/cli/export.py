@@ -48,7 +48,9 @@ def _words(name: str, count: int) -> str:
 
 
 def _refuse_other_files(path: Path) -> None:
-    """Raise ProjectError rather than write over something that is no project."""
+    """Raise ProjectError, before a board is read for nothing, rather than write over what is no project."""
+    if not path.parent.is_dir():
+        raise ProjectError(f"{printable(str(path.parent))} is no folder; make it, or take another name")
     if path.exists():
         try:
             load_project(path, exact=True)

@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
             print_json(plan_object(plan))
         else:
             print_plan(plan)
-        return FAILED if plan.changes else OK
+        return FAILED if plan.differs else OK
 
     return converse(args, talk, state="nothing was changed")
 
@@ -47,6 +47,7 @@ def plan_object(plan: Plan) -> dict[str, object]:
     ]
     return {
         "changes": changes,
+        "faults": list(plan.faults),
         "requests": plan.requests,
         "wire_bytes": plan.wire_bytes,
         "estimated_seconds": plan.seconds,
@@ -63,13 +64,15 @@ def _object(value: Any) -> Any:
 
 def print_plan(plan: Plan) -> None:
     """Print a plan for people."""
-    if not plan.changes:
+    if not plan.differs:
         print_text("0 differences: the board holds this project")
         return
     print_changes(plan.changes)
+    for fault in plan.faults:
+        print_text(f"! {fault}", "yellow")
     size = "" if plan.memory_size is None else f" of {plan.memory_size:,}"
     facts = [
-        ("differences", len(plan.changes)),
+        ("differences", len(plan.changes) + len(plan.faults)),
         ("on the line", f"{plan.wire_bytes:,} bytes in {plan.requests:,} requests, with backup and verification"),
         ("takes about", f"{plan.seconds:.0f} s" if plan.seconds >= 1 else "less than a second"),
         ("memory free", f"{plan.free_before:,} bytes{size}, afterwards {plan.free_after:,}"),

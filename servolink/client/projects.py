@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from servolink.client.read_back import ReadBack
 from servolink.client.settings import Settings
+from servolink.printable import printable
 from servolink.project.progress import Tell, tell_nobody
 
 if TYPE_CHECKING:
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
 
 class Projects(Settings, ReadBack):
     """Everything stored on the board at once; `servolink.project` has what is done, and is loaded when it is used."""
+
+    _told_of_import = False
 
     async def export_project(self, *, progress: Tell = tell_nobody) -> Project:
         """Return everything stored on the board, each part read until two consecutive readings agree (4.3).
@@ -61,9 +65,9 @@ class Projects(Settings, ReadBack):
     async def rollback(
         self, backup: Path | None = None, *, folder: Path | None = None, progress: Tell = tell_nobody
     ) -> Applied:
-        """Make the board hold what it held before the last import, or what `backup` holds.
+        """Make the board hold what it held before the last import at this address, or what `backup` holds.
 
-        ProjectError if there is no such backup.
+        ProjectError if there is no such backup, or if the board is not as that import left it.
         """
         from servolink.project.rollback import roll_back
         from servolink.project.store import Store
@@ -74,4 +78,20 @@ class Projects(Settings, ReadBack):
         """Tell whether an import was begun on the board and not finished; `apply` again, or `rollback`."""
         from servolink.project.journal import is_unfinished
 
-        return is_unfinished(await self.project_id())
+        self._told_of_import = True
+        return is_unfinished(await super().project_id())
+
+    async def project_id(self) -> int:
+        """Return the project id; 0 if the board has none (3.3.13).
+
+        One that says that an import was begun and not finished is a warning in the log, once.
+        """
+        from servolink.project.journal import is_unfinished
+
+        project_id = await super().project_id()
+        if is_unfinished(project_id) and not self._told_of_import:
+            self._told_of_import = True
+            logging.getLogger(__name__).warning(
+                "%s holds an unfinished import: `apply` finishes it, `rollback` undoes it", printable(self.url)
+            )
+        return project_id

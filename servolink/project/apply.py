@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from pathlib import Path
 
 from msgspec import Struct
@@ -11,12 +12,11 @@ from servolink.errors import EncodeError, ProjectError
 from servolink.printable import printable
 from servolink.project.check import problems
 from servolink.project.importing import Import
-from servolink.project.journal import Journal, JournalPhase, free_marker, is_unfinished, journal_of
+from servolink.project.journal import Journal, is_unfinished, journal_of
 from servolink.project.model import Project
 from servolink.project.progress import Progress, Tell
 from servolink.project.read import Asked, Content, read_content, read_project_id
-from servolink.project.size import total_size
-from servolink.project.store import Store, digest_of
+from servolink.project.store import Store
 from servolink.project.writes import writes
 from servolink.protocol.settings import QueryMemorySizeRequest
 
@@ -50,31 +50,27 @@ async def apply_project(
     does not take it. After any error from `marking` on, and after a cancellation, the next call goes on.
     """
     check_writable(board, project, exact=exact)
-    journals = await asyncio.to_thread(store.journals)
-    here = await read_project_id(board)
-    journal = journal_of(journals, here, board.url)
-    resumed, content = journal is not None, None
-    if journal is None or not is_unfinished(here):
+    before = await read_project_id(board)
+    journals = await asyncio.to_thread(store.journals, before)
+    begun = journal_of(journals, before, board.url)
+    content = None
+    if begun is None or not is_unfinished(before):
         content = await read_content(board, tell)
-    if journal is None:
-        assert content is not None  # noqa: S101 - narrows the type; it was read two lines before
-        if not writes(content, project) and content.project_id == project.project_id:
+        if content.project_id != before:
+            raise ProjectError(f"{printable(board.url)}: another program is writing to the board; try again after it")
+    if content is not None and begun is None:
+        if not writes(content, project) and before == project.project_id:
             return Applied(changed=False, resumed=False, backup=None)
         await _check_memory(board, content, project)
-        kept = await _keep(board, content, store, tell) if backup else None
-        digest = digest_of(project)
-        marker = free_marker(journals, int(digest, 16))
-        phase: JournalPhase = "clearing" if replace else "writing"
-        journal = Journal(marker, board.url, digest, None if kept is None else str(kept), phase)
-    elif content is not None and any(content.records.values()) and backup:
-        # It looks as if it had just been cleared, but somebody may have stored something new since.
-        await _keep(board, content, store, tell)
-    await Import(board, project.sorted(), journal, store, tell, exact=exact).run(content, replace=replace)
-    stale = [one for one in journals if one.url == board.url and one.phase == "clearing"]
-    for one in (*stale, journal):
-        await asyncio.to_thread(store.end, one)
+    kept = await _backup(board, content, begun, store, tell, wanted=backup)
+    name = None if kept is None else kept.name
+    marker = await asyncio.to_thread(store.new_marker)
+    journal = Journal(marker, board.url, board.codec.caption_encoding, project.project_id, name)
+    others = [one for one in journals if one.url == board.url and one is not begun]
+    run = Import(board, project.sorted(), journal, store, tell, exact=exact)
+    await run.run(content, before, begun, others, replace=replace)
     tell(Progress("finishing", 1, 1, f"project id {project.project_id}"))
-    return Applied(changed=True, resumed=resumed, backup=Path(journal.backup) if journal.backup else None)
+    return Applied(changed=True, resumed=begun is not None, backup=kept)
 
 
 def check_writable(board: Asked, project: Project, *, exact: bool) -> None:
@@ -92,11 +88,26 @@ def check_writable(board: Asked, project: Project, *, exact: bool) -> None:
 
 async def _check_memory(board: Asked, content: Content, project: Project) -> None:
     free = (await board.request(QueryMemorySizeRequest())).size
-    more = total_size(project) - total_size(content.readable())
+    more = content.growth(project)
     if more > free:
         raise ProjectError(
             f"the project takes {more:,} bytes more than what is on {printable(board.url)}, which has {free:,} free"
         )
+
+
+async def _backup(
+    board: Asked, content: Content | None, begun: Journal | None, store: Store, tell: Tell, *, wanted: bool
+) -> Path | None:
+    """Return the backup with what was on the board before the import; none if there is none."""
+    if begun is None:
+        return await _keep(board, content or Content(), store, tell) if wanted else None
+    if content is not None and not content.is_empty() and wanted:
+        # It looks as if it had just been cleared, and not all of it is gone: or it is another board.
+        path = await _keep(board, content, store, tell)
+        logging.getLogger(__name__).warning(
+            "what is left on %s is kept in %s", printable(board.url), printable(str(path))
+        )
+    return store.kept(begun.backup) if begun.backup else None
 
 
 async def _keep(board: Asked, content: Content, store: Store, tell: Tell) -> Path:
@@ -107,9 +118,6 @@ async def _keep(board: Asked, content: Content, store: Store, tell: Tell) -> Pat
         check_writable(board, old, exact=True)
     except ProjectError as error:
         raise ProjectError(f"no backup of {printable(board.url)} can be made: {error}") from error
-    try:
-        path = await asyncio.to_thread(store.keep, old, board.url)
-    except OSError as error:
-        raise ProjectError(f"the backup cannot be written: {printable(str(error))}") from error
+    path = await asyncio.to_thread(store.keep, old, board.url)
     tell(Progress("saving", 1, 1, "backup"))
     return path

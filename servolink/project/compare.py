@@ -6,7 +6,7 @@ from typing import Any
 
 from msgspec import Struct
 
-from servolink.project.kinds import KINDS
+from servolink.project.kinds import KINDS, TABLE
 from servolink.project.model import Project
 
 
@@ -27,7 +27,7 @@ def compare(old: Project, new: Project) -> tuple[Change, ...]:
     changes += _records("servo parameter", _by_servo(old), _by_servo(new))
     for kind in KINDS:
         changes += _records(kind.word, kind.of(old), kind.of(new))
-    if new.active_joystick_table is not None:
+    if new.active_joystick_table in TABLE.of(new):
         changes += _values("active joystick table", old.active_joystick_table, new.active_joystick_table)
     return tuple(changes)
 

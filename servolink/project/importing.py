@@ -6,23 +6,25 @@ Each step can be repeated, and each leaves behind what the next run needs (docs/
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from contextlib import suppress
 
 import msgspec
 
 from servolink.errors import OutcomeUnknown, ProjectError, Rejected
 from servolink.printable import printable
-from servolink.project.journal import Journal, JournalPhase
+from servolink.project.journal import Journal, JournalPhase, is_unfinished
 from servolink.project.model import Project
 from servolink.project.progress import Phase, Progress, Tell
 from servolink.project.read import Asked, Content, read_content, read_project_id
-from servolink.project.store import Store, digest_of
+from servolink.project.store import Store
+from servolink.project.untaken import untaken
 from servolink.project.writes import Write, writes
 
 _TRIES = 4
 _PASSES = 16
 _STUCK = 3
-"""After so many passes that left the same to do, it will not be done."""
+"""After so many passes that left the same to do, or more of it, it will not be done."""
 
 
 class Import:
@@ -31,78 +33,132 @@ class Import:
     def __init__(
         self, board: Asked, target: Project, journal: Journal, store: Store, tell: Tell, *, exact: bool
     ) -> None:
-        """Go on with `journal`, whatever it was about, towards `target`."""
+        """Bring `target` to the board under `journal`, which is a new one for each run."""
         self._board = board
         self._target = target
-        self._journal = msgspec.structs.replace(journal, url=board.url, digest=digest_of(target))
+        self._journal = journal
         self._store = store
         self._tell = tell
         self._exact = exact
 
-    async def run(self, content: Content | None, *, replace: bool) -> None:
-        """Write everything; `content` is what is on the board, if that is known. ProjectError if it is not taken."""
-        await self._note("clearing" if replace else self._journal.phase)
-        await self._write_id(self._journal.marker, "marking")
+    async def run(
+        self, content: Content | None, before: int, begun: Journal | None, others: Sequence[Journal], *, replace: bool
+    ) -> None:
+        """Write everything; ProjectError if it is not taken.
+
+        `content` is what is on the board, if that is known, and `before` its project id. `begun` is the journal of
+        the run that was interrupted, if there was one, `others` are all the others of this address.
+        """
+        for one in others:
+            if one.phase == "finishing":  # it is no longer the last import here
+                await asyncio.to_thread(self._store.end, one)
+        await self._note("writing")
+        await self._mark(before)
+        if begun is not None:  # no board has its marker any more
+            await asyncio.to_thread(self._store.end, begun)
         if replace:
             content = await self._clear()
-        await self._note("writing")
         await self._write_all(content)
+        for one in others:
+            if one.phase == "clearing":  # that board is no longer at this address
+                await asyncio.to_thread(self._store.write, msgspec.structs.replace(one, phase="writing"))
+        await self._note("finishing")
         await self._write_id(self._target.project_id, "finishing")
 
     async def _note(self, phase: JournalPhase) -> None:
         self._journal = msgspec.structs.replace(self._journal, phase=phase)
-        try:
-            await asyncio.to_thread(self._store.write, self._journal)
-        except OSError as error:
-            raise ProjectError(f"the journal of the import cannot be written: {printable(str(error))}") from error
+        await asyncio.to_thread(self._store.write, self._journal)
+
+    async def _mark(self, before: int) -> None:
+        """Write the marker; ProjectError, and all is as it was before, if the board does not keep it."""
+        marker = self._journal.marker
+        if await self._keeps_id(marker, "marking"):
+            return
+        restored = await self._keeps_id(before, "marking")
+        await asyncio.to_thread(self._store.end, self._journal)
+        raise ProjectError(
+            f"{printable(self._board.url)} does not keep project ids such as {marker}, by which an unfinished import "
+            f"is known; nothing was changed{'' if restored else ' but its project id'}"
+        )
 
     async def _write_id(self, project_id: int, phase: Phase) -> None:
+        if not await self._keeps_id(project_id, phase):
+            raise self._not_taken(f"project id {project_id}")
+
+    async def _keeps_id(self, project_id: int, phase: Phase) -> bool:
         self._tell(Progress(phase, 0, 1, f"project id {project_id}"))
         for _ in range(_TRIES):
             with suppress(Rejected, OutcomeUnknown):  # what the board says next is what counts
                 await self._board.write_project_id(project_id)
             if await read_project_id(self._board) == project_id:
-                return
-        raise self._not_taken(f"project id {project_id}")
+                return True
+        return False
 
     async def _clear(self) -> Content:
+        await self._note("clearing")
         self._tell(Progress("clearing", 0, 1, "everything on the board"))
         for _ in range(_TRIES):
             with suppress(Rejected, OutcomeUnknown):
                 await self._board.clear_all_data()
+            # It may have deleted the project id as well.
+            await self._write_id(self._journal.marker, "clearing")
             content = await read_content(self._board, self._tell, "clearing")
             if not any(content.records.values()):
-                # It may have deleted the project id as well.
-                await self._write_id(self._journal.marker, "clearing")
+                await self._note("writing")
                 return content
-        raise self._not_taken("the command to delete all data")
+        raise self._not_taken("the command to delete all data (without `replace` it is not needed)")
 
     async def _write_all(self, content: Content | None) -> None:
         """Write what differs until a reading shows that nothing does."""
-        before: list[Write] = []
+        content = content or await self._verified()
+        todo: list[Write] = []
+        refused: set[str] = set()
         same = 0
-        for _ in range(_PASSES):
-            if content is None:
-                content = await read_content(self._board, self._tell, "verifying")
-            todo = writes(content, self._target)
+        for left in range(_PASSES, -1, -1):
+            before, todo = todo, writes(content, self._target)
             if not todo:
                 return
-            same = same + 1 if todo == before else 0
-            if same == _STUCK:
+            same = 0 if len(todo) < len(before) or _items(todo) != _items(before) else same + 1
+            if same == _STUCK or not left:
                 break
-            await self._pass(todo)
-            before, content = todo, None
-        raise self._not_taken(", ".join(write.item for write in before[:3]) + (" and more" if len(before) > 3 else ""))
+            refused = await self._pass(todo)
+            content = await self._verified()
+        raise self._not_taken(untaken(content, todo, refused))
 
-    async def _pass(self, todo: list[Write]) -> None:
+    async def _verified(self) -> Content:
+        content = await read_content(self._board, self._tell, "verifying")
+        await self._stay_alone(content.project_id)
+        return content
+
+    async def _stay_alone(self, project_id: int) -> None:
+        """Keep the marker on the board; ProjectError if another import has put its own there."""
+        if project_id == self._journal.marker:
+            return
+        if is_unfinished(project_id):
+            raise ProjectError(
+                f"another program has begun to import to {printable(self._board.url)} in the middle of this import; "
+                "let one of them do it"
+            )
+        await self._write_id(self._journal.marker, "verifying")
+
+    async def _pass(self, todo: list[Write]) -> set[str]:
+        """Do it all; return what the board refused."""
+        refused = set()
         for at, write in enumerate(todo):
             self._tell(Progress("writing", at, len(todo), write.item))
             with suppress(OutcomeUnknown):  # the next reading tells
-                await self._board.request(write.request, exact=self._exact)
+                answer = await self._board.request(write.request, exact=self._exact)
+                if not answer.result:
+                    refused.add(write.item)
         self._tell(Progress("writing", len(todo), len(todo), todo[-1].item))
+        return refused
 
     def _not_taken(self, what: str) -> ProjectError:
         return ProjectError(
             f"{printable(self._board.url)} does not take {what}; the import is unfinished: apply a project that it "
             "takes, or roll back"
         )
+
+
+def _items(todo: list[Write]) -> set[str]:
+    return {write.item for write in todo}

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import chain
 from typing import Annotated, Literal, TypeAlias
 
 from msgspec import Meta, Struct
 
 from servolink.project.model import UNFINISHED
 
-JournalPhase: TypeAlias = Literal["clearing", "writing"]
+JournalPhase: TypeAlias = Literal["writing", "clearing", "finishing"]
 
 
 class Journal(Struct, frozen=True, forbid_unknown_fields=True):
@@ -21,14 +20,18 @@ class Journal(Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     marker: Annotated[int, Meta(ge=UNFINISHED.start, lt=UNFINISHED.stop)]
+    """Of this run alone: the next one that goes on with the import takes another."""
     url: str
     """Where the board was."""
-    digest: str
+    caption_encoding: str
+    """In which the backup was read, and has to be written."""
+    project_id: int
     """Of the project that is written."""
     backup: str | None
-    """The file with what the board held before; none if it was told to do without."""
-    phase: JournalPhase
-    """`clearing`: the board may be without the marker, because it deletes its project id too."""
+    """The name of the file with what the board held before; none if it was told to do without."""
+    phase: JournalPhase = "writing"
+    """`clearing`: the board may be without the marker, because it deletes its project id too. `finishing`: all is
+    written, and the board has the project id, or is about to get it."""
 
 
 def is_unfinished(project_id: int) -> bool:
@@ -46,8 +49,8 @@ def journal_of(journals: Iterable[Journal], project_id: int, url: str) -> Journa
     return None
 
 
-def free_marker(journals: Iterable[Journal], wish: int) -> int:
-    """Return a marker that no journal has, `wish` deciding which."""
-    taken = {journal.marker for journal in journals}
-    first = UNFINISHED[wish % len(UNFINISHED)]
-    return next(marker for marker in chain(range(first, UNFINISHED.stop), UNFINISHED) if marker not in taken)
+def last_import(journals: Iterable[Journal], project_id: int, url: str) -> Journal | None:
+    """Return the journal of the import that left this project id on the board at `url`, if it is known."""
+    return next(
+        (one for one in journals if one.phase == "finishing" and (one.url, one.project_id) == (url, project_id)), None
+    )

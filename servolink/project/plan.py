@@ -13,7 +13,6 @@ from servolink.project.journal import is_unfinished
 from servolink.project.model import Project
 from servolink.project.progress import Tell
 from servolink.project.read import Asked, Content, read_content
-from servolink.project.size import total_size
 from servolink.project.writes import Write, writes
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
 
@@ -22,7 +21,9 @@ class Plan(Struct, frozen=True):
     """What would change on the board."""
 
     changes: tuple[Change, ...]
-    """In the order of a project file; none if the board holds the project."""
+    """In the order of a project file."""
+    faults: tuple[str, ...]
+    """What else an import puts right: "action 3 is listed more than once"."""
     requests: int
     """Of the whole import: backup, writing, verification."""
     wire_bytes: int
@@ -37,8 +38,15 @@ class Plan(Struct, frozen=True):
     is_unfinished: bool
     """The board holds an unfinished import."""
 
+    @property
+    def differs(self) -> bool:
+        """Whether there is anything to do."""
+        return bool(self.changes or self.faults)
 
-async def plan_project(board: Asked, project: Project, *, tell: Tell, replace: bool = False, exact: bool = False) -> Plan:
+
+async def plan_project(
+    board: Asked, project: Project, *, tell: Tell, replace: bool = False, exact: bool = False
+) -> Plan:
     """Return what `apply_project` would do; ProjectError for a project that cannot be written to any board."""
     check_writable(board, project, exact=exact)
     loop = asyncio.get_running_loop()
@@ -49,16 +57,20 @@ async def plan_project(board: Asked, project: Project, *, tell: Tell, replace: b
     here = content.readable()
     reading = cost_of_reading(here)
     changes = compare(here, project)
-    cost = _cost(board, content, project, replace=replace) if changes else Cost()
-    growth = total_size(project) - total_size(here)
+    faults = (
+        *(f"{name} is listed more than once" for name in content.doubled()),
+        *(f"{name} is listed and not given" for name in content.missing()),
+    )
+    cost = _cost(board, content, project, replace=replace) if changes or faults else Cost()
     return Plan(
         changes,
+        faults,
         cost.requests,
         cost.wire_bytes,
         round(cost.requests * taken / reading.requests, 3),
         memory.total_size,
         memory.size,
-        memory.size - growth,
+        memory.size - content.growth(project),
         is_unfinished(content.project_id),
     )
 

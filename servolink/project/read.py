@@ -7,6 +7,7 @@ damaged alike are another matter (see docs/limits.md for the figures).
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
@@ -14,8 +15,9 @@ from typing import Any, Protocol, TypeVar
 from servolink.errors import DecodeError, ProjectError
 from servolink.printable import printable
 from servolink.project.kinds import KINDS, Kind
-from servolink.project.model import Project
+from servolink.project.model import Project, telling
 from servolink.project.progress import Phase, Progress, Tell
+from servolink.project.size import stored_size, total_size
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryServoParameterRequest, ServoParameter
 from servolink.protocol.joystick import QueryActiveJoystickTableRequest
@@ -88,15 +90,40 @@ class Content:
             kind.plural: tuple({one.record_id: one.record for one in entries if one.record is not None}.values())
             for kind, entries in self.records.items()
         }
-        return Project(self.project_id, self.servo_parameters, active_joystick_table=self.active, **records).sorted()
+        parameters = tuple({one.servo_id: one for one in self.servo_parameters}.values())
+        return Project(self.project_id, parameters, active_joystick_table=self.active, **records).sorted()
 
     def doubled(self) -> list[str]:
-        """Return what is listed twice, of which a board gives only one."""
-        found = []
-        for kind, entries in self.records.items():
-            ids = [entry.record_id for entry in entries]
-            found += [f"{kind.word} {record_id}" for record_id in sorted(set(ids)) if ids.count(record_id) > 1]
-        return found
+        """Return what is listed more than once, of which a board gives only one."""
+        listed = {kind.word: [entry.record_id for entry in entries] for kind, entries in self.records.items()}
+        listed["servo parameter"] = [one.servo_id for one in self.servo_parameters]
+        return [
+            f"{word} {record_id}"
+            for word, ids in listed.items()
+            for record_id, times in sorted(Counter(ids).items())
+            if times > 1
+        ]
+
+    def missing(self) -> list[str]:
+        """Return what is listed and not given."""
+        return [
+            f"{kind.word} {entry.record_id}"
+            for kind, entries in self.records.items()
+            for entry in entries
+            if entry.record is None
+        ]
+
+    def is_empty(self) -> bool:
+        """Tell whether nothing is stored but, perhaps, the project id."""
+        return not any(self.records.values()) and not telling(self.servo_parameters)
+
+    def growth(self, project: Project) -> int:
+        """Return how many bytes `project` takes more than what is there and goes."""
+        records = [entry.record for entries in self.records.values() for entry in entries if entry.record is not None]
+        kept = {one.servo_id for one in telling(project.servo_parameters)}
+        neutral = [one for one in self.servo_parameters if one.servo_id not in kept]
+        stored = sum(map(stored_size, (*self.servo_parameters, *records)))
+        return total_size(project) + sum(map(stored_size, neutral)) - stored
 
 
 async def read_project(board: Asked, tell: Tell) -> Project:
@@ -158,10 +185,9 @@ async def _read_outline(board: Asked) -> Content:
 async def _read_record(board: Asked, kind: Kind, record_id: int) -> Any | None:
     async def read(board: Asked) -> Any | None:
         try:
-            found = kind.found(await board.request(kind.query(record_id)))
+            return kind.found(await board.request(kind.query(record_id)))
         except DecodeError:
             return None
-        return found if found is not None and kind.id_of(found) == record_id else None
 
     return await _agreed(board, read, f"{kind.word} {record_id}")
 

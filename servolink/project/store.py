@@ -1,12 +1,16 @@
-"""Where this computer keeps backups of boards and the journals of imports that are under way."""
+"""Where this computer keeps backups of boards and the journals of imports."""
 
 from __future__ import annotations
 
 import hashlib
+import json
+import logging
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
+from secrets import choice
 
 import msgspec
 import platformdirs
@@ -17,16 +21,20 @@ from servolink.errors import ProjectError
 from servolink.printable import printable
 from servolink.project.file import format_project, load_project
 from servolink.project.journal import Journal
-from servolink.project.model import Project
+from servolink.project.model import UNFINISHED, Project
 
 _SUFFIX = ".servolink.json"
 _LARGEST = 64 * 1024
-_NAME = re.compile(r"(?P<time>\d{8}T\d{6}Z)-(?P<board>.*)-(?P<digest>[0-9a-f]{12})")
+_TIME = "%Y%m%dT%H%M%SZ"
+_BACKUP = re.compile(r"(?P<number>\d{6,})-(?P<time>\d{8}T\d{6}Z)-(?P<board>.*)-[0-9a-f]{12}\.servolink\.json", re.ASCII)
+_JOURNAL = re.compile(r"(?P<marker>[0-9a-f]{8})\.json")
 
 
 class Backup(Struct, frozen=True, order=True):
     """A backup of a board, which is a project file like any other."""
 
+    number: int
+    """Counted up, because clocks are put back."""
     time: datetime
     board: str
     """The address of the board, made fit for a file's name."""
@@ -34,7 +42,7 @@ class Backup(Struct, frozen=True, order=True):
 
 
 class Store:
-    """A folder with `backups` and `imports` in it; OSError, where files fail, says which."""
+    """A folder with `backups` and `imports` in it; ProjectError, where files fail, says which."""
 
     def __init__(self, folder: Path | None = None, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
         """Use `folder`, by default one in the user's own data folder; it is made when it is needed."""
@@ -42,52 +50,64 @@ class Store:
         self.now = now
 
     def keep(self, project: Project, url: str) -> Path:
-        """Write a backup of the board at `url`, read it back and return where it is; it is never overwritten.
-
-        ProjectError if what is read back is something else.
-        """
-        folder = self._made("backups")
-        digest = digest_of(project)
-        time = f"{self.now():%Y%m%dT%H%M%SZ}"
-        path = folder / f"{time}-{_slug(url)}-{digest}{_SUFFIX}"
-        if not path.exists():  # the same content in the same second is the same backup
+        """Write a backup of the board at `url`, read it back and return where it is; it is never overwritten."""
+        with _told("the backup cannot be written"):
+            folder = self._made("backups")
+            number = 1 + max((backup.number for backup in self.backups()), default=0)
+            path = folder / f"{number:06}-{self.now():{_TIME}}-{_slug(url)}-{_digest(project)}{_SUFFIX}"
             write_atomically(path, format_project(project).encode())
         if load_project(path, exact=True) != project.sorted():
             raise ProjectError(f"{printable(str(path))}: the backup does not read back as it was written")
         return path
 
-    def backups(self, url: str | None = None) -> list[Backup]:
-        """Return all backups, or those of the board at `url`, the newest last."""
-        found = []
-        for path in (self.folder / "backups").glob(f"*{_SUFFIX}"):
-            if named := _NAME.fullmatch(path.name.removesuffix(_SUFFIX)):
-                time = datetime.strptime(named["time"], "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC)
-                found.append(Backup(time, named["board"], path))
-        return sorted(backup for backup in found if url is None or backup.board == _slug(url))
+    def backups(self) -> list[Backup]:
+        """Return all backups, the newest last."""
+        return sorted(filter(None, map(_backup, self._files("backups"))))
+
+    def kept(self, name: str) -> Path:
+        """Return where the backup of this name is."""
+        return self.folder / "backups" / name
 
     def write(self, journal: Journal) -> None:
         """Let `journal` be what is known of its import."""
-        self._made("imports")
-        write_atomically(self._journal(journal.marker), msgspec.json.encode(journal) + b"\n")
+        with _told("the journal of the import cannot be written"):
+            self._made("imports")
+            # ASCII, in which an address that is no text has its place as well.
+            write_atomically(self._journal(journal.marker), json.dumps(msgspec.to_builtins(journal)).encode() + b"\n")
 
     def end(self, journal: Journal) -> None:
-        """Forget an import that is over."""
-        self._journal(journal.marker).unlink(missing_ok=True)
+        """Forget an import that is over; a journal that is left does no harm, as no board has its marker."""
+        path = self._journal(journal.marker)
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            _LOG.warning("the journal of an import that is over cannot be deleted: %s", printable(str(error)))
 
-    def journals(self) -> list[Journal]:
-        """Return the imports that are not known to be over; ProjectError names a journal that cannot be read."""
+    def journals(self, project_id: int) -> list[Journal]:
+        """Return all journals; ProjectError if that of the board with this project id cannot be read."""
         found = []
-        for path in sorted((self.folder / "imports").glob("*.json")):
-            try:
-                found.append(msgspec.json.decode(path.read_bytes()[:_LARGEST], type=Journal))
-            except FileNotFoundError:
-                continue  # ended by another program at this moment
-            except (OSError, msgspec.DecodeError, UnicodeDecodeError) as error:
-                raise ProjectError(
-                    f"{printable(str(path))}: this journal of an import cannot be read: {printable(str(error))}; "
-                    "move it away, and give `rollback` the backup to restore"
-                ) from error
+        for path in self._files("imports"):
+            if named := _JOURNAL.fullmatch(path.name):
+                marker = int(named["marker"], 16)
+                try:
+                    found.append(_read(path, marker))
+                except FileNotFoundError:
+                    continue  # ended by another program at this moment
+                except (OSError, ValueError, RecursionError) as error:  # JSON and types raise kinds of ValueError
+                    text = f"{printable(str(path))}: this journal of an import cannot be read: {printable(str(error))}"
+                    if marker == project_id:
+                        raise ProjectError(
+                            f"{text}; move it away, and give `rollback` the backup to restore"
+                        ) from error
+                    _LOG.warning("%s", text)
         return found
+
+    def new_marker(self) -> int:
+        """Return a marker that no journal here has, and hardly any elsewhere."""
+        while True:
+            marker = choice(UNFINISHED)
+            if not self._journal(marker).exists():
+                return marker
 
     def _journal(self, marker: int) -> Path:
         return self.folder / "imports" / f"{marker:08x}.json"
@@ -97,12 +117,56 @@ class Store:
         folder.mkdir(parents=True, exist_ok=True)
         return folder
 
+    def _files(self, name: str) -> list[Path]:
+        folder = self.folder / name
+        try:
+            return sorted(path for path in folder.iterdir() if path.is_file())
+        except FileNotFoundError:
+            return []
+        except (OSError, ValueError) as error:
+            raise ProjectError(f"{printable(str(folder))} cannot be read: {printable(str(error))}") from error
 
-def digest_of(project: Project) -> str:
+
+_LOG = logging.getLogger(__name__)
+
+
+@contextmanager
+def _told(what: str) -> Iterator[None]:
+    """Raise ProjectError for what the system has against a file."""
+    try:
+        yield
+    except ProjectError:
+        raise
+    except (OSError, ValueError) as error:  # ValueError: NUL in the name of the folder
+        raise ProjectError(f"{what}: {printable(str(error))}") from error
+
+
+def _read(path: Path, marker: int) -> Journal:
+    with path.open("rb") as file:
+        journal = msgspec.convert(json.loads(file.read(_LARGEST)), Journal)
+    if journal.marker != marker:
+        raise ValueError(f"it is that of {journal.marker:08x}")
+    name = journal.backup
+    if name is not None and (Path(name).name != name or _backup(Path(name)) is None):
+        raise ValueError(f"{name!r} is no name of a backup")
+    return journal
+
+
+def _backup(path: Path) -> Backup | None:
+    """Return what the name of a file says; None if it is no backup's."""
+    named = _BACKUP.fullmatch(path.name)
+    try:
+        time = datetime.strptime(named["time"], _TIME).replace(tzinfo=UTC) if named else None
+    except ValueError:  # such as the 99th of a month
+        time = None
+    return Backup(int(named["number"]), time, named["board"], path) if named and time else None
+
+
+def _digest(project: Project) -> str:
     """Return twelve hex digits that tell one project from another."""
     return hashlib.blake2b(format_project(project).encode(), digest_size=6).hexdigest()
 
 
 def _slug(url: str) -> str:
-    """Return the address without options as a part of a file's name."""
-    return re.sub(r"[^A-Za-z0-9.]+", "_", url.partition("?")[0]).strip("_.")[:60] or "board"
+    """Return the address without options as a part of a file's name; of a long one the end, which tells the most."""
+    return re.sub(r"[^A-Za-z0-9.]+", "_", url.partition("?")[0])[-60:].strip("_.") or "board"

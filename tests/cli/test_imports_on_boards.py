@@ -142,21 +142,27 @@ def test_apply_writes_the_project_and_rollback_brings_the_old_one_back(
     (backup,) = shell("--json", "backups").json["backups"]
     assert Path(backup["file"]).parent == data_folder / "backups"
     assert load_project(Path(backup["file"])) == BEFORE
-    assert backup["file"] in shell("backups").out
+    assert shell("backups").out.splitlines()[1].split()[0] == str(backup["number"]) == "1"
+    assert f"in {data_folder / 'backups'}; `servolink rollback NUMBER` restores one" in shell("backups").out
     back = shell("rollback", "--yes")
     assert back.code == 0
     assert back.out.startswith(f"from {backup['file']}\n~ project id: 8 -> 7\n")
     file = tmp_path / "now.servolink.json"
     shell("export", str(file))
     assert load_project(file) == BEFORE
-    named = shell("--json", "rollback", "--yes", backup["file"])
-    assert named.json == {"changed": False, "plan": named.json["plan"]}
+    for name in (backup["file"], "1", "000001"):
+        named = shell("--json", "rollback", "--yes", name)
+        assert named.json == {"changed": False, "plan": named.json["plan"]}
+    assert "there is no backup 7; `servolink backups` lists all there are" in shell("rollback", "--yes", "7").err
 
 
 def test_apply_does_nothing_unasked(shell: Shell, after: str) -> None:
     said = shell("apply", after)
     assert said.code == 2
     assert "there is no terminal to ask on; --yes goes on without asking" in said.err
+    said = shell("apply", "--json", after)
+    assert said.code == 2
+    assert "--json asks nothing; --yes goes on without asking" in said.err
     assert shell("plan", after).code == 1
 
 
@@ -167,7 +173,7 @@ def test_no_backup_must_be_spelled_out(shell: Shell, after: str, data_folder: Pa
     assert "there are no backups in" in shell("backups").out
 
 
-@pytest.mark.parametrize(("answer", "code"), [("y\n", 0), ("n\n", 1)])
+@pytest.mark.parametrize(("answer", "code"), [("y\n", 0), ("n\n", 1), ("\x04", 1)])
 def test_apply_asks_on_a_terminal(shell: Shell, after: str, answer: str, code: int) -> None:
     said = in_terminal("--url", shell.url, "apply", after, typed=answer)
     assert said.code == 0

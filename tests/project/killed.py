@@ -1,6 +1,7 @@
-"""A host that imports a project and kills itself at one step of its work with files.
+"""Hosts that import a project and kill themselves at one step of their work with files.
 
-`python -m tests.project.killed URL FOLDER STEP REPLACE`: the steps are what the system is asked to do in FOLDER.
+`python -m tests.project.killed` reads lines `URL FOLDER STEP REPLACE`, forks such a host for each, and prints how it
+ended. The steps are what the system is asked to do in FOLDER.
 """
 
 from __future__ import annotations
@@ -51,6 +52,16 @@ async def main(url: str, folder: Path, replace: bool) -> None:
         await board.apply(NEW, replace=replace, folder=folder)
 
 
+def status_of(url: str, folder: str, step: str, how: str) -> int:
+    """Return how a host ends, as `os.waitpid` has it."""
+    host = os.fork()
+    if not host:
+        Killer(Path(folder), int(step)).install()
+        asyncio.run(main(url, Path(folder), how == "replace"))
+        os._exit(0)
+    return os.waitpid(host, 0)[1]
+
+
 if __name__ == "__main__":
-    Killer(Path(sys.argv[2]), int(sys.argv[3])).install()
-    asyncio.run(main(sys.argv[1], Path(sys.argv[2]), sys.argv[4] == "replace"))
+    for line in sys.stdin:
+        print(status_of(*line.split()), flush=True)

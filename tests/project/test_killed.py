@@ -3,26 +3,43 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import shutil
+import signal
 import sys
+from asyncio.subprocess import PIPE
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
 
 from servolink.client.connect import connect
 from servolink.virtual.serving import serve
+from servolink.virtual.transport import VirtualTransport
 from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, Make, has_backup, same, undo
 
 _FARTHEST = 60
 """More steps than there are."""
 
 
-async def import_killed_at(url: str, folder: Path, step: int, how: str) -> int:
-    """Run a host that kills itself at `step`; return its exit code."""
+@asynccontextmanager
+async def hosts() -> AsyncIterator[Callable[..., Awaitable[int]]]:
+    """Give what lets a host import, killed at one step, and returns the status with which it ends."""
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "tests.project.killed", url, str(folder), str(step), how, cwd=Path(__file__).parents[2]
+        sys.executable, "-m", "tests.project.killed", cwd=Path(__file__).parents[2], stdin=PIPE, stdout=PIPE
     )
-    return await process.wait()
+    assert process.stdin is not None
+    assert process.stdout is not None
+    asked, told = process.stdin, process.stdout
+
+    async def killed(url: str, folder: Path, step: int, how: str) -> int:
+        asked.write(f"{url} {folder} {step} {how}\n".encode())
+        return int(await told.readline())
+
+    yield killed
+    asked.close()
+    await process.wait()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
@@ -31,22 +48,23 @@ async def import_killed_at(url: str, folder: Path, step: int, how: str) -> int:
 def test_a_host_that_is_killed_at_any_file_step_loses_nothing(how: str, tmp_path: Path) -> None:
     async def main() -> int:
         make = Make()
-        for step in range(_FARTHEST):
-            board, folder = make.board(OLD_CONTENTS, 1), tmp_path / str(step)
-            folder.mkdir()
-            async with serve(board, tcp="127.0.0.1:0") as (url,):
-                code = await import_killed_at(url, folder, step, how)
-                if code == 0:
-                    assert same(board.storage.contents, NEW_CONTENTS)
-                    return step
-                assert code < 0
+        async with hosts() as killed:
+            for step in range(_FARTHEST):
+                board, folder = make.board(OLD_CONTENTS, 1), tmp_path / str(step)
+                folder.mkdir()
+                async with serve(board, tcp="127.0.0.1:0") as (url,):
+                    status = await killed(url, folder, step, how)
+                    if status == 0:
+                        assert same(board.storage.contents, NEW_CONTENTS)
+                        return step
+                    assert os.WTERMSIG(status) == signal.SIGKILL
                 left, kept = board.storage.contents, shutil.copytree(folder, tmp_path / f"{step}.kept")
                 assert same(left, OLD_CONTENTS) or has_backup(folder, OLD)
-                async with connect(url) as again:
+                async with connect(VirtualTransport(board, url)) as again:
                     await again.apply(NEW, folder=folder)
                 assert same(board.storage.contents, NEW_CONTENTS)
                 board.storage.contents = left
-                async with connect(url) as again:
+                async with connect(VirtualTransport(board, url)) as again:
                     await undo(again, kept)
                 assert same(board.storage.contents, OLD_CONTENTS)
         raise AssertionError("the import never came to its end")

@@ -1,0 +1,114 @@
+"""Rollbacks: of which import, and of none."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from servolink.client.board import Board
+from servolink.errors import ConnectionLost, ProjectError
+from servolink.project.file import load_project
+from servolink.project.progress import Progress
+from servolink.project.store import Store
+from servolink.protocol.editing import (
+    Macro,
+    QueryActionRequest,
+    QueryActionResponse,
+)
+from tests.client.fake_board import FakeBoard, lie
+from tests.project.boards import OTHER, OTHER_CONTENTS, on_board, on_fake
+from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, contents_of, same
+
+
+def test_a_rollback_of_a_finished_import_restores_what_was_there_even_what_we_would_not_write(tmp_path: Path) -> None:
+    odd = msgspec.structs.replace(OLD, macros=(Macro(3, "clear\x1b[2J", ()),))
+
+    async def work(board: Board) -> None:
+        with pytest.raises(ProjectError, match="control"):
+            await board.apply(odd, folder=tmp_path)
+        await board.apply(NEW, folder=tmp_path)
+        await board.rollback(folder=tmp_path)
+        assert (await board.export_project()).macros == odd.macros
+        await board.rollback(folder=tmp_path)  # what was there before the rollback
+        assert await board.export_project() == NEW
+
+    assert same(on_board(work, contents_of(odd)), NEW_CONTENTS)
+
+
+def test_no_backup_must_be_asked_for_where_none_can_be_made(tmp_path: Path) -> None:
+    async def work(board: Board, fake: FakeBoard) -> None:
+        fake.plan(QueryActionRequest, *[lie(QueryActionResponse(0))] * 2)
+        with pytest.raises(ProjectError, match=r"no backup of fake://board can be made: action 1: the board lists it"):
+            await board.apply(NEW, folder=tmp_path)
+        fake.plan(QueryActionRequest, *[lie(QueryActionResponse(0))] * 2)
+        assert (await board.apply(NEW, folder=tmp_path, backup=False)).backup is None
+        with pytest.raises(ProjectError, match="the last import to fake://board was made without a backup"):
+            await board.rollback(folder=tmp_path)
+
+    assert same(on_fake(work).virtual.storage.contents, NEW_CONTENTS)
+
+
+def lost_before_marking(progress: Progress) -> None:
+    """Lose the board just before it is changed."""
+    if progress.phase == "marking":
+        raise ConnectionLost("gone")
+
+
+def test_a_rollback_undoes_the_last_import_alone(tmp_path: Path) -> None:
+    """Not an older one where the last was made without a backup, or was not begun."""
+
+    async def work(board: Board) -> None:
+        await board.apply(OTHER, folder=tmp_path)
+        await board.apply(NEW, folder=tmp_path, backup=False)
+        with pytest.raises(ProjectError, match=r"the last import to virtual:// was made without a backup"):
+            await board.rollback(folder=tmp_path)
+        await board.apply(OTHER, folder=tmp_path)
+        with pytest.raises(ConnectionLost):
+            await board.apply(NEW, folder=tmp_path, progress=lost_before_marking)
+        assert not await board.has_unfinished_import()
+        with pytest.raises(ProjectError, match=r"no import from here is known .* so there is none to undo"):
+            await board.rollback(folder=tmp_path)
+
+    assert same(on_board(work), OTHER_CONTENTS)
+
+
+def test_a_rollback_leaves_a_board_alone_that_the_last_import_there_did_not_leave_so(tmp_path: Path) -> None:
+    on_board(lambda board: board.apply(NEW, folder=tmp_path))
+
+    async def work(board: Board) -> None:
+        with pytest.raises(ProjectError, match=r"no import from here is known that left virtual:// with project id 5"):
+            await board.rollback(folder=tmp_path)
+
+    assert on_board(work, OTHER_CONTENTS) == OTHER_CONTENTS
+
+
+def test_a_rollback_is_of_the_last_import_though_the_clock_was_put_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hours = iter((12, 11, 10))
+    made = Store.__init__.__defaults__
+    assert made is not None
+    monkeypatch.setattr(
+        Store.__init__, "__defaults__", (*made[:-1], lambda: datetime(2026, 1, 1, next(hours), tzinfo=UTC))
+    )
+
+    async def work(board: Board) -> None:
+        await board.apply(OTHER, folder=tmp_path)
+        await board.apply(NEW, folder=tmp_path)
+        await board.rollback(folder=tmp_path)
+        assert [load_project(backup.path, exact=True) for backup in Store(tmp_path).backups()] == [OLD, OTHER, NEW]
+
+    assert same(on_board(work), OTHER_CONTENTS)
+
+
+def test_without_anything_to_roll_back_it_says_so(tmp_path: Path) -> None:
+    async def work(board: Board) -> None:
+        with pytest.raises(ProjectError, match=r"give `rollback` one of `servolink backups`, or apply a project"):
+            await board.rollback(folder=tmp_path)
+        with pytest.raises(ProjectError, match="nowhere: cannot be read"):
+            await board.rollback(tmp_path / "nowhere", folder=tmp_path)
+
+    assert on_board(work) == OLD_CONTENTS

@@ -1,0 +1,207 @@
+"""Boards that do not take what they are given: what is said of it, and that the old project comes back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from servolink.client.connect import connect
+from servolink.errors import ProjectError
+from servolink.project.model import Project
+from servolink.project.store import Store
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.storage import Kind, Storage
+from servolink.virtual.transport import VirtualTransport
+from tests.project.pulled import NEW, OLD_CONTENTS, Make, same
+from tests.virtual_time import run
+
+LEFT = "; the import is unfinished: apply a project that it takes, or roll back"
+
+
+def storing(kind: Kind, change: Callable[[bytes], bytes | None]) -> Callable[[VirtualBoard], None]:
+    """Return what makes a board store what `change` makes of records; None for what it refuses."""
+
+    def changed(board: VirtualBoard) -> None:
+        put = board.storage.put
+
+        def changing(of: Kind, records: Mapping[int, bytes], **options: Any) -> bool:
+            if of is not kind:
+                return put(of, records, **options)
+            changed = {record_id: change(content) for record_id, content in records.items()}
+            taken = {record_id: content for record_id, content in changed.items() if content is not None}
+            return len(taken) == len(changed) and put(of, taken, **options)
+
+        setattr(board.storage, "put", changing)  # noqa: B010 - only this board
+
+    return changed
+
+
+def without(*names: str) -> Callable[[VirtualBoard], None]:
+    """Return what makes a board say yes to something and do nothing."""
+
+    def changed(board: VirtualBoard) -> None:
+        for name in names:
+            setattr(board.storage, name, lambda *_, **__: True)
+
+    return changed
+
+
+def all_of(*changes: Callable[[VirtualBoard], None]) -> Callable[[VirtualBoard], None]:
+    """Return what makes all these changes."""
+
+    def changed(board: VirtualBoard) -> None:
+        for change in changes:
+            change(board)
+
+    return changed
+
+
+def keeping_back(record_id: int) -> Callable[[VirtualBoard], None]:
+    """Return what makes a board list a record and not give it."""
+
+    def changed(board: VirtualBoard) -> None:
+        get = board.storage.get
+
+        def giving(kind: Kind, wanted: int) -> bytes | None:
+            return None if wanted == record_id else get(kind, wanted)
+
+        setattr(board.storage, "get", giving)  # noqa: B010 - only this board
+
+    return changed
+
+
+def said_of(
+    change: Callable[[VirtualBoard], None],
+    folder: Path,
+    make: Make | None = None,
+    project: Project = NEW,
+    *,
+    replace: bool = False,
+) -> str:
+    """Return what is said when a board with this change is given `project`; OLD comes back when it is undone."""
+
+    async def main() -> str:
+        odd = (make or Make()).board(OLD_CONTENTS, 1)
+        change(odd)
+        async with connect(VirtualTransport(odd)) as board:
+            with pytest.raises(ProjectError) as caught:
+                await board.apply(project, folder=folder, replace=replace)
+            assert await board.has_unfinished_import()
+        good = Make().board(odd.storage.contents, 1)
+        async with connect(VirtualTransport(good)) as board:
+            await board.rollback(folder=folder)
+        assert same(good.storage.contents, OLD_CONTENTS)
+        return str(caught.value)
+
+    return run(main())
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            storing(Kind.ACTION, lambda content: content[:4] + content[4:36].upper() + content[36:]),
+            "action 2 (its caption comes back as 'NOD'), action 9 (its caption comes back as 'NEW')",
+        ),
+        (
+            storing(Kind.ACTION, lambda content: content[:-1] + b"\x01"),
+            "action 2 (other steps come back), action 9 (other steps come back)",
+        ),
+        (storing(Kind.MACRO, lambda content: content[:-1] + b"\x01"), "macro 1 (other commands come back)"),
+        (storing(Kind.ACTION, lambda _: None), "action 2 (refused), action 9 (refused)"),
+        (
+            all_of(storing(Kind.ACTION, lambda _: None), storing(Kind.TABLE, lambda _: None)),
+            "action 2 (refused), action 9 (refused), joystick table 1 (refused) and 2 more",
+        ),
+        (
+            without("delete"),
+            "joystick table 2 (still listed), macro 4 (still listed), action 5 (still listed)",
+        ),
+        (keeping_back(9), "action 9 (listed and not given)"),
+        (storing(Kind.SERVO, lambda content: content[:2] + b"x" + content[3:]), "servo parameters (servo 1 comes back"),
+        (without("activate"), "active joystick table 1"),
+    ],
+)
+def test_what_a_board_does_not_take_is_named_with_what_it_makes_of_it(
+    change: Callable[[VirtualBoard], None], said: str, tmp_path: Path
+) -> None:
+    found = said_of(change, tmp_path)
+    assert found.startswith(f"virtual:// does not take {said}")
+    assert found.endswith(LEFT)
+
+
+def test_what_is_doubled_for_ever_or_never_there_is_named(tmp_path: Path) -> None:
+    said = said_of(without("delete"), tmp_path / "1", Make("append"))
+    assert "does not take joystick table 1 (listed 5 times), joystick table 2 (still listed), macro 1 (listed 5" in said
+    only_actions = msgspec.structs.replace(NEW, macros=(), joystick_tables=(), active_joystick_table=None)
+    said = said_of(without("put"), tmp_path / "2", project=only_actions)
+    assert "servo parameters (servo 3 comes back otherwise), action 2 (not there afterwards)" in said
+
+
+def test_a_board_that_deletes_nothing_at_once_is_told_apart(tmp_path: Path) -> None:
+    said = said_of(without("clear"), tmp_path, replace=True)
+    assert said == f"virtual:// does not take the command to delete all data (without `replace` it is not needed){LEFT}"
+
+
+class Clipping(Storage):
+    """Keeps the lower half of project ids, or of those that are no marker."""
+
+    clipped = 0xFFFF
+
+    @property
+    def project_id(self) -> int:
+        return super().project_id
+
+    @project_id.setter
+    def project_id(self, project_id: int) -> None:
+        Storage.project_id.fset(self, project_id & self.clipped)  # type: ignore[attr-defined]
+
+
+class ClippingAll(Clipping):
+    """Keeps nothing of them."""
+
+    clipped = 0
+
+
+@pytest.mark.parametrize("wanted", [88, 0x7B00_0001])
+def test_a_board_that_does_not_keep_markers_is_left_as_it_was(wanted: int, tmp_path: Path) -> None:
+    virtual = Make().board(OLD_CONTENTS, 1)
+    virtual.storage.__class__ = Clipping
+
+    async def main() -> str:
+        async with connect(VirtualTransport(virtual)) as board:
+            with pytest.raises(ProjectError) as caught:
+                await board.apply(msgspec.structs.replace(NEW, project_id=wanted), folder=tmp_path)
+            assert not Store(tmp_path).journals(0)
+            return str(caught.value)
+
+    said = run(main())
+    assert said.startswith("virtual:// does not keep project ids such as 20")
+    assert said.endswith(", by which an unfinished import is known; nothing was changed")
+    assert virtual.storage.contents == OLD_CONTENTS
+    virtual.storage.__class__ = ClippingAll
+    assert run(main()).endswith("; nothing was changed but its project id")
+
+
+def test_a_project_id_that_a_board_does_not_take_leaves_the_import_unfinished(tmp_path: Path) -> None:
+    def stubborn(board: VirtualBoard) -> None:
+        board.storage.__class__ = NoEight
+
+    assert said_of(stubborn, tmp_path) == f"virtual:// does not take project id 88{LEFT}"
+
+
+class NoEight(Storage):
+    """Refuses one project id."""
+
+    @property
+    def project_id(self) -> int:
+        return super().project_id
+
+    @project_id.setter
+    def project_id(self, project_id: int) -> None:
+        if project_id != NEW.project_id:
+            Storage.project_id.fset(self, project_id)  # type: ignore[attr-defined]
