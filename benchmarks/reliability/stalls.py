@@ -25,20 +25,26 @@ from servolink.client.link import Link
 from servolink.errors import ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
+from servolink.protocol.parser import FrameParser
 from servolink.transports.base import Receiver, Transport
 from servolink.transports.serial import SerialTransport
+from tests.client.numbered_board import numbered
 
 _TIMEOUT, _STALL, _LATENCY = 0.25, 0.3, 0.004
 _REAL_TIMEOUT, _REAL_STALL = 0.02, 0.03
+_END = b"end"
 _REQUEST, _REPLY = QueryProjectIDRequest(), Codec().encode(QueryProjectIDResponse(7))
 
 Ask = Callable[[], Awaitable[object]]
+Arrived = Callable[[], float]
+"""When the latest reply lay ready to be read."""
 
 
 class _Prompt:
     """A transport whose board replies after 4 ms of virtual time."""
 
     url = "prompt://board"
+    arrived = 0.0
 
     async def open(self, receiver: Receiver) -> None:
         self._loop = asyncio.get_running_loop()
@@ -48,7 +54,8 @@ class _Prompt:
 
     async def send(self, data: bytes) -> None:
         assert isinstance(self._loop, SimulatedLoop)  # noqa: S101 - narrows the type
-        self._loop.bring(self._loop.now + _LATENCY, _REPLY)
+        self.arrived = self._loop.now + _LATENCY
+        self._loop.bring(self.arrived, _REPLY)
 
     async def close(self) -> None:
         self._receiver.lost(None)
@@ -78,33 +85,36 @@ class _Plain:
             return await self._reply
 
 
-async def _count_lost(ask: Ask, stall: Callable[[], object], count: int) -> int:
-    """Ask so often, stall each time, and count the replies that the caller does not get."""
-    lost = 0
+async def _count_lost(ask: Ask, arrived: Arrived, timeout: float, stall: Callable[[], object], count: int) -> int:
+    """Ask so often, stall each time, and count the replies that came in time and that the caller does not get."""
+    lost, loop = 0, asyncio.get_running_loop()
     for _ in range(count):
+        begun = loop.time()
         asking = asyncio.ensure_future(ask())
         await asyncio.sleep(0)
-        asyncio.get_running_loop().call_soon(stall)
+        stall()
         try:
             await asking
         except (ServolinkError, TimeoutError):
-            lost += 1
+            lost += begun <= arrived() <= begun + timeout
         await asyncio.sleep(0.005)  # a reply that came late must not help the next
     return lost
 
 
-async def _lost(make: Callable[[], Transport], timeout: float, stall: Callable[[], object], count: int) -> list[int]:
+async def _lost(
+    make: Callable[[], Transport], arrived: Arrived, timeout: float, stall: Callable[[], object], count: int
+) -> list[int]:
     """Return what is lost with `wait_for`, with `asyncio.timeout`, and by the library."""
     lost = []
     for wait_for in (True, False):
         transport = make()
         plain = _Plain(transport, timeout, wait_for=wait_for)
         await transport.open(plain)
-        lost.append(await _count_lost(plain.ask, stall, max(1, count // 10)))
+        lost.append(await _count_lost(plain.ask, arrived, timeout, stall, max(1, count // 10)))
         await transport.close()
     link = Link(make(), Codec(), timeout=timeout, retries=0)
     await link.open()
-    lost.append(await _count_lost(lambda: link.request(_REQUEST), stall, count))
+    lost.append(await _count_lost(lambda: link.request(_REQUEST), arrived, timeout, stall, count))
     await link.close()
     return lost
 
@@ -112,28 +122,49 @@ async def _lost(make: Callable[[], Transport], timeout: float, stall: Callable[[
 async def _virtual(count: int) -> list[int]:
     loop = asyncio.get_running_loop()
     assert isinstance(loop, SimulatedLoop)  # noqa: S101 - narrows the type
-    return await _lost(_Prompt, _TIMEOUT, lambda: loop.stall(_STALL), count)
+    made: list[_Prompt] = []
+
+    def make() -> _Prompt:
+        made.append(_Prompt())
+        return made[-1]
+
+    return await _lost(make, lambda: made[-1].arrived, _TIMEOUT, lambda: loop.stall(_STALL), count)
+
+
+class _Responder(threading.Thread):
+    """Replies at the other end of a pseudo-terminal, as fast as the system lets a thread run."""
+
+    def __init__(self, terminal: int) -> None:
+        super().__init__()
+        self.arrived = 0.0
+        self._terminal = terminal
+        self._codec, self._parser = Codec(), FrameParser()
+
+    def run(self) -> None:
+        while (data := os.read(self._terminal, 4096)) != _END:
+            for frame in self._parser.feed(data):
+                os.write(self._terminal, self._codec.encode(numbered(self._codec.decode(*frame), 7)))
+                self.arrived = time.monotonic()
 
 
 async def _real(count: int) -> list[int]:
-    """Do the same in real time over a pseudo-terminal, whose other end a thread serves."""
+    """Do the same in real time over a pseudo-terminal."""
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     name = os.ttyname(theirs)
-
-    def serve() -> None:
-        while os.read(ours, 4096) != b"end":
-            os.write(ours, _REPLY)
-
-    serving = threading.Thread(target=serve)
-    serving.start()
+    responder = _Responder(ours)
+    responder.start()
     try:
         return await _lost(
-            lambda: SerialTransport(f"serial://{name}", name), _REAL_TIMEOUT, lambda: time.sleep(_REAL_STALL), count
+            lambda: SerialTransport(f"serial://{name}", name),
+            lambda: responder.arrived,
+            _REAL_TIMEOUT,
+            lambda: time.sleep(_REAL_STALL),
+            count,
         )
     finally:
-        os.write(theirs, b"end")
-        serving.join()
+        os.write(theirs, _END)
+        responder.join()
         os.close(ours)
         os.close(theirs)
 
