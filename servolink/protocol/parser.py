@@ -63,7 +63,9 @@ class FrameParser:
         self.skipped: dict[str, int] = dict.fromkeys(REASONS, 0)
         """Bytes skipped so far, by reason."""
         self._entries: dict[bytes, _Entry] = {}
+        self._known = self._entries.get  # bound once, for it is asked in every chunk
         self._short: dict[bytes, _Short] = {}  # few: lengths up to 256, and most packets have only one
+        self._known_short = self._short.get
         self._held: bytes | bytearray = b""  # the incomplete rest; a bytearray while it grows in small steps
         self._needed = 0  # how long it must get before another look is worth it
         self._reason = PADDING
@@ -129,15 +131,16 @@ class FrameParser:
     def _scan(self, data: bytes, at: int) -> list[Frame]:  # noqa: C901, PLR0912, PLR0915 - a call per frame would double its cost
         """Collect the frames of `data` from `at` on and hold the incomplete rest."""
         frames: list[Frame] = []
-        known = self._entries.get
+        known = self._known
         settled = 0  # frames before the last loss of sync
         wary = self._wary
         length = len(data)
+        needed = 0
         if compiled.collect is not None:
             at, wary = self._collect(compiled.collect, data, at, frames, wary)
         elif length > _MANY and not wary and self._short:
-            at = self._run(data, at, frames)
-        while True:
+            at, needed = self._run(data, at, frames)
+        while not needed:
             body = at + HEADER_SIZE
             entry = known(data[at:body])
             if entry is not None:
@@ -174,9 +177,7 @@ class FrameParser:
             data, at, needed = self._recover(data, at, frames, damaged=entry is not None)
             length = len(data)
             wary = self._wary
-            if needed:
-                break
-            if compiled.collect is not None:
+            if compiled.collect is not None and not needed:
                 at, wary = self._collect(compiled.collect, data, at, frames, wary)
         if len(frames) > settled:
             self._believed(frames[-1], at)
@@ -198,12 +199,13 @@ class FrameParser:
         at = collect(data, at, self._entries, frames, wary)
         return at, max(0, wary - len(frames) + before)
 
-    def _run(self, data: bytes, at: int, frames: list[Frame]) -> int:
-        """Collect short frames one behind the other, but for the last, and return where they end.
+    def _run(self, data: bytes, at: int, frames: list[Frame]) -> tuple[int, int]:
+        """Collect short frames one behind the other, but for the last.
 
+        Return where they end, and how many bytes are needed there if a short frame begins (else 0).
         One call cuts content, checksum and the next header, which is a fifth faster than three.
         """
-        known = self._short.get
+        known = self._known_short
         room = len(data) - HEADER_SIZE
         header = data[at : at + HEADER_SIZE]
         while (short := known(header)) is not None:
@@ -212,13 +214,13 @@ class FrameParser:
             while header == same:  # as the next one is most of the time
                 end = at + size
                 if end > room:
-                    return at
+                    return at, size if end > len(data) else 0
                 content, check, header = cut(data, at)
                 if adler32(content, total) & 0xFF != check:
-                    return at
+                    return at, 0
                 frames.append((packet_id, content))
                 at = end
-        return at
+        return at, 0
 
     def _believed(self, frame: Frame, end: int) -> None:
         """Note that `frame` ends at `end`, in sync."""
