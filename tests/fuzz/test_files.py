@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servolink.project.model import UNFINISHED
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, AddServoParameterRequest, ServoParameter, WriteProjectIDRequest
 from servolink.protocol.servos import Step
@@ -61,6 +62,15 @@ def as_lines(said: Any) -> bytes:
 
 _RECORDING = [{"t": 0.1, "sent": "134c"}, {"t": 0.2, "received": "00"}, {"t": 0.3, "lost": "it is gone"}]
 _STATE = {"byte_order": "little", "battery": 900.0, "angles": {"1": 5.0}, "requests": _FRAMES}
+_MARKER = UNFINISHED.start + 7
+_JOURNAL = {
+    "marker": _MARKER,
+    "url": "serial:///dev/\udcff",
+    "caption_encoding": "utf-8",
+    "project_id": 5,
+    "backup": "000001-20260102T030405Z-board-0123456789ab.servolink.json",
+    "phase": "writing",
+}
 _BOARD = {"url": "tcp://127.0.0.1:1", "product": "board", "serial_number": "", "problem": ""}
 
 
@@ -92,6 +102,12 @@ def test_names_of_boards(tmp_path: Path, content: bytes) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(tmp_path))
         texts.names_of_boards(content)
+
+
+@examples(60)
+@given(files(_JOURNAL, as_json))
+def test_the_journal_of_an_import(tmp_path: Path, content: bytes) -> None:
+    texts.journal(content, tmp_path, _MARKER)
 
 
 @examples(60)

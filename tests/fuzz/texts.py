@@ -10,6 +10,7 @@ from servolink.discovery.served import candidates
 from servolink.errors import OpenError, ProjectError, TransportUnavailable
 from servolink.printable import printable
 from servolink.project.file import format_project, parse_project
+from servolink.project.store import Store
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
 from servolink.transports.faults import Faults, LineFaults
@@ -134,6 +135,20 @@ def names_of_boards(data: bytes) -> None:
     assert all(map(is_name, names))
     save_alias("more", Alias("virtual://"))
     assert load_aliases() == names | {"more": Alias("virtual://")}
+
+
+def journal(content: bytes, folder: Path, marker: int) -> None:
+    """Take the bytes for the journal of an import."""
+    (folder / "imports").mkdir(exist_ok=True)
+    (folder / f"imports/{marker:08x}.json").write_bytes(content)
+    try:
+        found = Store(folder).journals(marker)
+    except ProjectError as error:
+        check(error)
+    else:
+        assert [one.marker for one in found] == [marker]
+        Store(folder).write(found[0])
+        assert Store(folder).journals(marker) == found
 
 
 def announcement(path: Path) -> None:

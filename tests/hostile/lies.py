@@ -144,7 +144,7 @@ def _slow_and_long(pause: float) -> Callable[[], Lie]:
             return ()
         response_id = packet.packet_id + 1
         frame = encode_frame(response_id, _longest(b"\x01")(response_id, answer[HEADER_SIZE:-1]), _ORDER)
-        step = max(1, len(frame) // 100)
+        step = len(frame) // 100 + 1
         return ((pause, frame[at : at + step]) for at in range(0, len(frame), step))
 
     return lambda: lie

@@ -1,0 +1,95 @@
+"""Every command, with hostile texts in all that it reads: what it prints is text, and it ends as with harmless ones."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from servolink.cli.main import COMMANDS, FAILED
+from servolink.cli.project import COMMANDS as PROJECT_COMMANDS
+from tests.cli.programs import Said
+from tests.hostile.corpus import PAYLOADS, controls
+from tests.hostile.terminals import ESCAPE, in_pipe, in_terminal
+from tests.hostile.trials import EXEMPT, TRIALS, Trial
+from tests.hostile.world import World
+
+PROGRESS = re.compile(r"\x1b\[([0-9;]*m|2K|1A|\?25[hl])")
+"""The escapes of a bar that goes on: colours, a line erased, the line above, the cursor hidden and shown."""
+MODES: dict[str, Callable[..., Said]] = {
+    "text": in_pipe,
+    "json": lambda *arguments: in_pipe("--json", *arguments),
+    "terminal": in_terminal,
+}
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[World, World]:
+    """A harmless and a hostile world."""
+    folder = tmp_path_factory.mktemp("worlds")
+    harmless, hostile = World.harmless(folder / "harmless"), World.hostile(folder / "hostile")
+    harmless.build()
+    hostile.build()
+    return harmless, hostile
+
+
+@pytest.fixture(autouse=True)
+def _no_board_in_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SERVOLINK_URL", raising=False)
+
+
+def test_there_are_enough_of_them() -> None:
+    assert len({payload.raw for payload in PAYLOADS}) > 400
+    assert len({payload.family for payload in PAYLOADS}) == 20
+
+
+def test_every_command_is_tried() -> None:
+    assert {*TRIALS, *EXEMPT} == {*COMMANDS}, "a command without trials: add them to tests/hostile/trials.py"
+    assert not TRIALS.keys() & EXEMPT.keys()
+    tried = {trial.pattern.split()[1] for trial in TRIALS["project"]}
+    assert tried == {*PROJECT_COMMANDS}, "a command of `servolink project` without trials"
+    for command, trials in TRIALS.items():
+        assert any(command in trial.pattern.split() for trial in trials)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("command", TRIALS)
+def test_what_is_hostile_stays_text(
+    command: str, mode: str, built: tuple[World, World], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    harmless, hostile = (world.copied(tmp_path / world.folder.name) for world in built)
+    for trial in TRIALS[command]:
+        expected, said = (_said(world, trial, mode) for world in (harmless, hostile))
+        assert said.code == (FAILED if trial.refused else expected.code), f"{trial}: {said}"
+        _check_output(trial, mode, expected, said)
+    for record in caplog.records:
+        assert not controls(record.getMessage())
+    for path in hostile.written:
+        assert not controls(path.read_bytes().decode("utf-8", "surrogateescape")), path
+
+
+def _said(world: World, trial: Trial, mode: str) -> Said:
+    with world.entered():
+        return MODES[mode](*world.arguments(trial.pattern))
+
+
+def _check_output(trial: Trial, mode: str, expected: Said, said: Said) -> None:
+    if mode != "terminal":
+        assert not controls(said.out + said.err), f"{trial}: {controls(said.out + said.err)}"
+        if mode == "json":
+            assert said.out.isascii(), trial
+            assert all(isinstance(json.loads(line), dict) for line in _objects(trial, said.out)), trial
+        return
+    assert not controls(ESCAPE.sub("", said.out)) - {"\r"}, f"{trial}: {controls(ESCAPE.sub('', said.out))}"
+    ours, harmless = ESCAPE.findall(said.out), ESCAPE.findall(expected.out)
+    if trial.timed or trial.refused:
+        assert all(map(PROGRESS.fullmatch, ours)), trial
+    else:
+        assert ours == harmless, trial
+
+
+def _objects(trial: Trial, out: str) -> list[str]:
+    return [out] if "schema" in trial.pattern else out.splitlines()
