@@ -68,7 +68,7 @@ class Campaign:
         while True:
             for name, target in TARGETS.items():
                 left = seconds - (perf_counter() - begun)
-                if left < 1 or self.inputs >= GOAL:
+                if left <= 0 or self.inputs >= GOAL:
                     return
                 self.seed += 1
                 self._add(name, mutated(name, min(left, _TURN * target.share), self.seed))
@@ -98,7 +98,8 @@ class Campaign:
     def _note(self, name: str, turn: Turn) -> None:
         if turn.finding:
             print(f"{name}: {turn.finding}", flush=True)
-            self.findings.append(f"{name}: {turn.finding.splitlines()[-1]}")
+            if (finding := f"{name}: {turn.finding.splitlines()[-1]}") not in self.findings:
+                self.findings.append(finding)
 
     def counted(self) -> Result:
         """Return counts and findings."""
