@@ -12,6 +12,7 @@ BENCHMARKS = {
     "handoff": ("benchmarks.handoff", True, "From a thread that reads to the event loop"),
     "start": ("benchmarks.start", False, "Until a program or a command has begun"),
     "scale": ("benchmarks.scale", False, "Many boards, and a board with a large library"),
+    "fuzz": ("benchmarks.fuzz.campaign", False, "Random and mutated bytes into everything that takes bytes"),
     "imports": ("benchmarks.imports", True, "Projects written while the cable is pulled"),
 }
 """Name to the module, whether `--short` without names runs it, and its heading, in the order of docs/benchmarks.md.

@@ -145,6 +145,7 @@ def _inputs(campaign: Campaign) -> Any:
         "Guided: inputs of a coverage-guided fuzzer, atheris (libFuzzer), in processes of its own.",
         "Corpus: the guided inputs that reach something new, and the edges and features of the code that they reach.",
         "Largest: the longest input of the corpus.",
+        "All runs are added up, each on the code of its day.",
     ]
     return table(
         f"{campaign.inputs:,} inputs",
