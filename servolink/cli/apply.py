@@ -17,11 +17,10 @@ from servolink.cli.session import Interruption, converse
 from servolink.client.board import Board
 from servolink.errors import ServolinkError
 from servolink.printable import printable
-from servolink.project.apply import Applied
 from servolink.project.file import load_project
 from servolink.project.model import Project
-from servolink.project.plan import Plan
 from servolink.project.progress import Phase, Progress, Tell
+from servolink.project.results import Applied, Plan
 from servolink.project.rollback import backup_for
 from servolink.project.store import Store
 

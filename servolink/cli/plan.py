@@ -14,7 +14,7 @@ from servolink.cli.session import Interruption, converse
 from servolink.client.board import Board
 from servolink.project.file import load_project
 from servolink.project.file_types import to_file
-from servolink.project.plan import Plan
+from servolink.project.results import Plan
 
 
 def configure(command: str, parser: argparse.ArgumentParser) -> None:

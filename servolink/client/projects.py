@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from servolink.client.read_back import ReadBack
 from servolink.client.settings import Settings
 from servolink.printable import printable
+from servolink.project.model import Project
 from servolink.project.progress import Tell, tell_nobody
-
-if TYPE_CHECKING:
-    from servolink.project.apply import Applied
-    from servolink.project.model import Project
-    from servolink.project.plan import Plan
+from servolink.project.results import Applied, Plan
 
 
 class Projects(Settings, ReadBack):

@@ -6,8 +6,6 @@ import asyncio
 import logging
 from pathlib import Path
 
-from msgspec import Struct
-
 from servolink.errors import EncodeError, ProjectError
 from servolink.printable import printable
 from servolink.project.check import problems
@@ -16,20 +14,10 @@ from servolink.project.journal import Journal, is_unfinished, journal_of
 from servolink.project.model import Project
 from servolink.project.progress import Progress, Tell
 from servolink.project.read import Asked, Content, read_content, read_project_id
+from servolink.project.results import Applied
 from servolink.project.store import Store
 from servolink.project.writes import writes
 from servolink.protocol.settings import QueryMemorySizeRequest
-
-
-class Applied(Struct, frozen=True):
-    """What an import did."""
-
-    changed: bool
-    """False: the board held the project already, and nothing was written."""
-    resumed: bool
-    """It went on with an import that had been interrupted."""
-    backup: Path | None
-    """What the board held before."""
 
 
 async def apply_project(
@@ -78,10 +66,11 @@ def check_writable(board: Asked, project: Project, *, exact: bool) -> None:
     if not exact:
         for problem in problems(project, caption_encoding=board.codec.caption_encoding):
             if problem.severity == "error":
-                raise ProjectError(str(problem))
+                raise ProjectError(f"{problem.path}: {problem.text}")
+        return  # what has no error can be written
     for write in writes(Content(), project):
         try:
-            board.codec.encode(write.request, exact=exact)
+            board.codec.encode(write.request, exact=True)
         except EncodeError as error:
             raise ProjectError(f"{write.item} cannot be written to a board: {error}") from error
 
@@ -111,11 +100,10 @@ async def _backup(
 
 
 async def _keep(board: Asked, content: Content, store: Store, tell: Tell) -> Path:
-    """Keep what is on the board; ProjectError if it could not be written back."""
+    """Keep what is on the board; ProjectError if not all of it is given."""
     tell(Progress("saving", 0, 1, "backup"))
     try:
         old = content.project()
-        check_writable(board, old, exact=True)
     except ProjectError as error:
         raise ProjectError(f"no backup of {printable(board.url)} can be made: {error}") from error
     path = await asyncio.to_thread(store.keep, old, board.url)

@@ -4,20 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from msgspec import Struct
-
 from servolink.project.kinds import KINDS, TABLE
 from servolink.project.model import Project
-
-
-class Change(Struct, frozen=True):
-    """One thing that is added (no `old`), removed (no `new`) or changed."""
-
-    what: str
-    """Such as "action 3" or "project id"."""
-    old: Any = None
-    """An Action, Macro, JoystickTable, ServoParameter, or an id."""
-    new: Any = None
+from servolink.project.results import Change
 
 
 def compare(old: Project, new: Project) -> tuple[Change, ...]:

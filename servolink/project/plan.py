@@ -4,44 +4,16 @@ from __future__ import annotations
 
 import asyncio
 
-from msgspec import Struct
-
 from servolink.project.apply import check_writable
-from servolink.project.compare import Change, compare
+from servolink.project.compare import compare
 from servolink.project.cost import Cost, cost_of_marking, cost_of_reading, cost_of_writing
 from servolink.project.journal import is_unfinished
 from servolink.project.model import Project
 from servolink.project.progress import Tell
 from servolink.project.read import Asked, Content, read_content
+from servolink.project.results import Plan
 from servolink.project.writes import Write, writes
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
-
-
-class Plan(Struct, frozen=True):
-    """What would change on the board."""
-
-    changes: tuple[Change, ...]
-    """In the order of a project file."""
-    faults: tuple[str, ...]
-    """What else an import puts right: "action 3 is listed more than once"."""
-    requests: int
-    """Of the whole import: backup, writing, verification."""
-    wire_bytes: int
-    """In both directions, on a line without damage."""
-    seconds: float
-    """Estimated from the time that reading the board took."""
-    memory_size: int | None
-    """Bytes of the board's memory; None on boards that do not say."""
-    free_before: int
-    free_after: int
-    """Below 0: it does not fit."""
-    is_unfinished: bool
-    """The board holds an unfinished import."""
-
-    @property
-    def differs(self) -> bool:
-        """Whether there is anything to do."""
-        return bool(self.changes or self.faults)
 
 
 async def plan_project(

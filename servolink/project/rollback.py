@@ -7,11 +7,12 @@ from pathlib import Path
 
 from servolink.errors import ProjectError
 from servolink.printable import printable
-from servolink.project.apply import Applied, apply_project
+from servolink.project.apply import apply_project
 from servolink.project.file import load_project
 from servolink.project.journal import is_unfinished, journal_of, last_import
 from servolink.project.progress import Tell
 from servolink.project.read import Asked, read_project_id
+from servolink.project.results import Applied
 from servolink.project.store import Store
 
 

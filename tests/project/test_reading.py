@@ -14,12 +14,13 @@ from msgspec.structs import replace
 from servolink.client.board import Board
 from servolink.errors import ProjectError
 from servolink.project.apply import apply_project
-from servolink.project.compare import Change, compare
+from servolink.project.compare import compare
 from servolink.project.kinds import KINDS
 from servolink.project.model import Project
 from servolink.project.plan import plan_project
 from servolink.project.progress import Progress, tell_nobody
 from servolink.project.read import Content, Listed
+from servolink.project.results import Change
 from servolink.project.store import Store
 from servolink.project.writes import writes
 from servolink.protocol.editing import (
