@@ -14,6 +14,7 @@ from pathlib import Path
 
 from benchmarks.fuzz.campaign import Campaign
 from benchmarks.measuring import Result, machine
+from servolink.atomic import write_atomically
 
 _NAME = "fuzz"
 
@@ -36,7 +37,7 @@ def main() -> int:
 
 def _write(path: Path | None, result: Result) -> None:
     if path:
-        path.write_text(json.dumps({"machine": machine(), _NAME: result}, indent=1) + "\n", encoding="utf-8")
+        write_atomically(path, json.dumps({"machine": machine(), _NAME: result}, indent=1).encode() + b"\n")
 
 
 if __name__ == "__main__":
