@@ -8,14 +8,19 @@ from pathlib import Path
 
 import pytest
 
+from servolink.client.connect import connect
+from servolink.errors import ConnectionLost
 from servolink.project.file import load_project
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest
 from servolink.protocol.frame import HEADER_SIZE
+from servolink.transports.recording import RecordingTransport
+from servolink.transports.registry import create
 from tests.cli.programs import in_terminal
 from tests.hostile.corpus import ONE_OF_EACH, PAYLOADS, controls
 from tests.hostile.terminals import ESCAPE, in_pipe
 from tests.hostile.world import World
+from tests.virtual_time import run
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +79,19 @@ def test_a_lesson_in_a_project_with_a_hostile_name(world: World) -> None:
     assert "'wave' with 1 poses is written: " in said.out
     assert not controls(ESCAPE.sub("", said.out)) - {"\r"}
     assert load_project(world.path("lesson")).actions[0].action_caption == "wave"
+
+
+def test_a_recording_holds_nothing_but_plain_characters(world: World, tmp_path: Path) -> None:
+    async def record() -> None:
+        transport = RecordingTransport(create(world.url("few")), tmp_path / "recording")
+        async with connect(transport) as board:
+            assert len(await board.actions()) == len(ONE_OF_EACH)
+            transport._break(world.name)
+            with pytest.raises(ConnectionLost) as lost:
+                await board.actions()
+        assert not controls(str(lost.value))
+
+    run(record())
+    text = (tmp_path / "recording").read_text(encoding="ascii")
+    assert not controls(text)
+    assert json.loads(text.splitlines()[-1])["lost"].endswith(world.name)

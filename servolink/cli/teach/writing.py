@@ -8,6 +8,7 @@ from pathlib import Path
 
 from servolink.client.board import Board
 from servolink.errors import ProjectError, ServolinkError
+from servolink.printable import printable
 from servolink.project.file import load_project, save_project
 from servolink.project.lesson import Lesson, refuse_taken
 from servolink.project.model import Project
@@ -34,7 +35,8 @@ async def write(board: Board, lesson: Lesson, file: Path | None) -> str:
     except ServolinkError as error:
         kept = _free_file(lesson.caption)
         save_project(kept, lesson.into(Project()))
-        raise ProjectError(f"{error}. What was taught is in {kept}; `servolink project merge` adds it") from error
+        where = printable(str(kept))
+        raise ProjectError(f"{error}. What was taught is in {where}; `servolink project merge` adds it") from error
     return "on the board"
 
 
