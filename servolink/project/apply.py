@@ -29,11 +29,13 @@ async def apply_project(
     replace: bool = False,
     backup: bool = True,
     exact: bool = False,
+    restores: str | None = None,
 ) -> Applied:
     """Make the board hold `project`.
 
     `replace` deletes everything first (document, 4.2), otherwise only what differs is written. `backup=False` goes on
-    without a backup. `exact` writes what was read from a board, however odd. ProjectError, before anything is
+    without a backup. `exact` writes what was read from a board, however odd; `restores` names
+    the backup that it is. ProjectError, before anything is
     changed, for a project that cannot be written or does not fit, and if no backup can be made; later, if the board
     does not take it. After any error from `marking` on, and after a cancellation, the next call goes on.
     """
@@ -53,7 +55,7 @@ async def apply_project(
     kept = await _backup(board, content, begun, store, tell, wanted=backup)
     name = None if kept is None else kept.name
     marker = await asyncio.to_thread(store.new_marker)
-    journal = Journal(marker, board.url, board.codec.caption_encoding, project.project_id, name)
+    journal = Journal(marker, board.url, board.codec.caption_encoding, project.project_id, name, restores=restores)
     others = [one for one in journals if one.url == board.url and one is not begun]
     run = Import(board, project.sorted(), journal, store, tell, exact=exact)
     await run.run(content, before, begun, others, replace=replace)

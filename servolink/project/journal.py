@@ -32,6 +32,8 @@ class Journal(Struct, frozen=True, forbid_unknown_fields=True):
     phase: JournalPhase = "writing"
     """`clearing`: the board may be without the marker, because it deletes its project id too. `finishing`: all is
     written, and the board has the project id, or is about to get it."""
+    restores: str | None = None
+    """The name of the backup that is written, if this is a rollback: asked for again, it goes on."""
 
 
 def is_unfinished(project_id: int) -> bool:

@@ -23,14 +23,18 @@ async def roll_back(board: Asked, backup: Path | None, *, store: Store, tell: Te
     """
     path = backup or await backup_for(board, store)
     project = await asyncio.to_thread(load_project, path, exact=True)
-    return await apply_project(board, project, store=store, tell=tell, exact=True)
+    restores = path.name if path == store.kept(path.name) else None
+    return await apply_project(board, project, store=store, tell=tell, exact=True, restores=restores)
 
 
 async def backup_for(board: Asked, store: Store) -> Path:
     """Return the backup that holds what was on the board before the last import; ProjectError if there is none."""
     here, where = await read_project_id(board), printable(board.url)
     journals = await asyncio.to_thread(store.journals, here)
-    journal = journal_of(journals, here, board.url) or last_import(journals, here, board.url)
+    begun = journal_of(journals, here, board.url)
+    if begun is not None and begun.restores is not None:
+        return store.kept(begun.restores)  # a rollback that was interrupted goes on
+    journal = begun or last_import(journals, here, board.url)
     if journal is None:
         what = (
             f"{where} holds an import that another computer began, or whose journal is lost"

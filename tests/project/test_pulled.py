@@ -7,8 +7,21 @@ from random import Random
 
 import pytest
 
+from servolink.project.model import UNFINISHED
 from servolink.transports.faults import Faults
-from tests.project.pulled import MAKES, History, Make, Pull, bytes_of_import
+from tests.project.cable import Cable
+from tests.project.pulled import (
+    MAKES,
+    NEW,
+    NEW_CONTENTS,
+    OLD_CONTENTS,
+    History,
+    Make,
+    Pull,
+    attempt,
+    bytes_of_import,
+    same,
+)
 from tests.virtual_time import run
 
 MAKE_IDS = [f"{make.add}-{make.clear}{'-torn' * make.torn}{'-reboot' * make.reboot}" for make in MAKES]
@@ -35,3 +48,18 @@ def test_nothing_is_wrong_on_a_bad_line_either(seed: int, tmp_path: Path) -> Non
     faults = Faults(flip=0.0005, drop=0.0002, delay=0.02, delay_time=1.3)
     history = History(make, whole, (Pull.at(random.randrange(sum(size)), size),), seed, faults)
     assert run(history.judge(tmp_path / "one")).right, history
+
+
+def test_a_rollback_that_is_interrupted_goes_on_when_it_is_asked_for_again(tmp_path: Path) -> None:
+    async def main() -> None:
+        board = Make().board(OLD_CONTENTS, 1)
+        await attempt(Cable(board), lambda board: board.apply(NEW, folder=tmp_path))
+        assert same(board.storage.contents, NEW_CONTENTS)
+        assert await attempt(Cable(board, sent=900), lambda board: board.rollback(folder=tmp_path)) is not None
+        assert board.storage.project_id in UNFINISHED
+        assert await attempt(Cable(board), lambda board: board.rollback(folder=tmp_path)) is None
+        assert same(board.storage.contents, OLD_CONTENTS)
+        assert await attempt(Cable(board), lambda board: board.rollback(folder=tmp_path)) is None
+        assert same(board.storage.contents, NEW_CONTENTS), "a finished one can be undone itself"
+
+    run(main())
