@@ -107,6 +107,6 @@ def test_what_does_not_go_together_is_refused(value: float, unit: AngleUnit | No
 
 def test_a_fraction_is_never_cut_off() -> None:
     with pytest.raises(TypeError, match="is a whole number"):
-        Degrees(90) + 0.5
+        operator.add(Degrees(90), 0.5)
     with pytest.raises(TypeError, match="is a whole number"):
-        Degrees(90) - 0.5
+        operator.sub(Degrees(90), 0.5)

@@ -80,7 +80,7 @@ class Taking:
     def _typed(self, text: str) -> None:
         # What arrow keys send begins as Esc does; only Esc itself comes alone.
         keys = [text] if text.startswith("\x1b") else list(text)
-        self._wishes += [_KEYS[key] for key in keys if key in _KEYS]
+        self._wishes.extend(_KEYS[key] for key in keys if key in _KEYS)
 
     async def _listen(self) -> None:
         async with self._board.button_events() as events:
@@ -88,7 +88,7 @@ class Taking:
                 if self._button in (None, event.button_id):
                     # A long press has begun as a press, which was not meant as one.
                     wishes: dict[str, list[Wish]] = {"press": ["take"], "long_press": ["undo", "end"]}
-                    self._wishes += wishes.get(event.kind, [])
+                    self._wishes.extend(wishes.get(event.kind, []))
 
     @contextmanager
     def _drawing(self) -> Iterator[Draw]:
