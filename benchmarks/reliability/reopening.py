@@ -29,7 +29,7 @@ async def _begin_often(times: int, seed: int, pause: float) -> Result:
     random = Random(f"reopening {seed}")
     counts, fooled = stage.checker.counts, 0
     for _ in range(times):
-        await stage.connect()
+        await stage.connect(anew=True)
         asking = loop.create_task(stage.conversation.do(Call(0, _request(random))))
         await asyncio.wait((asking,), timeout=_PATIENCE)
         asking.cancel()
@@ -37,7 +37,7 @@ async def _begin_often(times: int, seed: int, pause: float) -> Result:
         await stage.disconnect()
         await asyncio.sleep(pause)
         before = counts["wrong"]
-        await stage.connect()
+        await stage.connect(anew=True)
         for _ in range(_CALLS):
             await stage.conversation.do(Call(0, _request(random)))
         await stage.disconnect()

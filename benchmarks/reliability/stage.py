@@ -26,6 +26,7 @@ from servolink.transports.wrapper import WrappedTransport
 
 _TIMEOUT = 0.25
 _QUIET = 30.0
+_REPLUGGED = 0.1
 _COUNTED = ("fences", "late_replies", "rescued", "retries", "mismatched", "unsolicited")
 
 
@@ -78,7 +79,7 @@ class Cable(WrappedTransport):
 
     def _deadline(self, packet: Packet) -> float:
         assert self.link is not None  # noqa: S101 - nothing is sent before the connection is open
-        lane = self.link._lanes.by_response_id.get(packet.packet_id + 1)  # noqa: SLF001 - nobody else knows it
+        lane = self.link.lanes.by_response_id.get(packet.packet_id + 1)
         return lane.pending.deadline if lane is not None and lane.pending is not None else 0.0
 
 
@@ -94,12 +95,15 @@ class Stage:
         self.stats: Counter[str] = Counter()
         self._scene, self._wire, self._transport = scene, wire, transport
         self._reconnecting = asyncio.Lock()
+        self._latest: Link | None = None
 
-    async def connect(self) -> None:
-        """Open a connection."""
+    async def connect(self, *, anew: bool = False) -> None:
+        """Open a connection; `anew`: by a program that knows of none before."""
         scene = self._scene
+        before = None if anew else self._latest
         cable = Cable(self._transport(self.board), self.board, scene.codec, self._wire, self.checker)
-        cable.link = link = Link(cable, scene.codec, timeout=_TIMEOUT, window=scene.window)
+        link = Link(cable, scene.codec, timeout=_TIMEOUT, window=scene.window, before=before)
+        cable.link = self._latest = link
         parser = WitnessedParser(scene.codec.byte_order, self._believes)
         parser.skipped = link.stats.skipped
         link.answers._parser = parser  # noqa: SLF001 - what it believes is to be compared with what was said
@@ -107,12 +111,11 @@ class Stage:
         self.connected = Board(link, None, MotionLimits())
 
     async def reconnect(self, lost: Board) -> None:
-        """Replace a connection, unless that was done already, once nothing more can come of it."""
+        """Replace a connection, unless that was done already."""
         async with self._reconnecting:
             if lost is self.connected:
                 await self.disconnect()
-                await asyncio.sleep(max(0.0, self.board.free_at - self._wire.now) + 0.1)
-                self.board.to_host.forget()
+                await asyncio.sleep(_REPLUGGED)
                 await self.connect()
 
     async def disconnect(self) -> None:

@@ -46,7 +46,7 @@ class Answers:
         self._turns = turns
         self._now = now
         self._heard_at = 0.0
-        self._silent_since: float | None = None
+        self._silent_since = now() if lanes.owing else None  # by what it was asked on the connection before
         self._next_answer: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._parser = FrameParser(codec.byte_order)
         self._carrier = Carrier(codec.byte_order)
@@ -104,6 +104,7 @@ class Answers:
         self._deadlines.stop()
         for lane, pending in list(self._lanes.pending()):
             lane.pending = None
+            self._lanes.owe(lane, pending)  # to the next link
             _fail(pending, same(error))
         self._turns.refuse_all(lambda: same(error))
         self._wake()

@@ -64,6 +64,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         self._angle_unit: AngleUnit | None = angle_unit
         self._limits = MotionLimits(angle_limits, speed_cap)
         self._board: Board | None = None
+        self._before: Link | None = None  # the latest link to this board
 
     async def open(self) -> Board:
         """Open the board."""
@@ -93,9 +94,16 @@ class connect:  # noqa: N801 - reads as the function it stands for
 
     async def _open_link(self, transport: Transport, stats: Stats) -> Link:
         link = Link(
-            transport, self._codec, timeout=self._timeout, retries=self._retries, window=self._window, stats=stats
+            transport,
+            self._codec,
+            timeout=self._timeout,
+            retries=self._retries,
+            window=self._window,
+            stats=stats,
+            before=self._before,
         )
         await link.open()
+        self._before = link
         return link
 
     def __await__(self) -> Generator[Any, None, Board]:
@@ -123,9 +131,12 @@ async def reconnecting(url: str | None = None, **options: Any) -> AsyncGenerator
     time, while the board cannot be opened.
     """
     pause = FIRST_PAUSE
+    before: Link | None = None
     while True:
+        connecting = connect(url, **options)
+        connecting._before = before  # noqa: SLF001 - nobody else follows a connection with another
         try:
-            async with connect(url, **options) as board:
+            async with connecting as board:
                 pause = FIRST_PAUSE
                 yield board
         except TransportUnavailable:
@@ -133,3 +144,4 @@ async def reconnecting(url: str | None = None, **options: Any) -> AsyncGenerator
         except (OpenError, ConnectionLost):
             await asyncio.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE)
+        before = connecting._before  # noqa: SLF001 - likewise

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from servolink.errors import DecodeError
 from servolink.protocol.packet import Packet, Request, Response
@@ -109,3 +110,13 @@ class Lanes:
                 self.owing.discard(lane)
         if self.fence_first <= number:
             self.fence_first = 0
+
+    def inherit(self, before: Lanes, *, own: bool) -> None:
+        """Owe what an earlier connection is owed (`own`: and did not inherit itself), with numbers below 1."""
+        behind = before.sent + 1
+        for response_id, lane in before.by_response_id.items():
+            sending = lane.pending or lane.owed
+            if sending is not None and (sending.number > 0 or not own):
+                self.owe(self.by_response_id[response_id], replace(sending, number=sending.number - behind))
+        if before.fence_first:
+            self.fence_first = before.fence_first - behind

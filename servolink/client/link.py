@@ -17,10 +17,21 @@ from servolink.client.stats import Stats
 from servolink.client.turns import Turns
 from servolink.errors import ConnectionLost, DecodeError, RequestError
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import ExecuteMacroRequest, QueryProjectIDRequest
-from servolink.protocol.joystick import QueryActiveJoystickTableRequest
+from servolink.protocol.editing import (
+    ExecuteMacroRequest,
+    QueryActionRequest,
+    QueryMacroRequest,
+    QueryProjectIDRequest,
+)
+from servolink.protocol.joystick import QueryActiveJoystickTableRequest, QueryJoystickTableRequest
 from servolink.protocol.packet import Command, Query, Request, Response
-from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest, SetServoParameterRequest
+from servolink.protocol.servos import (
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    QueryServoListRequest,
+    QueryServoRequest,
+    SetServoParameterRequest,
+)
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest, QueryRemainPowerRequest
 from servolink.transports.base import Transport
 
@@ -33,6 +44,14 @@ FENCES: tuple[Query[Any], ...] = (
     QueryActiveJoystickTableRequest(),
 )
 """Queries with short answers, used in turn: a late answer to one must not pass for an answer to the next."""
+MORE_FENCES: tuple[Query[Any], ...] = (
+    QueryServoListRequest(),
+    QueryServoRequest(1),
+    QueryActionRequest(0),
+    QueryMacroRequest(0),
+    QueryJoystickTableRequest(0),
+)
+"""Used while answers to those may come that were sent before this connection."""
 
 
 _LEAST = 0.01
@@ -53,8 +72,12 @@ class Link:
         retries: int = 2,
         window: int = 1,
         stats: Stats | None = None,
+        before: Link | None = None,
     ) -> None:
-        """Wait `timeout` seconds for an answer, repeat queries `retries` times, keep `window` requests on the line."""
+        """Wait `timeout` seconds for an answer, repeat queries `retries` times, keep `window` requests on the line.
+
+        What is still owed to `before`, an earlier link to the same board, is not taken for an answer to this one.
+        """
         self.transport = transport
         self.stops = 0
         """How many times everything was stopped; a movement asked for before a stop is not sent after it."""
@@ -62,12 +85,12 @@ class Link:
         self._timeout = timeout
         self._retries = retries
         self._loop = asyncio.get_running_loop()
-        self._lanes = Lanes()
+        self.lanes: Lanes = Lanes() if before is None else _lanes_after(before.lanes)
         self._turns = Turns(window)
         self._fences = deque(FENCES)
         self.stats = stats or Stats()
         """What the link has seen."""
-        self.answers = Answers(transport.url, codec, self._lanes, self._turns, self._loop.time, self.stats)
+        self.answers = Answers(transport.url, codec, self.lanes, self._turns, self._loop.time, self.stats)
 
     async def open(self) -> None:
         """Open the transport; OpenError says what to do."""
@@ -94,7 +117,7 @@ class Link:
         gives back what was read from a board (see Codec.encode).
         """
         frame = self.codec.encode(packet, exact=exact)
-        lane = self._lanes.of(packet)
+        lane = self.lanes.of(packet)
         stops = self.stops
         alone = isinstance(packet, ClearAllDataRequest)
         if self.answers.ended is not None or not self._turns.take_at_once(lane, alone=alone):
@@ -114,10 +137,10 @@ class Link:
         stops = self.stops if unless_stopped_since is None else unless_stopped_since
         await self._take_turn(None)
         try:
-            if self._lanes.in_doubt(None):
+            if self.lanes.in_doubt(None):
                 patience = self._timeout * (self._retries + 1)
                 await self._fence(None, self._loop.time() + patience)
-                if self._lanes.in_doubt(None):
+                if self.lanes.in_doubt(None):
                     raise timed_out(packet, self.transport.url, 0, patience, self.stats)
             if stops != self.stops:
                 self._refuse_if_moving(packet)
@@ -129,7 +152,7 @@ class Link:
         """Send `packet` before everything else, without waiting for anything, not even its answer."""
         self._raise_if_ended()
         self.stops += 1
-        self.answers.overtake(self._lanes.of(packet), self._sending(packet, self._timeout, self._loop.time()))
+        self.answers.overtake(self.lanes.of(packet), self._sending(packet, self._timeout, self._loop.time()))
         await self._write(self.codec.encode(packet))
 
     async def _take_turn(self, lane: Lane | None, *, alone: bool = False, first: bool = False) -> None:
@@ -149,12 +172,12 @@ class Link:
         fault: DecodeError | None = None
         tries = 0
         while tries <= repeats and (tries == 0 or until - now > timeout * _LEAST):
-            if self._lanes.in_doubt(lane):
+            if self.lanes.in_doubt(lane):
                 late = await self._fence(lane, until)
                 if late is not None and tries:  # the very answer that this query waited for
                     self.stats.rescued += 1
                     return late
-                if self._lanes.in_doubt(lane):
+                if self.lanes.in_doubt(lane):
                     break
                 now = self._loop.time()
             if stops != self.stops:
@@ -178,7 +201,7 @@ class Link:
         raise fault or timed_out(packet, self.transport.url, tries, waited, self.stats)
 
     def _sending(self, packet: Request[Any], timeout: float, now: float) -> Pending:
-        return Pending(packet, self._lanes.next_number(), now, now + timeout, timeout, self._loop.create_future())
+        return Pending(packet, self.lanes.next_number(), now, now + timeout, timeout, self._loop.create_future())
 
     async def _write(self, frame: bytes) -> None:
         self._raise_if_ended()
@@ -205,7 +228,7 @@ class Link:
         """
         if own is not None:
             own.late = None
-        while self._lanes.in_doubt(own) and self._loop.time() < until:
+        while self.lanes.in_doubt(own) and self._loop.time() < until:
             clean = self._clean_fences(own)
             if (lane := self._turns.borrow(clean)) is not None:
                 await self._send_fence(lane, clean[lane], own, until)
@@ -217,7 +240,9 @@ class Link:
 
     def _clean_fences(self, own: Lane | None) -> dict[Lane, Query[Any]]:
         self._fences.rotate(-1)
-        fences = {self._lanes.of(query): query for query in self._fences}
+        fences = {self.lanes.of(query): query for query in self._fences}
+        if any(lane.owed is not None and lane.owed.number < 1 for lane in fences):
+            fences |= {self.lanes.of(query): query for query in MORE_FENCES}
         return {lane: query for lane, query in fences.items() if lane.owed is None and lane is not own}
 
     async def _send_fence(self, lane: Lane, query: Query[Any], own: Lane | None, until: float) -> None:
@@ -228,7 +253,7 @@ class Link:
             pending = self._sending(query, min(self._timeout, until - now), now)
             self.answers.expect(lane, pending)
             await self._write(self.codec.encode(query))
-            while not pending.answer.done() and self._lanes.in_doubt(own):
+            while not pending.answer.done() and self.lanes.in_doubt(own):
                 await self._wait(None, pending.answer, self.answers.next_answer())
         finally:
             if lane.pending is None:
@@ -248,3 +273,13 @@ class Link:
     def _raise_if_ended(self) -> None:
         if self.answers.ended is not None:
             raise same(self.answers.ended)
+
+
+def _lanes_after(before: Lanes) -> Lanes:
+    """Return the lanes of a link that follows another: with all that is owed there, if that leaves a fence."""
+    lanes = Lanes()
+    lanes.inherit(before, own=False)
+    if all(lanes.of(query).owed is not None for query in (*FENCES, *MORE_FENCES)):
+        lanes = Lanes()
+        lanes.inherit(before, own=True)
+    return lanes

@@ -54,7 +54,7 @@ async def assert_in_order(link: Link, board: FakeBoard) -> None:
     assert now() - begun < 3
     assert link._turns._active == 0
     assert not link._turns._busy
-    assert not list(link._lanes.pending())
+    assert not list(link.lanes.pending())
 
 
 CALLS: dict[str, Callable[[Link], Awaitable[object]]] = {
@@ -238,7 +238,7 @@ def test_calls_of_several_requests_cancelled_at_any_moment(name: str) -> None:
             await servo_board.move({2: 10}, duration=0.1)
             await asyncio.sleep(0.2)
             assert (await servo_board.servo(2)).angle == 10
-            assert not list(servo_board._link._lanes.pending())
+            assert not list(servo_board._link.lanes.pending())
             assert servo_board._link._turns._active == 0
             return running
 

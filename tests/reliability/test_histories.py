@@ -90,6 +90,10 @@ def giving_up_what_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(answers.Answers, "_is_arriving", lambda self, due, now: False)
 
 
+def forgetting_the_connection_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(link, "_lanes_after", lambda before: Lanes())
+
+
 @pytest.mark.parametrize(
     ("broken", "seeds", "fault"),
     [
@@ -99,6 +103,7 @@ def giving_up_what_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
         (believing_the_clock, range(11, 111, 50), " s early"),
         (moving_after_a_stop, range(10, 30), "was sent after a stop"),
         (giving_up_what_arrives, range(10, 300, 50), "were not found"),
+        (forgetting_the_connection_before, range(1121, 1164, 42), "got "),
     ],
 )
 def test_what_is_wrong_with_a_client_is_found(
