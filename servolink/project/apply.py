@@ -57,7 +57,7 @@ async def apply_project(
     marker = await asyncio.to_thread(store.new_marker)
     journal = Journal(marker, board.url, board.codec.caption_encoding, project.project_id, name, restores=restores)
     others = [one for one in journals if one.url == board.url and one is not begun]
-    run = Import(board, project.sorted(), journal, store, tell, exact=exact)
+    run = Import(board, project, journal, store, tell, exact=exact)
     await run.run(content, before, begun, others, replace=replace)
     tell(Progress("finishing", 1, 1, f"project id {project.project_id}"))
     return Applied(changed=True, resumed=begun is not None, backup=kept)

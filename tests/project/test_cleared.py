@@ -15,6 +15,7 @@ from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.project.boards import (
     HERE,
+    OTHER,
     OTHER_CONTENTS,
     THERE,
     cleared,
@@ -75,5 +76,19 @@ def test_a_board_without_project_id_is_not_taken_for_one_that_was_cleared_elsewh
             assert not (await board.apply(NEW, folder=tmp_path)).resumed
             await board.rollback(folder=tmp_path)
             assert await board.export_project() == Project()
+
+    run(main())
+
+
+def test_nothing_is_kept_of_a_board_that_only_looks_cleared_where_no_backup_is_wanted(tmp_path: Path) -> None:
+    virtual = Make().board(OLD_CONTENTS, 1)
+
+    async def main() -> None:
+        await cleared(virtual, tmp_path)
+        virtual.storage.contents = contents_of(msgspec.structs.replace(OTHER, project_id=0))
+        async with connect(VirtualTransport(virtual, HERE)) as board:
+            applied = await board.apply(NEW, folder=tmp_path, backup=False)
+        (backup,) = Store(tmp_path).backups()
+        assert applied.backup == backup.path
 
     run(main())

@@ -88,6 +88,24 @@ def test_a_project_that_does_not_fit_is_refused_before_anything_changes(tmp_path
     assert on_board(work) == OLD_CONTENTS
 
 
+@pytest.mark.parametrize("spare", [0, -1])
+def test_a_project_that_just_fits_is_taken(tmp_path: Path, *, spare: int) -> None:
+    wanted = msgspec.structs.replace(OLD, actions=(*OLD.actions, Action(7, "More", (Step(1, 0, 1),) * 100)))
+    virtual = Make().board(OLD_CONTENTS, 1)
+    virtual.storage.memory = contents_of(wanted).size + spare
+
+    async def main() -> None:
+        async with connect(VirtualTransport(virtual)) as board:
+            if spare < 0:
+                with pytest.raises(ProjectError, match=r"takes 538 bytes more than .* which has 537 free"):
+                    await board.apply(wanted, folder=tmp_path)
+            else:
+                await board.apply(wanted, folder=tmp_path)
+
+    run(main())
+    assert same(virtual.storage.contents, OLD_CONTENTS if spare < 0 else contents_of(wanted))
+
+
 def test_a_project_with_an_error_is_refused_before_anything_is_asked(tmp_path: Path) -> None:
     wrong = msgspec.structs.replace(OLD, project_id=UNFINISHED.start)
 

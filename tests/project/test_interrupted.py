@@ -12,7 +12,7 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.errors import ProjectError, RequestTimeout
+from servolink.errors import ConnectionLost, ProjectError, RequestTimeout
 from servolink.project.journal import Journal
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.progress import Progress
@@ -34,7 +34,8 @@ from tests.project.boards import (
     unfinished,
     writing,
 )
-from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, Make, contents_of, same
+from tests.project.cable import Cable
+from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, Make, bytes_of_import, contents_of, same
 from tests.virtual_time import run
 
 
@@ -148,6 +149,63 @@ def test_a_board_is_known_by_its_marker_whatever_was_done_at_its_address_since(
 
     run(main())
     assert same(first.storage.contents, OLD_CONTENTS if back else NEW_CONTENTS)
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_board_that_comes_back_by_itself_is_the_one_with_the_marker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, *, whole: bool
+) -> None:
+    """It is known again by its project id, which an import changes: it must not be taken for another board."""
+    virtual = Make(torn=True, reboot=True).board(OLD_CONTENTS, 1)
+
+    async def main() -> None:
+        size, _ = await bytes_of_import(Make(), replace=whole, folder=tmp_path / "size")
+        for sent in range(900, size, 400):
+            virtual.storage.contents = OLD_CONTENTS
+            cables = iter((Cable(virtual, sent=sent), Cable(virtual)))
+            monkeypatch.setattr("servolink.client.connect.create", lambda _: next(cables))  # noqa: B023 - used at once
+            folder = tmp_path / str(sent)
+            async with connect("virtual://", reconnect=True) as board:
+                with pytest.raises(ConnectionLost):
+                    await board.apply(NEW, replace=whole, folder=folder)
+                async for state in board.states():
+                    if state == "connected":
+                        break
+                unfinished = await board.has_unfinished_import()
+                assert (await board.apply(NEW, replace=whole, folder=folder)).resumed >= unfinished
+            assert same(virtual.storage.contents, NEW_CONTENTS)
+
+    run(main())
+    assert not caplog.messages
+
+
+def test_connecting_to_a_board_that_comes_back_by_itself_tells_of_an_unfinished_import(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    virtual = Make().board(unfinished(), 1)
+    monkeypatch.setattr("servolink.client.connect.create", lambda url: VirtualTransport(virtual, url))
+
+    async def main() -> None:
+        async with connect("virtual://", reconnect=True):
+            assert [record.levelname for record in caplog.records] == ["WARNING"]
+
+    run(main())
+
+
+def test_imports_at_other_addresses_are_undone_as_if_there_were_none_here(tmp_path: Path) -> None:
+    first, second = (Make().board(contents, 1) for contents in (OLD_CONTENTS, OTHER_CONTENTS))
+
+    async def main() -> None:
+        for virtual, url in ((first, HERE), (second, THERE)):
+            async with connect(VirtualTransport(virtual, url)) as board:
+                await board.apply(NEW, folder=tmp_path)
+        for virtual, url in ((first, HERE), (second, THERE)):
+            async with connect(VirtualTransport(virtual, url)) as board:
+                await board.rollback(folder=tmp_path)
+
+    run(main())
+    assert same(first.storage.contents, OLD_CONTENTS)
+    assert same(second.storage.contents, OTHER_CONTENTS)
 
 
 def test_imports_of_the_same_project_by_two_computers_have_different_markers(
