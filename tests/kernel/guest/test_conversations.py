@@ -109,11 +109,14 @@ async def read_list(plug: Plug, kind: str, stall: float = 0.0) -> tuple[ActionEn
     async with servolink.connect(plug.url(kind), timeout=PATIENCE, retries=0) as board:
         if not stall:
             return await board.actions()
-        held = hold_back(plug, kind)
-        reading = asyncio.create_task(board.actions())
-        await asyncio.sleep(0.3)  # the request is on its way, and waits in front of the board
-        assert plug.call(lambda: plug.device.held) > 0
-        plug.call(lambda: asyncio.get_running_loop().call_later(0.05, held))
+        release = hold_back(plug, kind)
+        try:
+            reading = asyncio.create_task(board.actions())
+            async with asyncio.timeout(PATIENCE):
+                while not plug.call(lambda: plug.device.held):  # until the request waits in front of the board
+                    await asyncio.sleep(0.01)
+        finally:
+            plug.call(lambda: asyncio.get_running_loop().call_later(0.05, release))
         time.sleep(stall)
         answer = await reading
         assert board.stats.undecodable == board.stats.unsolicited == 0
