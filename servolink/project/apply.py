@@ -34,10 +34,10 @@ async def apply_project(
     """Make the board hold `project`.
 
     `replace` deletes everything first (document, 4.2), otherwise only what differs is written. `backup=False` goes on
-    without a backup. `exact` writes what was read from a board, however odd; `restores` names
-    the backup that it is. ProjectError, before anything is
-    changed, for a project that cannot be written or does not fit, and if no backup can be made; later, if the board
-    does not take it. After any error from `marking` on, and after a cancellation, the next call goes on.
+    without a backup. `exact` writes what was read from a board, however odd; `restores` names the backup that it is.
+    ProjectError, before anything is changed, for a project that cannot be written or does not fit, and if no backup
+    can be made; later, if the board does not take it. After any error from `marking` on, and after a cancellation,
+    the next call goes on.
     """
     check_writable(board, project, exact=exact)
     before = await read_project_id(board)
