@@ -23,7 +23,7 @@ from servolink.errors import (
     TransportError,
     TransportUnavailable,
 )
-from servolink.project.file import load_project, save_project
+from servolink.project.files.file import load_project, save_project
 from servolink.project.model import Project
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import Action, ActionEntry, Macro, MacroCommand, MacroEntry, ServoParameter

@@ -37,6 +37,17 @@ MAY_IMPORT = {
 }
 """What each part of the package may import besides itself; "" is the package's own file, with the public names."""
 
+MAY_IMPORT_IN_PROJECT = {
+    "": set[str](),
+    "files": {""},
+    "checks": {"", "files"},
+    "edits": {"", "checks"},
+    "imports": {"", "files", "checks"},
+}
+"""The same for the folders within `project`; "" are its own files."""
+LATE = ("servolink.project.model", "servolink.project.edits.build")
+"""A project can be added to, which is an edit: imported when it is called."""
+
 OUTSIDE_WORLD = {
     "asyncio",
     "datetime",
@@ -90,6 +101,22 @@ def test_parts_import_only_what_lies_below_them(module: str) -> None:
     if part in {"cli", "__main__"}:
         inside -= {"", *api.__all__}  # commands may use what every program may
     assert inside <= {part} | MAY_IMPORT[part]
+
+
+def folder_in_project(module: str) -> str:
+    """Return the folder within `project` that a module of it belongs to, empty for its own files."""
+    return module.split(".")[2] if module.count(".") > 2 or MODULES[module].name == "__init__.py" else ""
+
+
+@pytest.mark.parametrize("module", [module for module in MODULES if module.startswith("servolink.project.")])
+def test_folders_in_project_import_only_what_lies_below_them(module: str) -> None:
+    sources = {
+        source
+        for source, _ in imported(MODULES[module])
+        if source.startswith("servolink.project.") and (module, source) != LATE
+    }
+    folder = folder_in_project(module)
+    assert {folder_in_project(source) for source in sources} <= {folder} | MAY_IMPORT_IN_PROJECT[folder]
 
 
 def test_every_part_has_its_rule() -> None:

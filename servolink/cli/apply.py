@@ -17,12 +17,12 @@ from servolink.cli.session import Interruption, converse
 from servolink.client.board import Board
 from servolink.errors import ServolinkError
 from servolink.printable import printable
-from servolink.project.file import load_project
+from servolink.project.files.file import load_project
+from servolink.project.imports.progress import Phase, Progress, Tell
+from servolink.project.imports.results import Applied, Plan
+from servolink.project.imports.rollback import backup_for
+from servolink.project.imports.store import Store
 from servolink.project.model import Project
-from servolink.project.progress import Phase, Progress, Tell
-from servolink.project.results import Applied, Plan
-from servolink.project.rollback import backup_for
-from servolink.project.store import Store
 
 _UNTOUCHED = "nothing was changed on the board"
 

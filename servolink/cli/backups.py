@@ -8,7 +8,7 @@ from pathlib import Path
 from servolink.cli.main import OK
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.errors import ProjectError
-from servolink.project.store import Store
+from servolink.project.imports.store import Store
 
 
 def configure(command: str, parser: argparse.ArgumentParser) -> None:

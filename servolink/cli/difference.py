@@ -7,8 +7,8 @@ from difflib import SequenceMatcher
 from typing import Any
 
 from servolink.cli.output import print_text
-from servolink.project.journal import is_unfinished
-from servolink.project.results import Change
+from servolink.project.imports.journal import is_unfinished
+from servolink.project.imports.results import Change
 from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
 from servolink.protocol.joystick import Button, JoystickTable
 from servolink.protocol.servos import Step

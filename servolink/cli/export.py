@@ -12,7 +12,7 @@ from servolink.cli.session import Interruption, converse
 from servolink.client.board import Board
 from servolink.errors import ProjectError
 from servolink.printable import printable
-from servolink.project.file import load_project, save_project
+from servolink.project.files.file import load_project, save_project
 
 
 def configure(command: str, parser: argparse.ArgumentParser) -> None:

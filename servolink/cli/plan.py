@@ -12,9 +12,9 @@ from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.progress import shown_progress
 from servolink.cli.session import Interruption, converse
 from servolink.client.board import Board
-from servolink.project.file import load_project
-from servolink.project.file_types import to_file
-from servolink.project.results import Plan
+from servolink.project.files.file import load_project
+from servolink.project.files.file_types import to_file
+from servolink.project.imports.results import Plan
 
 
 def configure(command: str, parser: argparse.ArgumentParser) -> None:

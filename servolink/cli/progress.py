@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from servolink.cli.output import console
 from servolink.client.board import Board
 from servolink.printable import printable
-from servolink.project.progress import Phase, Progress, Tell
+from servolink.project.imports.progress import Phase, Progress, Tell
 
 PHASES: dict[Phase, str] = {
     "reading": "reading the board",

@@ -8,9 +8,9 @@ from pathlib import Path
 from servolink.client.read_back import ReadBack
 from servolink.client.settings import Settings
 from servolink.printable import printable
+from servolink.project.imports.progress import Tell, tell_nobody
+from servolink.project.imports.results import Applied, Plan
 from servolink.project.model import Project
-from servolink.project.progress import Tell, tell_nobody
-from servolink.project.results import Applied, Plan
 
 
 class Projects(Settings, ReadBack):
@@ -23,7 +23,7 @@ class Projects(Settings, ReadBack):
 
         ProjectError if they never do, or if the board lists what it does not give.
         """
-        from servolink.project.read import read_project
+        from servolink.project.imports.read import read_project
 
         return await read_project(self, progress)
 
@@ -34,7 +34,7 @@ class Projects(Settings, ReadBack):
 
         `exact` is for a project that was read from a board and may hold what this library would not write by itself.
         """
-        from servolink.project.plan import plan_project
+        from servolink.project.imports.plan import plan_project
 
         return await plan_project(self, project, tell=progress, replace=replace, exact=exact)
 
@@ -53,8 +53,8 @@ class Projects(Settings, ReadBack):
         interrupts it, a cancellation too, the next `apply` goes on, and `rollback` goes back. ProjectError for a
         project that cannot be written or does not fit, if no backup can be made, and if the board does not take it.
         """
-        from servolink.project.apply import apply_project
-        from servolink.project.store import Store
+        from servolink.project.imports.apply import apply_project
+        from servolink.project.imports.store import Store
 
         return await apply_project(self, project, store=Store(folder), tell=progress, replace=replace, backup=backup)
 
@@ -65,14 +65,14 @@ class Projects(Settings, ReadBack):
 
         ProjectError if there is no such backup, or if the board is not as that import left it.
         """
-        from servolink.project.rollback import roll_back
-        from servolink.project.store import Store
+        from servolink.project.imports.rollback import roll_back
+        from servolink.project.imports.store import Store
 
         return await roll_back(self, backup, store=Store(folder), tell=progress)
 
     async def has_unfinished_import(self) -> bool:
         """Tell whether an import was begun on the board and not finished; `apply` again, or `rollback`."""
-        from servolink.project.journal import is_unfinished
+        from servolink.project.imports.journal import is_unfinished
 
         self._told_of_import = True
         return is_unfinished(await super().project_id())
@@ -82,7 +82,7 @@ class Projects(Settings, ReadBack):
 
         One that says that an import was begun and not finished is a warning in the log, once.
         """
-        from servolink.project.journal import is_unfinished
+        from servolink.project.imports.journal import is_unfinished
 
         project_id = await super().project_id()
         if is_unfinished(project_id) and not self._told_of_import:

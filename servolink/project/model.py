@@ -48,7 +48,7 @@ class Project(Struct, frozen=True, forbid_unknown_fields=True):
         active: JoystickTable | None = None,
     ) -> Project:
         """Return this project with more in it, as `of` does; what it has already is not added again."""
-        from servolink.project.build import with_parts
+        from servolink.project.edits.build import with_parts
 
         return with_parts(self, parts, captions or {}, active)
 

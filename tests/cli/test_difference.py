@@ -10,9 +10,9 @@ import pytest
 from servolink.cli import difference
 from servolink.cli.difference import lines_of
 from servolink.cli.plan import plan_object, print_plan
-from servolink.project.compare import compare
+from servolink.project.imports.compare import compare
+from servolink.project.imports.results import Change, Plan
 from servolink.project.model import UNFINISHED, Project
-from servolink.project.results import Change, Plan
 from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
 from servolink.protocol.joystick import Button, JoystickTable
 from servolink.protocol.servos import Step

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from servolink.client.connect import connect
-from servolink.project.file import load_project, save_project
+from servolink.project.files.file import load_project, save_project
 from servolink.project.model import UNFINISHED, Project
 from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
 from servolink.protocol.joystick import Button, JoystickTable

@@ -9,10 +9,10 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.errors import ConnectionLost
-from servolink.project.file import save_project
+from servolink.project.files.file import save_project
+from servolink.project.imports.progress import Progress
+from servolink.project.imports.results import Applied
 from servolink.project.model import Project
-from servolink.project.progress import Progress
-from servolink.project.results import Applied
 from servolink.protocol.editing import Action
 from tests.cli.programs import Said, call
 

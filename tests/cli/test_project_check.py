@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from servolink.project.file import load_project, save_project
+from servolink.project.files.file import load_project, save_project
 from servolink.project.model import Project
 from servolink.protocol.editing import Action, Macro, MacroCommand
 from servolink.protocol.servos import Step

@@ -7,9 +7,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from servolink.project.file import load_project, save_project
-from servolink.project.merge import merged
-from servolink.project.mirror import Mirror, mirrored
+from servolink.project.edits.merge import merged
+from servolink.project.edits.mirror import Mirror, mirrored
+from servolink.project.files.file import load_project, save_project
 from servolink.project.model import Project
 from servolink.protocol.editing import Action, ServoParameter
 from servolink.protocol.servos import Step

@@ -10,7 +10,7 @@ import pytest
 from servolink.cli.output import text_width
 from servolink.cli.project import play
 from servolink.cli.project.chart import chart
-from servolink.project.file import save_project
+from servolink.project.files.file import save_project
 from servolink.project.model import Project
 from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
 from servolink.protocol.servos import Step

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from servolink.project.file import save_project
+from servolink.project.files.file import save_project
 from servolink.project.model import Project
 from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
 from servolink.protocol.joystick import Button, JoystickTable

@@ -14,7 +14,7 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.client.servos import Servo
-from servolink.project.file import load_project
+from servolink.project.files.file import load_project
 from servolink.protocol.editing import Action, Macro
 from tests.cli.programs import Said, finished, in_terminal, program, started
 

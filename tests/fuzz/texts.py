@@ -9,8 +9,8 @@ from servolink.discovery.aliases import Alias, aliases_path, is_name, load_alias
 from servolink.discovery.served import candidates
 from servolink.errors import OpenError, ProjectError, TransportUnavailable
 from servolink.printable import printable
-from servolink.project.file import format_project, parse_project
-from servolink.project.store import Store
+from servolink.project.files.file import format_project, parse_project
+from servolink.project.imports.store import Store
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
 from servolink.transports.faults import Faults, LineFaults

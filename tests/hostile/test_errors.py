@@ -11,8 +11,8 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.errors import ServolinkError
-from servolink.project.file import load_project, parse_project, save_project
-from servolink.project.find import find
+from servolink.project.edits.find import find
+from servolink.project.files.file import load_project, parse_project, save_project
 from servolink.project.kinds import KINDS
 from servolink.project.model import Project
 from servolink.protocol.codec import Codec

@@ -12,7 +12,7 @@ import pytest
 from servolink.cli.main import COMMANDS, FAILED, NO_BOARD, OK
 from servolink.client import connect
 from servolink.doctor import probe
-from servolink.project.file import save_project
+from servolink.project.files.file import save_project
 from servolink.transports.candidate import Candidate
 from tests.hostile.calls import PROJECT
 from tests.hostile.corpus import controls

@@ -15,7 +15,7 @@ import pytest
 
 from servolink.discovery.served import announced
 from servolink.errors import EncodeError
-from servolink.project.file import format_project
+from servolink.project.files.file import format_project
 from servolink.project.model import Project
 from servolink.protocol.caption import decode_caption
 from servolink.protocol.codec import Codec

@@ -13,11 +13,11 @@ from unittest.mock import patch
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import ProjectError, ServolinkError
-from servolink.project.file import load_project
+from servolink.project.files.file import load_project
+from servolink.project.imports.read import Content
+from servolink.project.imports.store import Store
+from servolink.project.imports.writes import writes
 from servolink.project.model import Project
-from servolink.project.read import Content
-from servolink.project.store import Store
-from servolink.project.writes import writes
 from servolink.protocol.caption import CAPTION_SIZE
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
@@ -158,7 +158,9 @@ class History:
 
     async def judge(self, folder: Path) -> Verdict:
         """Let it happen, and see what becomes of both projects; `folder` is a new one."""
-        with patch("servolink.project.store.choice", Random(self.seed).choice):  # so that it happens again exactly
+        with patch(
+            "servolink.project.imports.store.choice", Random(self.seed).choice
+        ):  # so that it happens again exactly
             return await self._judged(folder)
 
     async def _judged(self, folder: Path) -> Verdict:

@@ -9,11 +9,11 @@ from hypothesis import given
 from msgspec.structs import replace
 
 from servolink.errors import EncodeError
-from servolink.project.check import problems
-from servolink.project.file import format_project, parse_project
+from servolink.project.checks.check import problems
+from servolink.project.checks.problem import Problem
+from servolink.project.files.file import format_project, parse_project
 from servolink.project.kinds import KINDS
 from servolink.project.model import UNFINISHED, Project
-from servolink.project.problem import Problem
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import Action, AddServoParameterRequest, Macro, MacroCommand, ServoParameter
 from servolink.protocol.joystick import Button, JoystickTable

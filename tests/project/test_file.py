@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from servolink.errors import ProjectError
 from servolink.printable import printable
-from servolink.project.file import format_project, load_project, parse_project, save_project
+from servolink.project.files.file import format_project, load_project, parse_project, save_project
+from servolink.project.files.text import MAX_SIZE
 from servolink.project.model import Project
-from servolink.project.text import MAX_SIZE
 from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
 from servolink.protocol.joystick import Button, JoystickTable
 from servolink.protocol.servos import Step

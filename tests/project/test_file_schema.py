@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from servolink.project.file_types import to_file
-from servolink.project.schema import SHIPPED, schema_text
+from servolink.project.files.file_types import to_file
+from servolink.project.files.schema import SHIPPED, schema_text
 from tests.project.test_file import ROBOT
 
 
 def test_the_shipped_schema_is_that_of_the_types() -> None:
-    """If not: `python -c "from servolink.project.schema import *; SHIPPED.write_text(schema_text())"`."""
+    """If not: `python -c "from servolink.project.files.schema import *; SHIPPED.write_text(schema_text())"`."""
     assert SHIPPED.read_text(encoding="utf-8") == schema_text()
 
 

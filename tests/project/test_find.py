@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from servolink.errors import ProjectError
-from servolink.project.find import find
+from servolink.project.edits.find import find
 from servolink.project.kinds import ACTION, KINDS, MACRO, TABLE, Kind
 from servolink.project.model import Project
 from servolink.protocol.editing import Action, Macro

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from hypothesis import given
 
-from servolink.project.check import problems
-from servolink.project.fix import fixed
+from servolink.project.checks.check import problems
+from servolink.project.checks.fix import fixed
 from servolink.project.model import Project
 from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
 from servolink.protocol.joystick import Button, JoystickTable

@@ -13,9 +13,9 @@ import pytest
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import ProjectError
+from servolink.project.imports.progress import Progress
+from servolink.project.imports.store import Store
 from servolink.project.model import UNFINISHED, Project
-from servolink.project.progress import Progress
-from servolink.project.store import Store
 from servolink.protocol.editing import (
     Action,
     AddActionRequest,

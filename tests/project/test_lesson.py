@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from servolink.errors import ProjectError
-from servolink.project.lesson import LONGEST, SHORTEST, Lesson
+from servolink.project.edits.lesson import LONGEST, SHORTEST, Lesson
 from servolink.project.model import Project
 from servolink.protocol.editing import Action, Macro
 from servolink.protocol.servos import Step

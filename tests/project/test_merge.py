@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.errors import ProjectError
+from servolink.project.edits.merge import merged
 from servolink.project.kinds import ACTION, MACRO, TABLE
-from servolink.project.merge import merged
 from servolink.project.model import Project
 from servolink.project.records import calls
 from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter

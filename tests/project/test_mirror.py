@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.errors import ProjectError
-from servolink.project.mirror import Mirror, mirror_by_captions, mirrored
+from servolink.project.edits.mirror import Mirror, mirror_by_captions, mirrored
+from servolink.project.edits.sides import other_side
 from servolink.project.model import Project
-from servolink.project.sides import other_side
 from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
 from servolink.protocol.servos import Step
 from tests.project.projects import HUMANOID, NOD, RAISE, SHOW, WAVE

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from servolink.project.checks.preflight import preflight
 from servolink.project.model import Project
-from servolink.project.preflight import preflight
 from servolink.protocol.editing import Action, Macro, MacroCommand
 from servolink.protocol.servos import Step
 from tests.project.projects import HUMANOID, NOD, RAISE

@@ -13,16 +13,16 @@ from msgspec.structs import replace
 
 from servolink.client.board import Board
 from servolink.errors import ProjectError
-from servolink.project.apply import apply_project
-from servolink.project.compare import compare
+from servolink.project.imports.apply import apply_project
+from servolink.project.imports.compare import compare
+from servolink.project.imports.plan import plan_project
+from servolink.project.imports.progress import Progress, tell_nobody
+from servolink.project.imports.read import Content, Listed
+from servolink.project.imports.results import Change
+from servolink.project.imports.store import Store
+from servolink.project.imports.writes import writes
 from servolink.project.kinds import KINDS
 from servolink.project.model import Project
-from servolink.project.plan import plan_project
-from servolink.project.progress import Progress, tell_nobody
-from servolink.project.read import Content, Listed
-from servolink.project.results import Change
-from servolink.project.store import Store
-from servolink.project.writes import writes
 from servolink.protocol.editing import (
     QueryActionRequest,
     QueryActionResponse,

@@ -6,9 +6,9 @@ import msgspec
 import pytest
 
 from servolink.errors import ProjectError
+from servolink.project.edits.rename import renamed, renamed_servo
 from servolink.project.kinds import ACTION, MACRO, TABLE, Kind
 from servolink.project.model import Project
-from servolink.project.rename import renamed, renamed_servo
 from servolink.protocol.editing import ServoParameter
 from tests.project.projects import HUMANOID, PAD, RAISE, WAVE
 

@@ -10,10 +10,10 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.errors import ConnectionLost, ProjectError
-from servolink.project.file import load_project
+from servolink.project.files.file import load_project
+from servolink.project.imports.progress import Progress
+from servolink.project.imports.store import Store
 from servolink.project.model import Project
-from servolink.project.progress import Progress
-from servolink.project.store import Store
 from servolink.protocol.editing import (
     Action,
     Macro,

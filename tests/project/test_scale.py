@@ -7,8 +7,8 @@ import math
 import pytest
 
 from servolink.errors import ProjectError
+from servolink.project.edits.scale import scaled
 from servolink.project.model import Project
-from servolink.project.scale import scaled
 from servolink.protocol.editing import Action, Macro, MacroCommand
 from servolink.protocol.servos import Step
 from tests.project.projects import HUMANOID, NOD, PAD

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from servolink.project.checks.speed import Turn, turns
 from servolink.project.model import Project
-from servolink.project.speed import Turn, turns
 from servolink.protocol.editing import Action, Macro, MacroCommand
 from servolink.protocol.servos import Step
 

@@ -10,8 +10,8 @@ from servolink.cli.demo.stage import Outcome
 from servolink.cli.progress import PHASES
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost
-from servolink.project.file import load_project, save_project
-from servolink.project.progress import Progress
+from servolink.project.files.file import load_project, save_project
+from servolink.project.imports.progress import Progress
 from servolink.protocol.editing import ServoParameter
 from servolink.transports.registry import create
 

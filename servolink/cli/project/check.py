@@ -9,11 +9,11 @@ from pathlib import Path
 from servolink.cli.main import FAILED, OK, refuse
 from servolink.cli.output import print_json, print_text
 from servolink.cli.project.source import add_source, is_address, with_project
-from servolink.project.check import problems
-from servolink.project.file import save_project
-from servolink.project.fix import fixed
+from servolink.project.checks.check import problems
+from servolink.project.checks.fix import fixed
+from servolink.project.checks.problem import Problem
+from servolink.project.files.file import save_project
 from servolink.project.model import Project
-from servolink.project.problem import Problem
 
 _IDS = re.compile(r"([0-9]{1,3})(?:-([0-9]{1,3}))?", re.ASCII)
 _STYLES = {"error": "red", "warning": "yellow"}

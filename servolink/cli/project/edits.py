@@ -7,14 +7,14 @@ from pathlib import Path
 
 from servolink.cli.project.source import add_source, with_project
 from servolink.cli.project.writing import add_output, write_edited
-from servolink.project.file import load_project
-from servolink.project.find import find
-from servolink.project.fix import fixed
+from servolink.project.checks.fix import fixed
+from servolink.project.edits.find import find
+from servolink.project.edits.merge import merged
+from servolink.project.edits.rename import renamed, renamed_servo
+from servolink.project.edits.scale import scaled
+from servolink.project.files.file import load_project
 from servolink.project.kinds import ACTION, KINDS
-from servolink.project.merge import merged
 from servolink.project.model import Project
-from servolink.project.rename import renamed, renamed_servo
-from servolink.project.scale import scaled
 
 _TABLE = {"table": "joystick table"}
 

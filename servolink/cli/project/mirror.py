@@ -8,9 +8,9 @@ import re
 from servolink.cli.main import refuse
 from servolink.cli.project.source import add_source, with_project
 from servolink.cli.project.writing import add_output, write_edited
-from servolink.project.find import find
+from servolink.project.edits.find import find
+from servolink.project.edits.mirror import Mirror, mirror_by_captions, mirrored
 from servolink.project.kinds import ACTION, MACRO
-from servolink.project.mirror import Mirror, mirror_by_captions, mirrored
 from servolink.project.model import Project
 
 _PAIR = re.compile(r"([0-9]{1,3})=([0-9]{1,3})", re.ASCII)

@@ -11,7 +11,7 @@ from servolink.cli.output import Table, is_terminal, print_json, print_table, pr
 from servolink.cli.project.chart import chart
 from servolink.cli.project.source import add_source, is_address, with_project
 from servolink.errors import ProjectError
-from servolink.project.find import find
+from servolink.project.edits.find import find
 from servolink.project.kinds import ACTION, MACRO
 from servolink.project.model import Project
 from servolink.project.records import by_kind, by_servo, kind_of, named

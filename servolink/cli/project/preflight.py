@@ -8,10 +8,10 @@ import re
 from servolink.cli.main import FAILED, OK, refuse
 from servolink.cli.output import print_json, print_text
 from servolink.cli.project.source import add_source, with_project
-from servolink.project.find import find
+from servolink.project.checks.preflight import preflight
+from servolink.project.edits.find import find
 from servolink.project.kinds import ACTION, MACRO
 from servolink.project.model import Project
-from servolink.project.preflight import preflight
 
 _NUMBER = r"[+-]?[0-9]{1,5}(?:\.[0-9]{1,3})?"
 _SERVO_LIMIT = re.compile(rf"([0-9]{{1,3}})=({_NUMBER}):({_NUMBER})", re.ASCII)

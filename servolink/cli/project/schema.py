@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from servolink.cli.main import OK
-from servolink.project.schema import schema_text
+from servolink.project.files.schema import schema_text
 
 
 def configure(command: str, parser: argparse.ArgumentParser) -> None:

@@ -10,7 +10,7 @@ from servolink.cli.main import OK
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.project.source import add_source, with_project
 from servolink.cli.stored import described, whole_table
-from servolink.project.find import find
+from servolink.project.edits.find import find
 from servolink.project.kinds import ACTION, KINDS, MACRO, TABLE, Kind
 from servolink.project.model import Project
 from servolink.project.size import total_size

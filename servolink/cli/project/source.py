@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from servolink.cli.main import OK, refuse
-from servolink.project.file import load_project
+from servolink.project.files.file import load_project
 from servolink.project.model import Project
 
 

@@ -10,8 +10,8 @@ from servolink.cli.main import OK
 from servolink.cli.output import print_json, print_text
 from servolink.errors import ProjectError
 from servolink.printable import printable
-from servolink.project.check import problems
-from servolink.project.file import save_project
+from servolink.project.checks.check import problems
+from servolink.project.files.file import save_project
 from servolink.project.model import Project
 
 

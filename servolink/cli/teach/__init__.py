@@ -21,7 +21,7 @@ from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.errors import ConnectionLost, NotFound
 from servolink.printable import printable
-from servolink.project.lesson import LONGEST, SHORTEST, Lesson
+from servolink.project.edits.lesson import LONGEST, SHORTEST, Lesson
 
 _SPEED_CAP = 120.0
 

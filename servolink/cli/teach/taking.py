@@ -13,7 +13,7 @@ from servolink.cli.motion import Draw, live_bars
 from servolink.cli.output import is_terminal, print_json, print_text
 from servolink.client.board import Board
 from servolink.client.servos import Servo
-from servolink.project.lesson import Lesson
+from servolink.project.edits.lesson import Lesson
 
 _PAUSE = 0.04  # seconds between two readings
 _KEYS: dict[str, Wish] = {" ": "take", "\n": "take", "\r": "take", "u": "undo", "q": "end", "\x1b": "end"}

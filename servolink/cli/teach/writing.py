@@ -9,8 +9,8 @@ from pathlib import Path
 from servolink.client.board import Board
 from servolink.errors import ProjectError, ServolinkError
 from servolink.printable import printable
-from servolink.project.file import load_project, save_project
-from servolink.project.lesson import Lesson, refuse_taken
+from servolink.project.edits.lesson import Lesson, refuse_taken
+from servolink.project.files.file import load_project, save_project
 from servolink.project.model import Project
 from servolink.protocol.editing import Action, Macro
 

@@ -13,13 +13,13 @@ import msgspec
 
 from servolink.errors import OutcomeUnknown, ProjectError, Rejected
 from servolink.printable import printable
-from servolink.project.journal import Journal, JournalPhase, is_unfinished
+from servolink.project.imports.journal import Journal, JournalPhase, is_unfinished
+from servolink.project.imports.progress import Phase, Progress, Tell
+from servolink.project.imports.read import Asked, Content, read_content, read_project_id
+from servolink.project.imports.store import Store
+from servolink.project.imports.untaken import untaken
+from servolink.project.imports.writes import Write, writes
 from servolink.project.model import Project
-from servolink.project.progress import Phase, Progress, Tell
-from servolink.project.read import Asked, Content, read_content, read_project_id
-from servolink.project.store import Store
-from servolink.project.untaken import untaken
-from servolink.project.writes import Write, writes
 
 _TRIES = 4
 _PASSES = 16

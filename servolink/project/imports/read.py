@@ -14,9 +14,9 @@ from typing import Any, Protocol, TypeVar
 
 from servolink.errors import DecodeError, ProjectError
 from servolink.printable import printable
+from servolink.project.imports.progress import Phase, Progress, Tell
 from servolink.project.kinds import KINDS, Kind
 from servolink.project.model import Project, telling
-from servolink.project.progress import Phase, Progress, Tell
 from servolink.project.size import stored_size, total_size
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryServoParameterRequest, ServoParameter

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
+from servolink.project.checks.problem import Problem
+from servolink.project.checks.speed import turns
 from servolink.project.kinds import ACTION, MACRO, Record
 from servolink.project.model import Project
-from servolink.project.problem import Problem
 from servolink.project.records import by_kind, calls
-from servolink.project.speed import turns
 
 AngleLimits = Mapping[int, tuple[float, float]] | tuple[float, float]
 """Lowest and highest angle in degrees: for each servo id, or for all."""

@@ -9,10 +9,10 @@ import msgspec
 from servolink.atomic import write_atomically
 from servolink.errors import ProjectError
 from servolink.printable import printable, shown
-from servolink.project.fault import fault, version_fault
-from servolink.project.file_types import file_type, of_file, to_file
+from servolink.project.files.fault import fault, version_fault
+from servolink.project.files.file_types import file_type, of_file, to_file
+from servolink.project.files.text import MAX_SIZE, read_text, write_text
 from servolink.project.model import Project
-from servolink.project.text import MAX_SIZE, read_text, write_text
 
 
 def load_project(path: Path, *, exact: bool = False) -> Project:

@@ -10,12 +10,12 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from servolink.errors import EncodeError
-from servolink.project.fault import fault
-from servolink.project.file_types import file_type, to_file
+from servolink.project.checks.problem import Problem
+from servolink.project.checks.repeats import number_of, repeats
+from servolink.project.files.fault import fault
+from servolink.project.files.file_types import file_type, to_file
 from servolink.project.kinds import KINDS
 from servolink.project.model import UNFINISHED, Project
-from servolink.project.problem import Problem
-from servolink.project.repeats import number_of, repeats
 from servolink.project.size import total_size
 from servolink.protocol.editing import AddServoParameterRequest, ServoParameter
 from servolink.protocol.layout import layout

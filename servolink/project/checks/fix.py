@@ -9,10 +9,10 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from servolink.project.checks.repeats import number_of, repeats
 from servolink.project.kinds import KINDS
 from servolink.project.model import Project
 from servolink.project.records import named
-from servolink.project.repeats import number_of, repeats
 from servolink.project.times import wrong_times
 from servolink.protocol.editing import ServoParameter
 

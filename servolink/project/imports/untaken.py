@@ -6,9 +6,9 @@ from collections.abc import Collection, Sequence
 from typing import Any
 
 from servolink.printable import shown
+from servolink.project.imports.read import Content
+from servolink.project.imports.writes import Write
 from servolink.project.kinds import KINDS, Kind
-from servolink.project.read import Content
-from servolink.project.writes import Write
 from servolink.protocol.editing import AddServoParameterRequest
 
 _MOST = 3

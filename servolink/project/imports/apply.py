@@ -8,15 +8,15 @@ from pathlib import Path
 
 from servolink.errors import EncodeError, ProjectError
 from servolink.printable import printable
-from servolink.project.check import problems
-from servolink.project.importing import Import
-from servolink.project.journal import Journal, is_unfinished, journal_of
+from servolink.project.checks.check import problems
+from servolink.project.imports.importing import Import
+from servolink.project.imports.journal import Journal, is_unfinished, journal_of
+from servolink.project.imports.progress import Progress, Tell
+from servolink.project.imports.read import Asked, Content, read_content, read_project_id
+from servolink.project.imports.results import Applied
+from servolink.project.imports.store import Store
+from servolink.project.imports.writes import writes
 from servolink.project.model import Project
-from servolink.project.progress import Progress, Tell
-from servolink.project.read import Asked, Content, read_content, read_project_id
-from servolink.project.results import Applied
-from servolink.project.store import Store
-from servolink.project.writes import writes
 from servolink.protocol.settings import QueryMemorySizeRequest
 
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 from servolink.errors import ProjectError
 from servolink.printable import printable
-from servolink.project.apply import apply_project
-from servolink.project.file import load_project
-from servolink.project.journal import is_unfinished, journal_of, last_import
-from servolink.project.progress import Tell
-from servolink.project.read import Asked, read_project_id
-from servolink.project.results import Applied
-from servolink.project.store import Store
+from servolink.project.files.file import load_project
+from servolink.project.imports.apply import apply_project
+from servolink.project.imports.journal import is_unfinished, journal_of, last_import
+from servolink.project.imports.progress import Tell
+from servolink.project.imports.read import Asked, read_project_id
+from servolink.project.imports.results import Applied
+from servolink.project.imports.store import Store
 
 
 async def roll_back(board: Asked, backup: Path | None, *, store: Store, tell: Tell) -> Applied:

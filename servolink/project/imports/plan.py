@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import asyncio
 
-from servolink.project.apply import check_writable
-from servolink.project.compare import compare
-from servolink.project.cost import Cost, cost_of_marking, cost_of_reading, cost_of_writing
-from servolink.project.journal import is_unfinished
+from servolink.project.imports.apply import check_writable
+from servolink.project.imports.compare import compare
+from servolink.project.imports.cost import Cost, cost_of_marking, cost_of_reading, cost_of_writing
+from servolink.project.imports.journal import is_unfinished
+from servolink.project.imports.progress import Tell
+from servolink.project.imports.read import Asked, Content, read_content
+from servolink.project.imports.results import Plan
+from servolink.project.imports.writes import Write, writes
 from servolink.project.model import Project
-from servolink.project.progress import Tell
-from servolink.project.read import Asked, Content, read_content
-from servolink.project.results import Plan
-from servolink.project.writes import Write, writes
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import msgspec
 
 from servolink.errors import ProjectError
+from servolink.project.edits.sides import other_side, partners_by_caption
 from servolink.project.kinds import Kind, Record
 from servolink.project.model import Project
 from servolink.project.records import by_kind, calls, free_id, kind_of, named, with_calls, with_id, with_records
-from servolink.project.sides import other_side, partners_by_caption
 from servolink.protocol.editing import Action
 from servolink.protocol.servos import Step
 

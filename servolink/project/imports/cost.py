@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 from msgspec import Struct
 
+from servolink.project.imports.writes import Write
 from servolink.project.kinds import KINDS
 from servolink.project.model import Project
 from servolink.project.size import stored_size
-from servolink.project.writes import Write
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import OVERHEAD
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from servolink.project.imports.results import Change
 from servolink.project.kinds import KINDS, TABLE
 from servolink.project.model import Project
-from servolink.project.results import Change
 
 
 def compare(old: Project, new: Project) -> tuple[Change, ...]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from servolink.project.file_types import file_type
+from servolink.project.files.file_types import file_type
 from servolink.project.model import Project
 
 SHIPPED = Path(__file__).with_name("servolink-project.schema.json")

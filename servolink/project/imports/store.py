@@ -19,8 +19,8 @@ from msgspec import Struct
 from servolink.atomic import write_atomically
 from servolink.errors import ProjectError
 from servolink.printable import printable
-from servolink.project.file import format_project, load_project
-from servolink.project.journal import Journal
+from servolink.project.files.file import format_project, load_project
+from servolink.project.imports.journal import Journal
 from servolink.project.model import UNFINISHED, Project
 
 _SUFFIX = ".servolink.json"

@@ -9,7 +9,7 @@ from typing import Any
 from msgspec import inspect
 
 from servolink.printable import printable, shown
-from servolink.project.file_types import SCHEMA
+from servolink.project.files.file_types import SCHEMA
 
 _PART = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 _AT = " - at `$"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from servolink.project.checks.problem import Problem
 from servolink.project.kinds import ACTION, MACRO
 from servolink.project.model import Project
-from servolink.project.problem import Problem
 from servolink.project.records import calls, named
 from servolink.project.times import callees_first
 from servolink.protocol.editing import Macro

@@ -6,9 +6,9 @@ from collections import Counter
 
 from msgspec import Struct
 
+from servolink.project.imports.read import Content
 from servolink.project.kinds import KINDS, TABLE, Kind
 from servolink.project.model import Project, telling
-from servolink.project.read import Content
 from servolink.protocol.editing import AddServoParameterRequest, ServoParameter
 from servolink.protocol.joystick import SetActiveJoystickTableRequest
 from servolink.protocol.packet import Request, Result

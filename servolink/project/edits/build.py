@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import msgspec
 
 from servolink.errors import ProjectError
-from servolink.project.check import problems
+from servolink.project.checks.check import problems
 from servolink.project.kinds import Kind
 from servolink.project.model import Project
 from servolink.project.records import (

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Mapping
 
-from servolink.project.calling import wrong_calls
+from servolink.project.checks.calling import wrong_calls
+from servolink.project.checks.problem import Problem, Severity
+from servolink.project.checks.repeats import number_of, repeats
+from servolink.project.checks.speed import turns
+from servolink.project.checks.storable import misfit, unstorable
 from servolink.project.model import Project
-from servolink.project.problem import Problem, Severity
-from servolink.project.repeats import number_of, repeats
-from servolink.project.speed import turns
-from servolink.project.storable import misfit, unstorable
 from servolink.project.times import wrong_times
 from servolink.protocol.joystick import Button
 from servolink.protocol.servos import ALL_SERVOS, Step

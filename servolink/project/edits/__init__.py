@@ -1,0 +1,1 @@
+"""Projects made from projects: built, mirrored, merged, scaled, taught."""

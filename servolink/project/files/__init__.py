@@ -1,0 +1,1 @@
+"""The project file: one project as JSON that people can read."""
