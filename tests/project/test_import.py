@@ -49,7 +49,7 @@ def test_an_import_tells_how_far_it_is_and_what_it_did(tmp_path: Path, *, whole:
     assert phases == ["reading", "saving", "marking", *middle, "writing", "verifying", "finishing"]
     assert all(0 <= at.done <= at.total for at in told)
     (journal,) = Store(tmp_path).journals(0)
-    assert journal.phase == "finishing"
+    assert journal.phase == "finished"
 
 
 def test_what_is_there_already_is_not_written_again(tmp_path: Path) -> None:

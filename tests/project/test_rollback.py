@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -22,7 +23,9 @@ from servolink.protocol.editing import (
 )
 from tests.client.fake_board import FakeBoard, lie
 from tests.project.boards import OTHER, OTHER_CONTENTS, on_board, on_fake
-from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, contents_of, same
+from tests.project.cable import Cable
+from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, Make, attempt, contents_of, same
+from tests.virtual_time import run
 
 
 def test_a_rollback_of_a_finished_import_restores_what_was_there_even_what_we_would_not_write(tmp_path: Path) -> None:
@@ -104,6 +107,33 @@ def test_a_rollback_is_of_the_last_import_though_the_clock_was_put_back(
         assert [load_project(backup.path, exact=True) for backup in Store(tmp_path).backups()] == [OLD, OTHER, NEW]
 
     assert same(on_board(work), OTHER_CONTENTS)
+
+
+def test_a_rollback_that_is_pulled_anywhere_and_asked_for_again_goes_on(tmp_path: Path) -> None:
+    """Asked for again once it is done, it undoes itself; so it must be known whether it was."""
+    kept, folder = tmp_path / "kept", tmp_path / "again"
+    virtual = Make().board(OLD_CONTENTS, 1)
+
+    async def pulled(received: int | None) -> Cable:
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(kept, folder)
+        virtual.storage.contents = NEW_CONTENTS
+        cable = Cable(virtual, received=received)
+        error = await attempt(cable, lambda board: board.rollback(folder=folder))
+        assert isinstance(error, ConnectionLost) == (received is not None)
+        return cable
+
+    async def main() -> None:
+        assert await attempt(Cable(virtual), lambda board: board.apply(NEW, folder=kept)) is None
+        size = (await pulled(None)).received
+        for received in (*range(1, size - 50, 331), *range(size - 50, size)):
+            await pulled(received)
+            assert await attempt(Cable(virtual), lambda board: board.rollback(folder=folder)) is None
+            assert same(virtual.storage.contents, OLD_CONTENTS), received
+        assert await attempt(Cable(virtual), lambda board: board.rollback(folder=folder)) is None
+        assert same(virtual.storage.contents, NEW_CONTENTS)
+
+    run(main())
 
 
 def test_without_anything_to_roll_back_it_says_so(tmp_path: Path) -> None:

@@ -6,11 +6,13 @@ import asyncio
 import logging
 from pathlib import Path
 
+import msgspec
+
 from servolink.errors import EncodeError, ProjectError
 from servolink.printable import printable
 from servolink.project.checks.check import problems
 from servolink.project.imports.importing import Import
-from servolink.project.imports.journal import Journal, is_unfinished, journal_of
+from servolink.project.imports.journal import Journal, is_unfinished, journal_of, last_import
 from servolink.project.imports.progress import Progress, Tell
 from servolink.project.imports.read import Asked, Content, read_content, read_project_id
 from servolink.project.imports.results import Applied
@@ -50,6 +52,7 @@ async def apply_project(
             raise ProjectError(f"{printable(board.url)}: another program is writing to the board; try again after it")
     if content is not None and begun is None:
         if not writes(content, project) and before == project.project_id:
+            await _finish(last_import(journals, before, board.url), store)
             return Applied(changed=False, resumed=False, backup=None)
         await _check_memory(board, content, project)
     kept = await _backup(board, content, begun, store, tell, wanted=backup)
@@ -61,6 +64,12 @@ async def apply_project(
     await run.run(content, before, begun, others, replace=replace)
     tell(Progress("finishing", 1, 1, f"project id {project.project_id}"))
     return Applied(changed=True, resumed=begun is not None, backup=kept)
+
+
+async def _finish(last: Journal | None, store: Store) -> None:
+    """Note that the last import is done, if it could not see that itself."""
+    if last is not None and last.phase != "finished":
+        await asyncio.to_thread(store.write, msgspec.structs.replace(last, phase="finished"))
 
 
 def check_writable(board: Asked, project: Project, *, exact: bool) -> None:

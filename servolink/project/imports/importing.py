@@ -50,7 +50,7 @@ class Import:
         the run that was interrupted, if there was one, `others` are all the others of this address.
         """
         for one in others:
-            if one.phase == "finishing":  # it is no longer the last import here
+            if one.has_written_all:  # it is no longer the last import here
                 await asyncio.to_thread(self._store.end, one)
         await self._note("writing")
         await self._mark(before)
@@ -64,6 +64,7 @@ class Import:
                 await asyncio.to_thread(self._store.write, msgspec.structs.replace(one, phase="writing"))
         await self._note("finishing")
         await self._write_id(self._target.project_id, "finishing")
+        await self._note("finished")
 
     async def _note(self, phase: JournalPhase) -> None:
         self._journal = msgspec.structs.replace(self._journal, phase=phase)

@@ -9,7 +9,7 @@ from msgspec import Meta, Struct
 
 from servolink.project.model import UNFINISHED
 
-JournalPhase: TypeAlias = Literal["writing", "clearing", "finishing"]
+JournalPhase: TypeAlias = Literal["writing", "clearing", "finishing", "finished"]
 
 
 class Journal(Struct, frozen=True, forbid_unknown_fields=True):
@@ -31,9 +31,15 @@ class Journal(Struct, frozen=True, forbid_unknown_fields=True):
     """The name of the file with what the board held before; none if it was told to do without."""
     phase: JournalPhase = "writing"
     """`clearing`: the board may be without the marker, because it deletes its project id too. `finishing`: all is
-    written, and the board has the project id, or is about to get it."""
+    written, and the board has the project id, or is about to get it. `finished`: it has said so."""
     restores: str | None = None
-    """The name of the backup that is written, if this is a rollback: asked for again, it goes on."""
+    """The name of the backup that is written, if this is a rollback: asked for again before it was `finished`, it goes
+    on."""
+
+    @property
+    def has_written_all(self) -> bool:
+        """Whether what is left is the project id, or nothing."""
+        return self.phase in ("finishing", "finished")
 
 
 def is_unfinished(project_id: int) -> bool:
@@ -54,5 +60,5 @@ def journal_of(journals: Iterable[Journal], project_id: int, url: str) -> Journa
 def last_import(journals: Iterable[Journal], project_id: int, url: str) -> Journal | None:
     """Return the journal of the import that left this project id on the board at `url`, if it is known."""
     return next(
-        (one for one in journals if one.phase == "finishing" and (one.url, one.project_id) == (url, project_id)), None
+        (one for one in journals if one.has_written_all and (one.url, one.project_id) == (url, project_id)), None
     )

@@ -31,10 +31,9 @@ async def backup_for(board: Asked, store: Store) -> Path:
     """Return the backup that holds what was on the board before the last import; ProjectError if there is none."""
     here, where = await read_project_id(board), printable(board.url)
     journals = await asyncio.to_thread(store.journals, here)
-    begun = journal_of(journals, here, board.url)
-    if begun is not None and begun.restores is not None:
-        return store.kept(begun.restores)  # a rollback that was interrupted goes on
-    journal = begun or last_import(journals, here, board.url)
+    journal = journal_of(journals, here, board.url) or last_import(journals, here, board.url)
+    if journal is not None and journal.restores is not None and journal.phase != "finished":
+        return store.kept(journal.restores)  # a rollback that was interrupted goes on
     if journal is None:
         what = (
             f"{where} holds an import that another computer began, or whose journal is lost"
