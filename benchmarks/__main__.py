@@ -1,4 +1,4 @@
-"""`python -m benchmarks [NAME ...] [--short] [--output FILE]`, or `--report` to make docs/benchmarks.md anew.
+"""`python -m benchmarks [NAME ...] [--short] [--output FILE]`; `--report` makes the pages of figures anew.
 
 Exit code 1 if something is wrong, or (not with `--short`, which a busy machine disturbs) slower than its goal.
 """
@@ -11,7 +11,7 @@ import json
 import sys
 from pathlib import Path
 
-from benchmarks import BENCHMARKS, report
+from benchmarks import BENCHMARKS, limits, report
 from benchmarks.measuring import Result, machine, pin
 
 
@@ -21,12 +21,15 @@ def main() -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(BENCHMARKS))
     parser.add_argument("--short", action="store_true", help="less exact; without names, what takes a minute in all")
     parser.add_argument("--output", type=Path, metavar="FILE", help="write all figures as JSON")
-    parser.add_argument("--report", action="store_true", help="make docs/benchmarks.md from benchmarks/figures/")
+    parser.add_argument(
+        "--report", action="store_true", help="make docs/benchmarks.md and docs/limits.md from benchmarks/figures/"
+    )
     args = parser.parse_args()
     if unknown := set(args.names) - set(BENCHMARKS):
         parser.error(f"no benchmark is named {', '.join(sorted(unknown))}; there are {', '.join(BENCHMARKS)}")
     if args.report:
         report.write()
+        limits.write()
         return 0
     names = args.names or [name for name, (_, short, _) in BENCHMARKS.items() if short or not args.short]
     results: Result = {"machine": machine()}

@@ -1,7 +1,7 @@
 """Look for wrong answers, lost answers, things done twice and leaks; or live through one history again.
 
 `--seed N` alone shows the history of one seed. `--record` publishes the figures of a part; afterwards run
-`python -m benchmarks --report` and `python -m benchmarks.limits`.
+`python -m benchmarks --report`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 from benchmarks.measuring import Result, machine
 from benchmarks.reliability import PARTS, flood, framing, hidden, reopening, simulation, soak, stalls, sums, together
@@ -41,7 +42,11 @@ def main() -> int:
         return _replay(args.seed, args.steps)
     begun = time.monotonic()
     result = _work(args)()
-    result |= {"machine": machine(), "seconds": round(time.monotonic() - begun), "command": sys.argv[1:]}
+    result |= {
+        "machine": machine(),
+        "seconds": round(time.monotonic() - begun),
+        "command": [Path(word).name for word in sys.argv[1:]],
+    }
     if args.record:
         _record(args.part if args.part != "soak" or not args.virtual else "soak, virtual", result)
     for fault in result["wrong"]:

@@ -75,7 +75,8 @@ def run(*, short: bool, first: int = 0, histories: int | None = None, steps: int
             "`damage believed`: wrong answers for which a damaged frame with the right sum is to blame",
             "`twice done`: movements, clearings and other changes that the board did more than once for one call",
             "`lost in time`: answers that arrived before their deadline and were not given to the caller",
-            "`missed`: frames that arrived whole and were not found; lines leave out the board that answers twice",
+            "`missed`: frames that arrived whole and were not found, most of them while there was no connection",
+            "lines leave out the board that answers twice",
         ],
     )
     return {"tables": [shown], "wrong": found.faults[:20], "figures": figures(found)}
