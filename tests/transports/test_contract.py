@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import logging
 import os
 import threading
@@ -251,7 +252,7 @@ async def test_nothing_is_left_after_many_connections(make: Callable[[], Wire]) 
     before = _open_files(), threading.active_count()
     for _ in range(CONNECTIONS):
         await connect()
-    assert _open_files() == before[0]
+    assert _open_files() <= before[0]
     assert threading.active_count() <= before[1] + 1
     assert asyncio.all_tasks() == {asyncio.current_task()}
 
@@ -329,4 +330,5 @@ async def test_the_virtual_board_keeps_the_rules_of_opening_and_closing() -> Non
 
 
 def _open_files() -> int:
+    gc.collect()  # what earlier tests have left behind
     return len(list(Path("/dev/fd").iterdir()))

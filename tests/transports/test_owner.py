@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import subprocess
 import sys
 import threading
@@ -231,7 +232,8 @@ async def test_a_thousand_connections_leave_nothing(board: Board) -> None:
             await transport.send(b"hello")
         await transport.close()
     assert wait_until(board.is_closed)
-    assert (threading.active_count(), _open_files()) == (threads, files)
+    assert threading.active_count() <= threads
+    assert _open_files() <= files
 
 
 @on_loop
@@ -246,10 +248,12 @@ async def test_a_thousand_losses_leave_nothing(board: Board) -> None:
         await transport.close()
         assert board.fake.handles == set()
     assert wait_until(board.is_closed)
-    assert (threading.active_count(), _open_files()) == (threads, files)
+    assert threading.active_count() <= threads
+    assert _open_files() <= files
 
 
 def _open_files() -> int:
+    gc.collect()  # what earlier tests have left behind
     return len(list(Path("/dev/fd").iterdir()))
 
 
