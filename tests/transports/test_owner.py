@@ -232,7 +232,7 @@ async def test_a_thousand_connections_leave_nothing(board: Board) -> None:
             await transport.send(b"hello")
         await transport.close()
     assert wait_until(board.is_closed)
-    assert threading.active_count() <= threads
+    assert wait_until(lambda: threading.active_count() <= threads)
     assert _open_files() <= files
 
 
@@ -248,7 +248,7 @@ async def test_a_thousand_losses_leave_nothing(board: Board) -> None:
         await transport.close()
         assert board.fake.handles == set()
     assert wait_until(board.is_closed)
-    assert threading.active_count() <= threads
+    assert wait_until(lambda: threading.active_count() <= threads)
     assert _open_files() <= files
 
 
