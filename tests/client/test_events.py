@@ -281,6 +281,7 @@ def test_a_board_that_vanishes_as_a_reader_breaks_off_disturbs_nobody() -> None:
             gc.collect()
             await asyncio.sleep(0.1)
             fake.vanish()
+        assert len(fake.sent_of(SubscribeButtonEventRequest)) == 2  # to begin, and to end, which was under way
 
     run(main())
 

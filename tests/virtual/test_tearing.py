@@ -165,7 +165,10 @@ def test_the_length_is_true_in_both_byte_orders() -> None:
     before, after = write(Storage(10_000), lambda storage: storage.put(Kind.ACTION, {7: whole}))
     for seed in range(50):
         for _, record in tear(before, after, Random(seed), "big").records[Kind.ACTION]:
-            codec.decode(AddActionRequest.packet_id, record)
+            torn = codec.decode(AddActionRequest.packet_id, record)
+            assert isinstance(torn, AddActionRequest)
+            assert torn.action_id == 7
+            assert len(torn.steps) <= 300
 
 
 def test_the_same_chance_tears_the_same() -> None:
