@@ -15,27 +15,28 @@ _MOST = 1000.0  # ns for a byte
 
 
 def run(*, short: bool) -> Result:
-    """Measure both sizes in 4 KiB chunks; a cost per byte that doubles, or above 1 µs, is a failure."""
+    """Measure both sizes in 4 KiB chunks, and the larger in one; a cost that doubles, or above 1 µs, is a failure."""
     cases, slow = [], []
     for (name, small), (_, big) in zip(hostile(SIZES[0]), hostile(SIZES[1]), strict=True):
         costs = [
-            median(timed(_feeding(stream)) for _ in range(1 if short else 3)) / len(stream) for stream in (small, big)
+            median(timed(_feeding(stream, chunk)) for _ in range(1 if short else 3)) / len(stream)
+            for stream, chunk in ((small, 4096), (big, 4096), (big, len(big)))
         ]
         cases.append({"stream": name, "ns_per_byte": costs})
-        if costs[1] > _LIMIT * costs[0]:
-            slow.append(f"{name}: {costs[0]:.0f} ns per byte became {costs[1]:.0f}")
+        if max(costs) > _LIMIT * costs[0]:
+            slow.append(f"{name}: {costs[0]:.0f} ns per byte became {max(costs):.0f}")
         if max(costs) > _MOST:
             slow.append(f"{name}: {max(costs):.0f} ns per byte, the goal is {_MOST:.0f}")
     shown = table(
         "Hostile streams, ns per byte",
-        ("stream", "128 KB", "512 KB"),
+        ("stream", "128 KB", "512 KB", "512 KB at once"),
         [(case["stream"], *(f"{cost:.1f}" for cost in case["ns_per_byte"])) for case in cases],
     )
     return {"tables": [shown], "cases": cases, "slow": slow}
 
 
-def _feeding(stream: bytes) -> Callable[[], None]:
-    pieces = chunks(stream, 4096)
+def _feeding(stream: bytes, chunk: int) -> Callable[[], None]:
+    pieces = chunks(stream, chunk)
 
     def feed() -> None:
         parser = FrameParser()

@@ -7,7 +7,7 @@ from random import Random
 
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import ActionEntry, QueryActionListResponse
-from servolink.protocol.frame import HEADER, MAGIC, OVERHEAD, ByteOrder, encode_frame
+from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, OVERHEAD, ByteOrder, encode_frame
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.layout import layout
 from servolink.protocol.packet import Packet
@@ -100,12 +100,25 @@ def hostile(size: int) -> Iterator[tuple[str, bytes]]:
         ("headers that claim 64 KB", longest),
         ("headers that all claim something else", many),
         ("full frames of headers, each followed by noise", bait + b"\x01"),
+        ("frames that begin in each other, each followed by noise", _stairs(6, 60)),
         ("frames in frames in frames, the outermost damaged", nested[:-1] + bytes([nested[-1] ^ 1])),
         ("frames in frames in frames, on a noisy line", b"\x01" + nested),
         ("frames that reach into 64 KB of padding", reaching + bytes(0xFFFF)),
         ("short frames that reach into short padding", reaching + bytes(60)),
     ):
         yield name, (unit * (size // len(unit) + 1))[:size]
+
+
+def _stairs(steps: int, size: int) -> bytes:
+    """Return `steps` frames of `size` bytes, each begun 8 bytes behind the one before, and with noise behind it."""
+    stream = bytearray()
+    for step in range(steps):
+        stream += HEADER["little"].pack(MAGIC, SendDummyDataRequest.packet_id, size - OVERHEAD - 6 * step)
+    stream += bytes(size - len(stream) - 1)
+    for step in range(steps):
+        stream.append(sum(stream[HEADER_SIZE * step :]) & 0xFF)
+        stream += b"\x01"
+    return bytes(stream)
 
 
 def _nested(size: int) -> bytes:

@@ -76,8 +76,8 @@ class FrameParser:
         self._shadow: FrameParser | None = None  # looks for a frame that reaches from `_last` into the padding
         self._shadowed: list[Frame] = []
         self._wary = 0  # so many more frames are searched for whole frames inside
-        self._looks_back = True
-        self._replay = 0  # so many bytes at the front of the buffer belong to a frame that was believed already
+        self._deepest = _DEEPEST
+        self._replays: list[int] = []  # where in the buffer the bytes end that are read again, for each look back
         self._blocks: BlockSums | None = None
         self._kept: list[tuple[int, bytes, str]] | None = [] if keep_skipped else None
 
@@ -185,8 +185,8 @@ class FrameParser:
         self.frames += len(frames)
         self._held = data[at:]
         self._needed = needed
-        if self._replay:
-            self._replay = max(0, self._replay - at)
+        if self._replays:
+            self._replays = [end - at for end in self._replays]
         if self._blocks is not None:
             self._blocks.move(at)
         return frames
@@ -224,8 +224,10 @@ class FrameParser:
 
     def _believed(self, frame: Frame, end: int) -> None:
         """Note that `frame` ends at `end`, in sync."""
-        looked_back = self._replay and end - OVERHEAD - len(frame[1]) < self._replay
-        self._last = frame if self._looks_back and not looked_back else None  # once is enough
+        if self._replays:
+            start = end - OVERHEAD - len(frame[1])
+            self._replays = [again for again in self._replays if again > start]
+        self._last = frame if len(self._replays) < self._deepest else None
         if self._in_sync:
             return
         self._in_sync = True
@@ -296,22 +298,26 @@ class FrameParser:
     def _look_inside(self, frame: Frame) -> tuple[FrameParser, list[Frame]]:
         """Return a parser that has read what is in `frame`, and the frames it found."""
         shadow = FrameParser(self.byte_order)
-        shadow._looks_back = False
+        shadow._deepest = 0
         return shadow, shadow.feed(self._inside(frame))
 
     def _inside(self, frame: Frame) -> bytes:
         return encode_frame(*frame, self.byte_order)[1:] if self._rest is None else self._rest
 
     def _look_back(self, last: Frame, data: bytes, at: int) -> tuple[bytes, int]:
-        """Return a buffer that begins inside `last` again, if a frame may begin there."""
+        """Return the buffer, with all of `last` in it, and where in `last` a frame may begin (else `at`)."""
         again = self._inside(last) + bytes(self._zeros)
         start = _next_magic(again + data[at : at + len(MAGIC) - 1], 0)
         if start >= len(again):
             return data, at
-        self._replay = len(again)
-        if self._blocks is not None:
-            self._blocks.move(at - len(again))
-        return again + data[at:], start
+        if len(again) > at:  # some of it was in the buffer before this one
+            gone = len(again) - at
+            data, at = again[:gone] + data, len(again)
+            self._replays = [end + gone for end in self._replays]
+            if self._blocks is not None:
+                self._blocks.move(-gone)
+        self._replays.append(at)
+        return data, at - len(again) + start
 
     def _block_sums(self) -> BlockSums:
         if self._blocks is None:
@@ -338,7 +344,7 @@ class FrameParser:
         return ""
 
     def _skip(self, data: bytes, start: int, end: int, frames: list[Frame]) -> None:
-        start = max(start, self._replay)
+        start = max(start, *self._replays) if self._replays else start
         if start >= end:
             return
         self.skipped[self._reason] += end - start
@@ -352,6 +358,7 @@ _SHORT = 255  # bytes of content whose sum adler32 can add to a header's and sti
 _MANY = 512  # bytes of a chunk that may hold a run of frames
 _ROOMY = 2 * HEADER_SIZE  # where the checksum of a frame stands that has room for another
 _WARY = 256
+_DEEPEST = 4
 
 
 @cache

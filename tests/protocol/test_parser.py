@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from benchmarks.streams import any_frame, damaged_line, hostile
 from servolink.protocol.codec import Codec
-from servolink.protocol.frame import HEADER, MAGIC, ByteOrder, Frame, encode_frame
-from servolink.protocol.parser import CHECKSUM, INCOMPLETE, LENGTH, NOISE, PADDING, UNKNOWN_ID, FrameParser
+from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, OVERHEAD, ByteOrder, Frame, encode_frame
+from servolink.protocol.parser import CHECKSUM, INCOMPLETE, LENGTH, NOISE, PADDING, REASONS, UNKNOWN_ID, FrameParser
 from servolink.protocol.servos import QueryServoRequest, QueryServoResponse
 from tests.protocol.declared import VECTORS
 
@@ -132,11 +132,50 @@ def test_looking_back_is_done_only_after_a_loss_of_sync() -> None:
     assert parsed(holding + b"\x01")[0] == [(DUMMY, content), FOUND]
 
 
-def test_a_frame_found_by_looking_back_is_not_looked_into_again() -> None:
+def test_a_frame_found_by_looking_back_is_looked_into_too() -> None:
     inner = encode_frame(DUMMY, GOOD, "little")
     false = swallowing(inner[:12], checksum=inner[12])
     frames, _, _ = parsed(false + inner[12:] + b"\x01")
-    assert frames == [(DUMMY, false[8:]), (DUMMY, GOOD)]
+    assert frames == [(DUMMY, false[8:]), (DUMMY, GOOD), FOUND]
+
+
+def stairs(steps: int, size: int = 120) -> tuple[bytes, list[Frame]]:
+    """Return a stream, and frames that each begin right in the one before and end behind noise behind it."""
+    stream = bytearray()
+    for step in range(steps):
+        stream += HEADER["little"].pack(MAGIC, DUMMY, size - OVERHEAD - 6 * step)
+    stream += bytes(size - len(stream) - 1)
+    ends = []
+    for step in range(steps):
+        stream.append(sum(stream[HEADER_SIZE * step :]) % 256)
+        ends.append(len(stream))
+        stream.append(1)
+    return bytes(stream), [(DUMMY, bytes(stream[8 * at + 8 : end - 1])) for at, end in enumerate(ends)]
+
+
+@pytest.mark.parametrize("step", [1, 7, 64, 1000])
+def test_what_looking_back_finds_is_looked_into_up_to_four_times(step: int) -> None:
+    stream, frames = stairs(8)
+    parser = FrameParser()
+    twice = stream + stream
+    found = [frame for at in range(0, len(twice), step) for frame in parser.feed(twice[at : at + step])]
+    assert found == frames[:5] * 2
+    last = encode_frame(*frames[4], "little")
+    assert parser.skipped == dict.fromkeys(REASONS, 0) | {NOISE: 2 * len(stream.partition(last)[2])}
+
+
+def test_a_long_frame_is_looked_into_when_it_has_left_the_buffer() -> None:
+    inner = encode_frame(DUMMY, bytes(range(1, 256)) * 40, "little")
+    false = swallowing(inner[:9000], checksum=inner[9000])
+    parser = FrameParser()
+    assert parser.feed(false) + parser.feed(inner[9000:9001]) == [(DUMMY, false[8:])]
+    assert parser.feed(inner[9001:]) == [(DUMMY, inner[8:-1])]
+
+
+def test_the_bytes_behind_a_frame_in_another_are_read_no_more_often_for_it() -> None:
+    begun = HEADER["little"].pack(MAGIC, DUMMY, 50)
+    holding = encode_frame(DUMMY, (encode_frame(DUMMY, begun, "little") + b"noise") * 6 + GOOD, "little")
+    assert parsed(holding + b"noise")[0][-1] == FOUND
 
 
 ENDS_IN_ZEROS = encode_frame(DUMMY, bytes([-sum(HEADER["little"].pack(MAGIC, DUMMY, 6)) % 256]) + bytes(5), "little")
