@@ -5,8 +5,8 @@ cut. A frame is believed when its id is known, its length obeys that id's rule a
 the search goes on inside it, so that no intact frame within a damaged one is lost.
 
 One damaged frame in 256 has the right sum by chance and may have swallowed good ones. Three signs betray it,
-and the parser then looks back, once, for the frames inside: sync is lost right after it; a frame inside reaches
-into the padding after it; or, on a line that was damaged lately, there are whole frames inside.
+and the parser then looks back for the frames inside: sync is lost right after it; a frame inside reaches into the
+padding after it; or, on a line that was damaged lately, there are whole frames inside.
 """
 
 from __future__ import annotations
@@ -358,7 +358,7 @@ _SHORT = 255  # bytes of content whose sum adler32 can add to a header's and sti
 _MANY = 512  # bytes of a chunk that may hold a run of frames
 _ROOMY = 2 * HEADER_SIZE  # where the checksum of a frame stands that has room for another
 _WARY = 256
-_DEEPEST = 4
+_DEEPEST = 4  # times that a byte is read again at most
 
 
 @cache
