@@ -280,11 +280,15 @@ class FrameParser:
         return end
 
     def _swallowed(self) -> list[Frame]:
-        """Return the frames inside the last one, and keep of it only what reaches out of it."""
+        """Return the frames inside the last one, and keep of it only what may reach out of it."""
         if self._last is None:
             return []
         shadow, found = self._look_inside(self._last)
-        self._last, self._rest = (self._last, bytes(shadow._held)) if shadow._held else (None, None)
+        if shadow._held:
+            self._rest = bytes(shadow._held)
+        else:
+            self._last, self._rest, self._zeros = shadow._last, shadow._rest, shadow._zeros
+            self._shadow, self._shadowed = shadow._shadow, shadow._shadowed
         self._in_sync = False
         return found
 
@@ -298,7 +302,8 @@ class FrameParser:
     def _look_inside(self, frame: Frame) -> tuple[FrameParser, list[Frame]]:
         """Return a parser that has read what is in `frame`, and the frames it found."""
         shadow = FrameParser(self.byte_order)
-        shadow._deepest = 0
+        shadow._deepest = max(0, self._deepest - 1 - len(self._replays))
+        shadow._wary = self._wary
         return shadow, shadow.feed(self._inside(frame))
 
     def _inside(self, frame: Frame) -> bytes:
@@ -306,6 +311,7 @@ class FrameParser:
 
     def _look_back(self, last: Frame, data: bytes, at: int) -> tuple[bytes, int]:
         """Return the buffer, with all of `last` in it, and where in `last` a frame may begin (else `at`)."""
+        self._wary = _WARY
         again = self._inside(last) + bytes(self._zeros)
         start = _next_magic(again + data[at : at + len(MAGIC) - 1], 0)
         if start >= len(again):
