@@ -16,9 +16,13 @@ _NO_SYNC = {errno.EINVAL, errno.ENOTSUP}
 def write_atomically(path: Path, content: bytes) -> None:
     """Let `path` hold `content`, replacing what it held; on any failure it is as it was. OSError says why.
 
-    A link stays one, and a file keeps its permissions; a new one gets the usual ones.
+    A link stays one, and a file keeps its permissions; a new one gets the usual ones. What is no file, such as a
+    device or a pipe, is left alone.
     """
-    path = Path(os.path.realpath(path))
+    if path.is_symlink():
+        path = Path(os.path.realpath(path))
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "it is no regular file", str(path))
     temporary = path.with_name(f".servolink-{secrets.token_hex(8)}")
     try:
         with temporary.open("xb") as file:

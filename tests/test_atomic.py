@@ -60,6 +60,25 @@ def test_a_link_stays_one(tmp_path: Path) -> None:
         assert (tmp_path / "folder" / "file").read_bytes() == content
 
 
+@POSIX
+def test_what_is_no_file_is_left_alone(tmp_path: Path) -> None:
+    pipe, link = tmp_path / "pipe", tmp_path / "link"
+    os.mkfifo(pipe)
+    link.symlink_to(pipe)
+    for path in (pipe, link, tmp_path):
+        with pytest.raises(OSError, match="no regular file"):
+            write_atomically(path, b"x")
+    assert pipe.is_fifo()
+    assert sorted(tmp_path.iterdir()) == [link, pipe]
+
+
+@POSIX
+def test_a_folder_that_is_not_there_is_not_passed_over_on_the_way_up(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        write_atomically(tmp_path / "missing" / ".." / "file", b"x")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("step", ["fsync", "chmod", "replace"])
 def test_a_failure_leaves_what_was_there_and_nothing_else(
     step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

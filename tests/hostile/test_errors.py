@@ -67,7 +67,7 @@ SAYINGS: dict[str, Callable[[str], object]] = {
     "faults": Faults.parse,
     "place": host_and_port,
     "script": parse_script,
-    "saved board": lambda text: load_state(VirtualBoard(1), Path("/dev/null") / text),
+    "saved board": lambda text: load_state(VirtualBoard(1), _nowhere(text)),
     "project": parse_project,
     "key of a project": lambda text: parse_project(json.dumps({"schema": 1, text: 1})),
     "number in a project": lambda text: parse_project(json.dumps({"schema": 1, "project_id": text})),
@@ -78,8 +78,8 @@ SAYINGS: dict[str, Callable[[str], object]] = {
     "caption in a project": lambda text: parse_project(
         json.dumps({"schema": 1, "actions": [{"action_id": 1, "action_caption": text, "steps": []}]})
     ),
-    "file of a project": lambda text: load_project(Path("/dev/null") / text),
-    "file for a project": lambda text: save_project(Path("/dev/null") / text, PROJECT),
+    "file of a project": lambda text: load_project(_nowhere(text)),
+    "file for a project": lambda text: save_project(_nowhere(text), PROJECT),
     "name of a record": lambda text: find(PROJECT, text, KINDS),
     "name among hostile names": lambda text: find(
         Project(actions=(Action(1, text), Action(2, text), Action(3, f"{text}!"))), text, KINDS
@@ -94,6 +94,11 @@ def test_an_error_is_text(name: str) -> None:
     for error in errors:
         for shown in (str(error), repr(error)):
             assert not controls(shown), ascii(shown)
+
+
+def _nowhere(text: str) -> Path:
+    """Return a path with `text` in its last name; never one that could be written, not even as root."""
+    return Path("/dev/null/nowhere") / f"x{text.replace('/', chr(0x2215))}"
 
 
 def _error(say: Callable[[str], Any], text: str) -> Exception | None:

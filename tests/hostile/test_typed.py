@@ -87,7 +87,7 @@ TYPED = (
     "virtual --servos {}",
     "virtual --script {}",
     "virtual --add {}",
-    "virtual --tcp 127.0.0.1:0 --state /dev/null/{}",
+    "virtual --tcp 127.0.0.1:0 --state /dev/null/nowhere/x{}",
     "bench --requests {}",
     "demo {}",
 )
