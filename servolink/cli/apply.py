@@ -15,14 +15,13 @@ from servolink.cli.plan import plan_object, print_plan
 from servolink.cli.progress import PHASES, shown_progress
 from servolink.cli.session import Interruption, converse
 from servolink.client.board import Board
-from servolink.errors import ServolinkError
+from servolink.errors import ProjectError, ServolinkError
 from servolink.printable import printable
 from servolink.project.files.file import load_project
 from servolink.project.imports.progress import Phase, Progress, Tell
 from servolink.project.imports.results import Applied, Plan
 from servolink.project.imports.rollback import backup_for
 from servolink.project.imports.store import Store
-from servolink.project.model import Project
 
 _UNTOUCHED = "nothing was changed on the board"
 
@@ -63,8 +62,9 @@ def _apply(args: argparse.Namespace) -> int:
         async def work(tell: Tell) -> Applied:
             return await board.apply(project, replace=args.replace, backup=not args.no_backup, progress=tell)
 
-        with shown_progress(board, quiet=args.json) as tell:
-            plan = await board.plan(project, replace=args.replace, progress=tell)
+        async def plan(tell: Tell) -> Plan:
+            return await board.plan(project, replace=args.replace, progress=tell)
+
         ways = (
             "the same command goes on; without a backup nothing goes back"
             if args.no_backup
@@ -77,14 +77,17 @@ def _apply(args: argparse.Namespace) -> int:
 
 def _roll_back(args: argparse.Namespace) -> int:
     named = backup_named(args.backup) if args.backup else None
-    project: Project | None = load_project(named, exact=True) if named else None
+    store = Store()
+    named_project = store.load(named, args.caption_encoding) if named else None
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        path = named or await backup_for(board, Store())
+        path = named or await backup_for(board, store)
+        project = named_project or store.load(path, args.caption_encoding)
         if not args.json:
             print_text(f"from {path}")
-        with shown_progress(board, quiet=args.json) as tell:
-            plan = await board.plan(project or load_project(path, exact=True), exact=True, progress=tell)
+
+        async def plan(tell: Tell) -> Plan:
+            return await board.plan(project, exact=True, progress=tell)
 
         async def work(tell: Tell) -> Applied:
             return await board.rollback(path, progress=tell)
@@ -104,8 +107,11 @@ class _Change:
         self._interruption = interruption
         self._ways = ways
 
-    async def make(self, plan: Plan, work: Callable[[Tell], Awaitable[Applied]]) -> int:
-        """Do it, if it is wanted."""
+    async def make(
+        self, planned: Callable[[Tell], Awaitable[Plan]], work: Callable[[Tell], Awaitable[Applied]]
+    ) -> int:
+        """Do what is planned, if it is wanted; ProjectError if it is not the same any more when the answer comes."""
+        plan = await self._shown(planned)
         if not self._args.json:
             print_plan(plan)
         if not plan.differs:
@@ -115,6 +121,11 @@ class _Change:
         if not (self._args.yes or await _yes()):
             print_text(_UNTOUCHED)
             return OK
+        if not self._args.yes and _done(await self._shown(planned)) != _done(plan):
+            raise ProjectError(
+                f"what is on {printable(self._board.url)} has changed meanwhile, and so has what would be done; "
+                f"{_UNTOUCHED} by this command: look at the new plan"
+            )
         try:
             with shown_progress(self._board, quiet=self._args.json) as tell:
                 applied = await work(lambda progress: self._note(progress, tell))
@@ -123,6 +134,10 @@ class _Change:
             raise
         self._report(plan, applied)
         return OK
+
+    async def _shown(self, planned: Callable[[Tell], Awaitable[Plan]]) -> Plan:
+        with shown_progress(self._board, quiet=self._args.json) as tell:
+            return await planned(tell)
 
     def _note(self, progress: Progress, tell: Tell) -> None:
         tell(progress)
@@ -150,6 +165,11 @@ _LEFT: dict[Phase, str] = {
     "marking": "the board may say that it holds an unfinished import, but nothing else was changed",
     "finishing": "everything is written, but the board may still say that the import is unfinished",
 }
+
+
+def _done(plan: Plan) -> object:
+    """Return what is done, without what it takes."""
+    return plan.changes, plan.faults, plan.is_unfinished
 
 
 def _can_ask() -> bool:

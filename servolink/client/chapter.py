@@ -33,6 +33,11 @@ class Chapter:
         """Byte order and caption encoding of this connection."""
         return self._link.codec
 
+    @property
+    def connection(self) -> object:
+        """What stands for the connection: another object once it was lost and has come back."""
+        return self._link
+
     async def request(
         self, packet: Request[R], *, timeout: float | None = None, retries: int | None = None, exact: bool = False
     ) -> R:

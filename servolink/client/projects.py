@@ -23,9 +23,10 @@ class Projects(Settings, ReadBack):
 
         ProjectError if they never do, or if the board lists what it does not give.
         """
+        from servolink.project.imports.connection import OneConnection
         from servolink.project.imports.read import read_project
 
-        return await read_project(self, progress)
+        return await read_project(OneConnection(self), progress)
 
     async def plan(
         self, project: Project, *, replace: bool = False, exact: bool = False, progress: Tell = tell_nobody
@@ -34,9 +35,10 @@ class Projects(Settings, ReadBack):
 
         `exact` is for a project that was read from a board and may hold what this library would not write by itself.
         """
+        from servolink.project.imports.connection import OneConnection
         from servolink.project.imports.plan import plan_project
 
-        return await plan_project(self, project, tell=progress, replace=replace, exact=exact)
+        return await plan_project(OneConnection(self), project, tell=progress, replace=replace, exact=exact)
 
     async def apply(
         self,
@@ -54,9 +56,11 @@ class Projects(Settings, ReadBack):
         project that cannot be written or does not fit, if no backup can be made, and if the board does not take it.
         """
         from servolink.project.imports.apply import apply_project
+        from servolink.project.imports.connection import OneConnection
         from servolink.project.imports.store import Store
 
-        return await apply_project(self, project, store=Store(folder), tell=progress, replace=replace, backup=backup)
+        board, store = OneConnection(self), Store(folder)
+        return await apply_project(board, project, store=store, tell=progress, replace=replace, backup=backup)
 
     async def rollback(
         self, backup: Path | None = None, *, folder: Path | None = None, progress: Tell = tell_nobody
@@ -65,10 +69,11 @@ class Projects(Settings, ReadBack):
 
         ProjectError if there is no such backup, or if the board is not as that import left it.
         """
+        from servolink.project.imports.connection import OneConnection
         from servolink.project.imports.rollback import roll_back
         from servolink.project.imports.store import Store
 
-        return await roll_back(self, backup, store=Store(folder), tell=progress)
+        return await roll_back(OneConnection(self), backup, store=Store(folder), tell=progress)
 
     async def has_unfinished_import(self) -> bool:
         """Tell whether an import was begun on the board and not finished; `apply` again, or `rollback`."""

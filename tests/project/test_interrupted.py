@@ -107,7 +107,7 @@ def test_an_unfinished_import_without_a_journal_needs_a_backup_to_be_named(tmp_p
     async def work(board: Board) -> None:
         with pytest.raises(ProjectError, match="that another computer began, or whose journal is lost"):
             await board.rollback(folder=tmp_path)
-        backup = Store(tmp_path).keep(OLD, "virtual://")
+        backup = Store(tmp_path).keep(OLD, "virtual://", "utf-8")
         await board.rollback(backup, folder=tmp_path)
 
     assert same(on_board(work, unfinished()), OLD_CONTENTS)
@@ -218,7 +218,7 @@ def test_imports_of_the_same_project_by_two_computers_have_different_markers(
     drawn = iter((UNFINISHED[3], UNFINISHED[3], UNFINISHED[4]))
     monkeypatch.setattr("servolink.project.imports.store.choice", lambda _: next(drawn))
     store = Store(tmp_path)
-    store.write(Journal(store.new_marker(), HERE, "utf-8", 1, None))
+    store.write(Journal(store.new_marker(), HERE, 1, None))
     assert store.new_marker() == UNFINISHED[4]
 
 

@@ -14,9 +14,7 @@ from servolink.errors import ConnectionLost, ProjectError
 from servolink.project.files.file import load_project
 from servolink.project.imports.progress import Progress
 from servolink.project.imports.store import Store
-from servolink.project.model import Project
 from servolink.protocol.editing import (
-    Action,
     Macro,
     QueryActionRequest,
     QueryActionResponse,
@@ -144,14 +142,3 @@ def test_without_anything_to_roll_back_it_says_so(tmp_path: Path) -> None:
             await board.rollback(tmp_path / "nowhere", folder=tmp_path)
 
     assert on_board(work) == OLD_CONTENTS
-
-
-def test_a_backup_in_another_encoding_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    """A board cannot be given back what its connection cannot write."""
-    backup = Store(tmp_path).keep(Project(3, actions=(Action(1, "Gr\u00fc\u00dfe", ()),)), "virtual://")
-
-    async def work(board: Board) -> None:
-        with pytest.raises(ProjectError, match=r"action 1 cannot be written to a board: .* cannot be written in big5"):
-            await board.rollback(backup, folder=tmp_path)
-
-    assert on_board(work, caption_encoding="big5") == OLD_CONTENTS

@@ -20,7 +20,7 @@ from tests.project.pulled import NEW, OLD
 
 URL = "serial:///dev/ttyACM0?baudrate=115200"
 MARKER = UNFINISHED.start + 7
-JOURNAL = Journal(MARKER, URL, "utf-8", 3, None, "clearing")
+JOURNAL = Journal(MARKER, URL, 3, None, "clearing")
 
 
 def at(hour: int, second: int = 0) -> datetime:
@@ -29,7 +29,7 @@ def at(hour: int, second: int = 0) -> datetime:
 
 def test_backups_are_numbered_and_never_overwritten_whatever_the_clock_says(tmp_path: Path) -> None:
     kept = [
-        Store(tmp_path, lambda hour=hour: at(hour)).keep(project, URL)  # type: ignore[misc]
+        Store(tmp_path, lambda hour=hour: at(hour)).keep(project, URL, "UTF8")  # type: ignore[misc]
         for hour, project in ((9, OLD), (9, NEW), (8, OLD), (8, OLD))
     ]
     backups = Store(tmp_path).backups()
@@ -37,7 +37,7 @@ def test_backups_are_numbered_and_never_overwritten_whatever_the_clock_says(tmp_
     assert [(backup.number, backup.time) for backup in backups] == [(1, at(9)), (2, at(9)), (3, at(8)), (4, at(8))]
     assert {backup.board for backup in backups} == {"serial_dev_ttyACM0"}
     assert [load_project(path, exact=True) for path in kept] == [OLD, NEW, OLD, OLD]
-    assert kept[0].name.startswith("000001-20260304T090500Z-serial_dev_ttyACM0-")
+    assert kept[0].name.startswith("000001-20260304T090500Z-serial_dev_ttyACM0-utf_8-")
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_backups_are_numbered_and_never_overwritten_whatever_the_clock_says(tmp_
     ],
 )
 def test_an_address_of_any_kind_makes_a_file_name_that_is_found_again(url: str, board: str, tmp_path: Path) -> None:
-    path = Store(tmp_path).keep(OLD, url)
+    path = Store(tmp_path).keep(OLD, url, "utf-8")
     (backup,) = Store(tmp_path).backups()
     assert (backup.path, backup.board) == (path, board.strip("_"))
     assert path.name.isascii()
@@ -63,36 +63,36 @@ def test_a_backup_that_does_not_read_back_as_it_was_written_is_an_error(
 ) -> None:
     monkeypatch.setattr("servolink.project.imports.store.load_project", lambda *_, **__: NEW)
     with pytest.raises(ProjectError, match="the backup does not read back as it was written"):
-        Store(tmp_path).keep(OLD, URL)
+        Store(tmp_path).keep(OLD, URL, "utf-8")
 
 
 def test_what_is_no_backup_is_passed_over(tmp_path: Path) -> None:
     folder = tmp_path / "backups"
     folder.mkdir()
-    good = "000001-20260304T090500Z-a-0123456789ab.servolink.json"
+    good = "000001-20260304T090500Z-a-utf_8-0123456789ab.servolink.json"
     for name in (
         good,
-        "000002-20269999T999999Z-a-0123456789ab.servolink.json",
-        "000003-\u0662\u0660\u0662\u06600304T090500Z-a-0123456789ab.servolink.json",
-        "20260304T090500Z-a-0123456789ab.servolink.json",
-        "000004-20260304T090500Z-a-0123456789ab.servolink.json.tmp",
+        "000002-20269999T999999Z-a-utf_8-0123456789ab.servolink.json",
+        "000003-\u0662\u0660\u0662\u06600304T090500Z-a-utf_8-0123456789ab.servolink.json",
+        "20260304T090500Z-a-utf_8-0123456789ab.servolink.json",
+        "000004-20260304T090500Z-a-utf_8-0123456789ab.servolink.json.tmp",
         "notes.txt",
     ):
         (folder / name).write_bytes(b"{")
     (folder / good.replace("000001", "000005")).mkdir()
     assert [backup.path.name for backup in Store(tmp_path).backups()] == [good]
-    assert Store(tmp_path).keep(OLD, URL).name.startswith("000002-")
+    assert Store(tmp_path).keep(OLD, URL, "utf-8").name.startswith("000002-")
 
 
 def test_numbers_go_on_behind_the_largest(tmp_path: Path) -> None:
     (tmp_path / "backups").mkdir()
-    (tmp_path / "backups" / "999999999-20260304T090500Z-a-0123456789ab.servolink.json").write_bytes(b"")
-    assert Store(tmp_path).keep(OLD, URL) == Store(tmp_path).backups()[-1].path
+    (tmp_path / "backups" / "999999999-20260304T090500Z-a-utf_8-0123456789ab.servolink.json").write_bytes(b"")
+    assert Store(tmp_path).keep(OLD, URL, "utf-8") == Store(tmp_path).backups()[-1].path
 
 
 def test_a_journal_comes_back(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    backup = store.keep(OLD, URL)
+    backup = store.keep(OLD, URL, "utf-8")
     for journal in (JOURNAL, msgspec.structs.replace(JOURNAL, url="tcp://\udcff", backup=backup.name)):
         store.write(journal)
         assert store.journals(MARKER) == [journal]
@@ -123,8 +123,9 @@ def told(**changed: object) -> bytes:
         told(later="a field of a later version"),
         told(url=None),
         told(backup="../../etc/passwd"),
-        told(backup="a/000001-20260304T090500Z-a-0123456789ab.servolink.json"),
-        told(backup="000001-20260304T090500Z-../../a-0123456789ab.servolink.json"),
+        told(backup="a/000001-20260304T090500Z-a-utf_8-0123456789ab.servolink.json"),
+        told(restores="/project.servolink.json"),
+        told(backup="000001-20260304T090500Z-../../a-utf_8-0123456789ab.servolink.json"),
     ],
     ids=lambda content: content[:20].decode(errors="replace"),
 )
@@ -188,7 +189,7 @@ def test_a_folder_that_cannot_be_read_is_an_error_and_not_empty(name: str, tmp_p
 def test_a_folder_that_cannot_be_is_an_error(folder: Path) -> None:
     store = Store(folder)
     with pytest.raises(ProjectError, match="the backup cannot be written"):
-        store.keep(Project(), URL)
+        store.keep(Project(), URL, "utf-8")
     with pytest.raises(ProjectError, match="the journal of the import cannot be written"):
         store.write(JOURNAL)
 

@@ -58,7 +58,7 @@ async def apply_project(
     kept = await _backup(board, content, begun, store, tell, wanted=backup)
     name = None if kept is None else kept.name
     marker = await asyncio.to_thread(store.new_marker)
-    journal = Journal(marker, board.url, board.codec.caption_encoding, project.project_id, name, restores=restores)
+    journal = Journal(marker, board.url, project.project_id, name, restores=restores)
     others = [one for one in journals if one.url == board.url and one is not begun]
     run = Import(board, project, journal, store, tell, exact=exact)
     await run.run(content, before, begun, others, replace=replace)
@@ -107,7 +107,13 @@ async def _backup(
         logging.getLogger(__name__).warning(
             "what is left on %s is kept in %s", printable(board.url), printable(str(path))
         )
-    return store.kept(begun.backup) if begun.backup else None
+    if begun.backup is None:
+        return None
+    path = store.kept(begun.backup)
+    if path.is_file():
+        return path
+    logging.getLogger(__name__).warning("the backup of the import that goes on is gone: %s", printable(str(path)))
+    return None
 
 
 async def _keep(board: Asked, content: Content, store: Store, tell: Tell) -> Path:
@@ -117,6 +123,6 @@ async def _keep(board: Asked, content: Content, store: Store, tell: Tell) -> Pat
         old = content.project()
     except ProjectError as error:
         raise ProjectError(f"no backup of {printable(board.url)} can be made: {error}") from error
-    path = await asyncio.to_thread(store.keep, old, board.url)
+    path = await asyncio.to_thread(store.keep, old, board.url, board.codec.caption_encoding)
     tell(Progress("saving", 1, 1, "backup"))
     return path

@@ -23,8 +23,6 @@ class Journal(Struct, frozen=True, forbid_unknown_fields=True):
     """Of this run alone: the next one that goes on with the import takes another."""
     url: str
     """Where the board was."""
-    caption_encoding: str
-    """In which the backup was read, and has to be written."""
     project_id: int
     """Of the project that is written."""
     backup: str | None

@@ -43,6 +43,11 @@ class Asked(Protocol):
         """Byte order and caption encoding of the connection."""
         ...
 
+    @property
+    def connection(self) -> object:
+        """What stands for its connection: another one after a loss."""
+        ...
+
     async def request(self, packet: Request[R], *, exact: bool = False) -> R:
         """Return the answer to `packet`."""
         ...

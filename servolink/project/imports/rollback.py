@@ -7,7 +7,6 @@ from pathlib import Path
 
 from servolink.errors import ProjectError
 from servolink.printable import printable
-from servolink.project.files.file import load_project
 from servolink.project.imports.apply import apply_project
 from servolink.project.imports.journal import is_unfinished, journal_of, last_import
 from servolink.project.imports.progress import Tell
@@ -22,7 +21,7 @@ async def roll_back(board: Asked, backup: Path | None, *, store: Store, tell: Te
     ProjectError if there is none. It is an import like any other: it can be interrupted, and rolled back.
     """
     path = backup or await backup_for(board, store)
-    project = await asyncio.to_thread(load_project, path, exact=True)
+    project = await asyncio.to_thread(store.load, path, board.codec.caption_encoding)
     restores = path.name if path == store.kept(path.name) else None
     return await apply_project(board, project, store=store, tell=tell, exact=True, restores=restores)
 
@@ -43,9 +42,4 @@ async def backup_for(board: Asked, store: Store) -> Path:
         raise ProjectError(f"{what}; give `rollback` one of `servolink backups`, or apply a project")
     if journal.backup is None:
         raise ProjectError(f"the last import to {where} was made without a backup; apply a project")
-    if journal.caption_encoding != board.codec.caption_encoding:
-        raise ProjectError(
-            f"the backup was read with captions in {printable(journal.caption_encoding)}; connect with that "
-            f"caption encoding, not {board.codec.caption_encoding}"
-        )
     return store.kept(journal.backup)

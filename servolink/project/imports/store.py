@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import hashlib
 import json
 import logging
@@ -26,7 +27,11 @@ from servolink.project.model import UNFINISHED, Project
 _SUFFIX = ".servolink.json"
 _LARGEST = 64 * 1024
 _TIME = "%Y%m%dT%H%M%SZ"
-_BACKUP = re.compile(r"(?P<number>\d{6,})-(?P<time>\d{8}T\d{6}Z)-(?P<board>.*)-[0-9a-f]{12}\.servolink\.json", re.ASCII)
+_BACKUP = re.compile(
+    r"(?P<number>\d{6,})-(?P<time>\d{8}T\d{6}Z)-(?P<board>[^-]*)-(?P<encoding>\w+)-(?P<digest>[0-9a-f]{12})"
+    r"\.servolink\.json",
+    re.ASCII,
+)
 _JOURNAL = re.compile(r"(?P<marker>[0-9a-f]{8})\.json")
 
 
@@ -38,6 +43,10 @@ class Backup(Struct, frozen=True, order=True):
     time: datetime
     board: str
     """The address of the board, made fit for a file's name."""
+    caption_encoding: str
+    """In which captions were read and have to be written, made fit likewise."""
+    digest: str
+    """Of the content, which nobody is to change."""
     path: Path
 
 
@@ -49,16 +58,36 @@ class Store:
         self.folder = folder or platformdirs.user_data_path("servolink", appauthor=False)
         self.now = now
 
-    def keep(self, project: Project, url: str) -> Path:
+    def keep(self, project: Project, url: str, caption_encoding: str) -> Path:
         """Write a backup of the board at `url`, read it back and return where it is; it is never overwritten."""
         with _told("the backup cannot be written"):
             folder = self._made("backups")
             number = 1 + max((backup.number for backup in self.backups()), default=0)
-            path = folder / f"{number:06}-{self.now():{_TIME}}-{_slug(url)}-{_digest(project)}{_SUFFIX}"
+            what = f"{_slug(url)}-{_slug_of_encoding(caption_encoding)}-{_digest(project)}"
+            path = folder / f"{number:06}-{self.now():{_TIME}}-{what}{_SUFFIX}"
             write_atomically(path, format_project(project).encode())
         if load_project(path, exact=True) != project.sorted():
             raise ProjectError(f"{printable(str(path))}: the backup does not read back as it was written")
         return path
+
+    def load(self, path: Path, caption_encoding: str) -> Project:
+        """Return the project in `path`, which may be any file.
+
+        ProjectError also for a backup of this folder that was read with captions in another encoding, or was changed.
+        """
+        project = load_project(path, exact=True)
+        backup = _backup(path) if path == self.kept(path.name) else None
+        if backup and backup.caption_encoding != _slug_of_encoding(caption_encoding):
+            raise ProjectError(
+                f"{printable(str(path))} was read with captions in {backup.caption_encoding}; connect with that "
+                f"caption encoding, not {printable(caption_encoding)}"
+            )
+        if backup and backup.digest != _digest(project):
+            raise ProjectError(
+                f"{printable(str(path))} has been changed since it was made; to restore it as it is now, copy it to "
+                "another folder and give `rollback` the copy"
+            )
+        return project
 
     def backups(self) -> list[Backup]:
         """Return all backups, the newest last."""
@@ -146,9 +175,9 @@ def _read(path: Path, marker: int) -> Journal:
         journal = msgspec.convert(json.loads(file.read(_LARGEST)), Journal)
     if journal.marker != marker:
         raise ValueError(f"it is that of {journal.marker:08x}")
-    name = journal.backup
-    if name is not None and (Path(name).name != name or _backup(Path(name)) is None):
-        raise ValueError(f"{name!r} is no name of a backup")
+    for name in filter(None, (journal.backup, journal.restores)):
+        if Path(name).name != name or _backup(Path(name)) is None:
+            raise ValueError(f"{name!r} is no name of a backup")
     return journal
 
 
@@ -159,12 +188,19 @@ def _backup(path: Path) -> Backup | None:
         time = datetime.strptime(named["time"], _TIME).replace(tzinfo=UTC) if named else None
     except ValueError:  # such as the 99th of a month
         time = None
-    return Backup(int(named["number"]), time, named["board"], path) if named and time else None
+    if not (named and time):
+        return None
+    return Backup(int(named["number"]), time, named["board"], named["encoding"], named["digest"], path)
 
 
 def _digest(project: Project) -> str:
     """Return twelve hex digits that tell one project from another."""
     return hashlib.blake2b(format_project(project).encode(), digest_size=6).hexdigest()
+
+
+def _slug_of_encoding(caption_encoding: str) -> str:
+    """Return the same for all names of an encoding, such as `utf_8`."""
+    return re.sub(r"\W", "_", codecs.lookup(caption_encoding).name, flags=re.ASCII)
 
 
 def _slug(url: str) -> str:
