@@ -21,7 +21,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     """
     if path.is_symlink():
         path = Path(os.path.realpath(path))
-    if path.exists() and not path.is_file():
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a folder is refused by the system, in clear words
         raise OSError(errno.EINVAL, "it is no regular file", str(path))
     temporary = path.with_name(f".servolink-{secrets.token_hex(8)}")
     try:

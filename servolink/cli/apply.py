@@ -107,9 +107,7 @@ class _Change:
         self._interruption = interruption
         self._ways = ways
 
-    async def make(
-        self, planned: Callable[[Tell], Awaitable[Plan]], work: Callable[[Tell], Awaitable[Applied]]
-    ) -> int:
+    async def make(self, planned: Callable[[Tell], Awaitable[Plan]], work: Callable[[Tell], Awaitable[Applied]]) -> int:
         """Do what is planned, if it is wanted; ProjectError if it is not the same any more when the answer comes."""
         plan = await self._shown(planned)
         if not self._args.json:

@@ -12,7 +12,8 @@ from servolink.client.connect import connect
 from servolink.errors import ProjectError
 from servolink.project.imports.store import Store
 from servolink.project.model import Project
-from servolink.protocol.editing import Action, Step
+from servolink.protocol.editing import Action
+from servolink.protocol.servos import Step
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.project.boards import on_board, stopped, stopped_import, writing

@@ -217,7 +217,7 @@ def replaced(old: str, new: str) -> str:
             "macros[0].commands[0].ratio_percent: 0 is outside 1..100",
         ),
         ('"active_joystick_table": "pad"', "active_joystick_table: 'pad' is neither an integer nor null"),
-        ('"active_joystick_table": 4294967296', "active_joystick_table: 4294967296 is neither an integer nor null"),
+        ('"active_joystick_table": 4294967296', "active_joystick_table: 4294967296 is outside -2147483648..2147483647"),
         (
             '"action": []',
             "'action' is no field; there are schema, $schema, project_id, servo_parameters, actions, macros, ...",

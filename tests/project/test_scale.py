@@ -51,7 +51,7 @@ def test_a_factor_of_one_changes_nothing() -> None:
     assert scaled(HUMANOID, 1) == (HUMANOID, [])
 
 
-@pytest.mark.parametrize("factor", [0, -1, math.inf, math.nan, True, "2"])
+@pytest.mark.parametrize("factor", [0, -1, math.inf, math.nan, True, "2", 10**400, 1e300])
 def test_what_is_no_factor_is_refused(factor: float) -> None:
     with pytest.raises(ProjectError, match="is not above 0"):
         scaled(HUMANOID, factor)

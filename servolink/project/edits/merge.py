@@ -61,7 +61,8 @@ class _Merging:
         self.said: list[str] = []
         self.records = by_kind(one)
         self._known = {
-            plural: {with_id(record, 0): record_id for record_id, record in records.items()}
+            # Of several that are alike the one with the lowest id: so it was, too, when they were merged before.
+            plural: {with_id(records[record_id], 0): record_id for record_id in sorted(records, reverse=True)}
             for plural, records in self.records.items()
         }
         self._others = by_kind(other)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection
 from typing import Any
 
@@ -17,6 +16,7 @@ from servolink.protocol.servos import Step
 
 _LONGEST_STEP = 0x7FFF
 _LONGEST = 0x7FFF_FFFF
+_LARGEST = 1e9  # as a factor; with more nothing that takes time is short enough
 _DELAY = 1
 
 
@@ -27,8 +27,8 @@ def scaled(project: Project, factor: float, action_ids: Collection[int] | None =
     macros. What takes no time still takes none, and all else takes 10 ms at least. The macros that call an action are
     as they were: `fixed` makes their times right. ProjectError for a factor or an action that cannot be used.
     """
-    if isinstance(factor, bool) or not isinstance(factor, (int, float)) or not 0 < factor < math.inf:
-        raise ProjectError(f"the factor {shown(factor)} is not above 0")
+    if isinstance(factor, bool) or not isinstance(factor, (int, float)) or not 0 < factor <= _LARGEST:
+        raise ProjectError(f"the factor {shown(factor)} is not above 0 and at most {_LARGEST:,}")
     if missing := set(action_ids or ()) - {one.action_id for one in project.actions}:
         raise ProjectError(f"there is no action {min(missing)}")
     said: list[str] = []

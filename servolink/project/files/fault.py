@@ -73,6 +73,8 @@ def _reason(info: Any, value: Any) -> str:
         return "" if isinstance(value, list) else f"{_written(value)} is no list"
     if kinds := _kinds(info):
         return _no_object(kinds, value)
+    if isinstance(info, inspect.UnionType) and type(value) is int:
+        return next(_no_number(member, value) for member in info.types if isinstance(member, inspect.IntType))
     return f"{_written(value)} is neither an integer nor null"
 
 
