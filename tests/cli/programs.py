@@ -8,7 +8,7 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,11 +94,15 @@ def program(*arguments: str, **changed: str) -> Said:
 
 
 def in_terminal(
-    *arguments: str, typed: str = "", later: tuple[str, str] = ("", ""), env: Mapping[str, str] | None = None
+    *arguments: str,
+    typed: str = "",
+    later: tuple[str, str] = ("", ""),
+    meanwhile: Callable[[], object] = lambda: None,
+    env: Mapping[str, str] | None = None,
 ) -> Said:
     """Run a command in a terminal of 100 columns and 40 lines; what it says on either stream is in `out`.
 
-    `later` is what it says, and what is typed when it has said that.
+    `later` is what it says, and what is typed when it has said that, and `meanwhile` was done.
     """
     import fcntl
     import struct
@@ -124,6 +128,7 @@ def in_terminal(
         while chunk := _read(ours):
             out += chunk
             if answer and said in out.decode(errors="replace"):
+                meanwhile()
                 os.write(ours, answer.encode())
                 answer = ""
         return Said(process.wait(GUARD), out.decode(), "")

@@ -182,6 +182,25 @@ def test_apply_asks_on_a_terminal(shell: Shell, after: str, answer: str, code: i
     assert shell("plan", after).code == code
 
 
+@pytest.mark.parametrize("command", ["apply", "rollback"])
+def test_what_was_agreed_to_is_done_and_nothing_else(
+    shell: Shell, after: str, command: str, served: Addresses, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    elsewhere = Shell(served.network, capsys)
+    other = str(tmp_path / "other.servolink.json")
+    save_project(Path(other), Project(9))
+    if command == "rollback":
+        assert shell("apply", "--yes", after).code == 0
+    said = in_terminal(
+        *("--url", shell.url, command, *([after] if command == "apply" else [])),
+        later=("do it? [y/N]", "y\n"),
+        meanwhile=lambda: elsewhere("apply", "--yes", other),
+    )
+    assert said.code == 1
+    assert "has changed meanwhile, and so has what would be done" in " ".join(said.out.split())
+    assert shell("plan", other).code == 0
+
+
 def test_every_command_says_that_an_import_is_unfinished(shell: Shell, after: str, served: Addresses) -> None:
     async def begin() -> None:
         async with connect(served.network) as board:
