@@ -49,13 +49,12 @@ class Import:
         `content` is what is on the board, if that is known, and `before` its project id. `begun` is the journal of
         the run that was interrupted, if there was one, `others` are all the others of this address.
         """
-        for one in others:
-            if one.has_written_all:  # it is no longer the last import here
-                await asyncio.to_thread(self._store.end, one)
+        over = [one for one in others if one.has_written_all]  # the last import here is now this one
+        if self._journal.restores is None:  # a rollback that is lost before it has changed anything is asked for again
+            await self._end(over)
         await self._note("writing")
         await self._mark(before)
-        if begun is not None:  # no board has its marker any more
-            await asyncio.to_thread(self._store.end, begun)
+        await self._end(over if begun is None else [*over, begun])  # no board has the marker of `begun` any more
         if replace:
             content = await self._clear()
         await self._write_all(content)
@@ -69,6 +68,10 @@ class Import:
     async def _note(self, phase: JournalPhase) -> None:
         self._journal = msgspec.structs.replace(self._journal, phase=phase)
         await asyncio.to_thread(self._store.write, self._journal)
+
+    async def _end(self, journals: Sequence[Journal]) -> None:
+        for one in journals:
+            await asyncio.to_thread(self._store.end, one)
 
     async def _mark(self, before: int) -> None:
         """Write the marker; ProjectError, and all is as it was before, if the board does not keep it."""

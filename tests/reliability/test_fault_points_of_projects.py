@@ -1,0 +1,115 @@
+"""The same for whole projects: a fault at each operation of an export, a plan, an import and a rollback."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Awaitable, Callable
+from itertools import count
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from servolink import Action, Board, Project, Step, connect
+from servolink.errors import ServolinkError
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.transport import VirtualTransport
+from tests.reliability.test_fault_points import (
+    ACTION,
+    FAULTS,
+    FailingTransport,
+    Fault,
+    cancelled,
+    run_stepped,
+    stocked_board,
+)
+from tests.virtual_time import run
+
+Call = Callable[[Board, Path], Awaitable[object]]
+
+
+async def held(virtual: VirtualBoard) -> Project:
+    async with connect(VirtualTransport(virtual)) as board:
+        return await board.export_project()
+
+
+OLD = msgspec.structs.replace(run(held(run(stocked_board()))), project_id=3)
+NEW = msgspec.structs.replace(
+    OLD, project_id=4, actions=(msgspec.structs.replace(ACTION, steps=(Step(2, 5, 5),)), Action(2, "nod"))
+)
+CALLS: dict[str, Call] = {
+    "export": lambda board, folder: board.export_project(),
+    "plan": lambda board, folder: board.plan(NEW),
+    "apply": lambda board, folder: board.apply(NEW, folder=folder),
+    "replace": lambda board, folder: board.apply(NEW, folder=folder, replace=True),
+    "rollback": lambda board, folder: board.rollback(folder=folder),
+}
+
+
+async def prepared(name: str, folder: Path) -> VirtualBoard:
+    """Return a board with OLD, or, where that is to be brought back, with NEW."""
+    virtual = await stocked_board()
+    async with connect(VirtualTransport(virtual)) as board:
+        await board.write_project_id(OLD.project_id)
+        if name == "rollback":
+            await board.apply(NEW, folder=folder)
+    return virtual
+
+
+async def session(transport: FailingTransport, call: Call, folder: Path) -> bool:
+    """Connect, do something, close; tell whether no error came of it."""
+    try:
+        async with connect(transport, timeout=0.5) as board:
+            await call(board, folder)
+    except ServolinkError:
+        return False
+    return True
+
+
+async def assert_nothing_is_lost(name: str, virtual: VirtualBoard, folder: Path, *, done: bool) -> None:
+    if name in {"export", "plan"}:
+        assert await held(virtual) == OLD
+        return
+    async with connect(VirtualTransport(virtual)) as board:
+        if name != "rollback":
+            await CALLS[name](board, folder)
+            assert await board.export_project() == NEW
+            await board.rollback(folder=folder)
+        elif not done:
+            await board.rollback(folder=folder)
+        assert await board.export_project() == OLD
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("name", CALLS)
+def test_a_fault_at_any_operation_loses_no_project(name: str, fault: Fault, tmp_path: Path) -> None:
+    async def main(at: int) -> bool:
+        folder = tmp_path / "kept"
+        shutil.rmtree(folder, ignore_errors=True)
+        virtual = await prepared(name, folder)
+        transport = FailingTransport(virtual, fault, at)
+        done = await session(transport, CALLS[name], folder)
+        await assert_nothing_is_lost(name, virtual, folder, done=done)
+        return transport.operations >= at
+
+    points = next(at for at in range(1, 1000) if not run(main(at))) - 1
+    assert points > 40
+
+
+@pytest.mark.parametrize("name", ["apply", "replace", "rollback"])
+def test_it_can_be_cancelled_anywhere(name: str, tmp_path: Path) -> None:
+    async def scene(at: int) -> bool:
+        folder = tmp_path / "kept"
+        shutil.rmtree(folder, ignore_errors=True)
+        virtual = await prepared(name, folder)
+        async with connect(VirtualTransport(virtual)) as board:
+
+            async def call() -> None:
+                await CALLS[name](board, folder)
+
+            was_cancelled = await cancelled(call(), at)
+        await assert_nothing_is_lost(name, virtual, folder, done=not was_cancelled)
+        return was_cancelled
+
+    turns = next(at for at in count(1) if not run_stepped(scene(at)))
+    assert turns > 100
