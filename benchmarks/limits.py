@@ -29,12 +29,18 @@ def page(figures: Path) -> str:
         **_weaknesses(found["sums"], found["hidden"], found["reopening"]),
         **_strengths(found),
         **_imports(_read(figures / "imports.json")["imports"]["counts"]),
+        **_lucky(_read(figures / "recall.json")["recall"]["lucky"]),
     )
 
 
 def _read(path: Path) -> dict[str, Any]:
     read: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return read
+
+
+def _lucky(recall: dict[str, int]) -> dict[str, str]:
+    """Return what is found where every damaged frame has the right sum."""
+    return {"lucky_intact": f"{recall['intact']:,}", "lucky_missed": f"{recall['intact'] - recall['found']:,}"}
 
 
 def _conversations(found: dict[str, Any]) -> dict[str, str]:
