@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import suppress
 
 from servolink.client.angles import AngleUnit
+from servolink.client.editing import Editing
 from servolink.client.explain import lost, same
 from servolink.client.link import Link
 from servolink.client.motion import MotionLimits
@@ -12,7 +14,7 @@ from servolink.client.projects import Projects
 from servolink.client.reconnect import ConnectionState, Reconnector, States
 from servolink.client.servos import Servos
 from servolink.client.stats import Stats
-from servolink.errors import ConnectionLost
+from servolink.errors import ConnectionLost, ServolinkError
 
 
 class Board(Servos, Projects):
@@ -42,6 +44,13 @@ class Board(Servos, Projects):
         """Yield `connected`, `lost` or `closed`: the state as it is, and then each change up to `closed`."""
         return self._states.read()
 
+    async def clear_all_data(self) -> None:
+        """Delete everything stored on the board (3.1.2); nothing else is sent before it is answered."""
+        await super().clear_all_data()
+        if self._reconnector is not None:
+            with suppress(ServolinkError):  # it is deleted; only less would be known of which board this is
+                await Editing.project_id(self)  # that of Projects would warn of an import that is under way
+
     async def close(self) -> None:
         """End the button events and free the port; may be called again."""
         try:
@@ -67,7 +76,7 @@ class Board(Servos, Projects):
         """Restore the session on a new link and use it from then on; raises what keeps it from being restored."""
         link.answers.on_end = self._link_ended
         await self._restore_mode(link)
-        await self._check_project_id(link)  # any answer also proves that nothing is owed
+        await self._identity.check(link)  # any answer also proves that nothing is owed
         await self._restore_units(link)
         self._link = link
         await self._events.move(link)

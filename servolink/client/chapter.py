@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TypeVar
 
 from servolink.client.explain import described
+from servolink.client.identity import Identity
 from servolink.client.link import Link
 from servolink.errors import EncodeError, Rejected
 from servolink.printable import printable
@@ -21,7 +22,7 @@ class Chapter:
     def __init__(self, link: Link) -> None:
         """Speak through `link`."""
         self._link = link
-        self._known_project_id: int | None = None  # by which the board is known again after a loss
+        self._identity = Identity()
 
     @property
     def url(self) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from servolink.client.chapter import Chapter
-from servolink.client.link import Link
 from servolink.errors import NotFound
 from servolink.protocol.editing import (
     Action,
@@ -88,18 +87,12 @@ class Editing(Chapter):
 
     async def project_id(self) -> int:
         """Return the project id; 0 if the board has none (3.3.13)."""
-        self._known_project_id = (await self.request(QueryProjectIDRequest())).project_id
-        return self._known_project_id
+        project_id = (await self.request(QueryProjectIDRequest())).project_id
+        self._identity.know(project_id)
+        return project_id
 
     async def write_project_id(self, project_id: int) -> None:
         """Write the project id over the one the board has (3.3.12); Rejected if the board does not."""
-        self._known_project_id = None  # until it is written for certain
-        await self._do(WriteProjectIDRequest(project_id), "it was not written")
-        self._known_project_id = project_id
-
-    async def _check_project_id(self, link: Link) -> None:
-        """Raise NotFound if a new link leads to a board with another project id."""
-        request = QueryProjectIDRequest()
-        found = (await link.request(request)).project_id
-        if self._known_project_id not in (None, found):
-            raise NotFound(f"the board there has project id {found}, not {self._known_project_id}", request)
+        with self._identity.changing(self._link, project_id):
+            await self._do(WriteProjectIDRequest(project_id), "it was not written")
+        self._identity.know(project_id)

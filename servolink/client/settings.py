@@ -34,8 +34,9 @@ class Settings(Chapter):
 
     async def clear_all_data(self) -> None:
         """Delete everything stored on the board (3.1.2); nothing else is sent before it is answered."""
-        self._known_project_id = None
-        await self._do(ClearAllDataRequest(), "its data was not deleted")
+        with self._identity.changing(self._link, 0):
+            await self._do(ClearAllDataRequest(), "its data was not deleted")
+        self._identity.may_have(0)  # boards differ in whether they keep it
 
     async def memory(self) -> QueryMemorySizeResponse:
         """Return free and total memory in bytes, `size` and `total_size` (None on boards that do not tell) (3.1.3)."""

@@ -1,0 +1,174 @@
+"""Which board is taken for the one that was lost, whatever was done to its project id before."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+
+import pytest
+
+from servolink import Board, ConnectionLost, EncodeError, NotFound, OutcomeUnknown, Rejected, connect
+from servolink.client import connect as connecting
+from servolink.protocol.editing import WriteProjectIDRequest, WriteProjectIDResponse
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.storage import Clear
+from tests.client.fake_board import FakeBoard, lie
+from tests.client.sockets import Socket
+from tests.virtual_time import run
+
+Deed = Callable[[Board, Socket], Awaitable[None]]
+
+
+async def ask_the_impossible(board: Board, socket: Socket) -> None:
+    with pytest.raises(EncodeError):
+        await board.write_project_id(2**40)
+
+
+async def write(board: Board, socket: Socket) -> None:
+    await board.write_project_id(6)
+
+
+async def clear(board: Board, socket: Socket) -> None:
+    await board.clear_all_data()
+
+
+async def cancel_before_the_answer(board: Board, socket: Socket) -> None:
+    writing = asyncio.create_task(board.write_project_id(6))
+    await asyncio.sleep(0)
+    writing.cancel()
+    await asyncio.wait([writing])
+
+
+async def write_in_vain(board: Board, socket: Socket) -> None:
+    assert socket.board is not None
+    socket.board.mode = 0  # answers nothing, does nothing
+    with pytest.raises(OutcomeUnknown):
+        await board.write_project_id(6)
+    socket.board.mode = 1
+
+
+async def clear_in_vain(board: Board, socket: Socket) -> None:
+    assert socket.board is not None
+    socket.board.mode = 0
+    with pytest.raises(OutcomeUnknown):
+        await board.clear_all_data()
+    socket.board.mode = 1
+
+
+async def write_when_it_is_lost(board: Board, socket: Socket) -> None:
+    socket.pull()
+    with pytest.raises(ConnectionLost):
+        await board.write_project_id(77)
+
+
+DEEDS: list[Deed] = [
+    ask_the_impossible,
+    write,
+    clear,
+    cancel_before_the_answer,
+    write_in_vain,
+    clear_in_vain,
+    write_when_it_is_lost,
+]
+
+
+@pytest.mark.parametrize("keeps", ["all", "records"])
+@pytest.mark.parametrize("deed", DEEDS)
+def test_another_board_is_never_taken_for_ours_and_ours_always_is(
+    deed: Deed, keeps: Clear, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        ours, other = VirtualBoard(clear=keeps), VirtualBoard()
+        ours.storage.project_id, other.storage.project_id = 5, 77
+        socket = Socket(ours)
+        monkeypatch.setattr(connecting, "create", socket.transport)
+        async with connect("virtual://", reconnect=True) as board:
+            await deed(board, socket)
+            socket.pull()
+            socket.plug(other)
+            await asyncio.sleep(20)
+            assert board.stats.reconnects == 0
+            assert other.sessions == []
+            socket.plug(ours)
+            await asyncio.sleep(20)
+            assert board.stats.reconnects == 1
+
+    run(main())
+
+
+def test_which_board_it_is_is_learnt_when_it_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it might have become for all that was known does not stand for it any longer."""
+
+    async def main() -> None:
+        ours, other = VirtualBoard(), VirtualBoard()
+        ours.storage.project_id, other.storage.project_id = 5, 6
+        socket = Socket(ours)
+        monkeypatch.setattr(connecting, "create", socket.transport)
+        async with connect("virtual://", reconnect=True) as board:
+            await write_in_vain(board, socket)
+            socket.pull()
+            socket.plug(ours)
+            await asyncio.sleep(5)
+            assert board.stats.reconnects == 1
+            socket.pull()
+            socket.plug(other)
+            await asyncio.sleep(20)
+            assert board.stats.reconnects == 1
+
+    run(main())
+
+
+def test_a_new_board_is_not_taken_for_a_cleared_one_that_keeps_its_id(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        ours, new = VirtualBoard(clear="records"), VirtualBoard()
+        ours.storage.project_id = 5
+        socket = Socket(ours)
+        monkeypatch.setattr(connecting, "create", socket.transport)
+        async with connect("virtual://", reconnect=True) as board:
+            await board.clear_all_data()
+            socket.pull()
+            socket.plug(new)
+            await asyncio.sleep(20)
+            assert board.stats.reconnects == 0
+
+    run(main())
+
+
+def test_a_board_that_is_lost_right_after_it_was_cleared_has_been_cleared(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        ours = VirtualBoard()
+        ours.storage.project_id = 5
+        socket = Socket(ours)
+        monkeypatch.setattr(connecting, "create", socket.transport)
+        async with connect("virtual://", reconnect=True) as board:
+            clearing = asyncio.create_task(board.clear_all_data())
+            with suppress(TimeoutError):
+                async with asyncio.timeout(60):
+                    while ours.storage.project_id:
+                        await asyncio.sleep(0)
+            while not clearing.done() and not board._identity._project_ids >= {0, 5}:
+                await asyncio.sleep(0)
+            socket.pull()
+            await clearing
+            socket.plug(ours)
+            await asyncio.sleep(5)
+            assert board.stats.reconnects == 1
+            assert await board.project_id() == 0
+
+    run(main())
+
+
+def test_a_board_that_refuses_an_id_has_the_one_it_had() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.project_id()
+            fake.plan(WriteProjectIDRequest, lie(WriteProjectIDResponse(0)))
+            with pytest.raises(Rejected):
+                await board.write_project_id(6)
+            fake.virtual.storage.project_id = 6
+            with pytest.raises(NotFound, match="project id 6, not 0"):
+                await board._identity.check(board._link)
+
+    run(main())
