@@ -77,13 +77,13 @@ class connect:  # noqa: N801 - reads as the function it stands for
         if not self._reconnect:
             return Board(link, self._angle_unit, self._limits)
         whereabouts = Whereabouts(address)
-        await whereabouts.learn()
 
         async def reopen() -> Link:
             return await self._open_link(create(await whereabouts.url()), stats)
 
         board = Board(link, self._angle_unit, self._limits, reopen)
         try:
+            await whereabouts.learn()
             await board.project_id()  # by which it is known again
         except BaseException as error:
             await board.close()

@@ -25,6 +25,7 @@ from servolink import (
 from servolink.client import connect as connecting
 from servolink.client.link import Link
 from servolink.client.reconnect import LONGEST_PAUSE
+from servolink.transports.whereabouts import Whereabouts
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.client.sockets import Socket
@@ -347,6 +348,21 @@ def test_a_board_that_does_not_tell_which_it_is_is_not_connected_to(socket: Sock
         with pytest.raises(OpenError, match="was not answered") as caught:
             await connect("virtual://", reconnect=True)
         assert isinstance(caught.value.__cause__, RequestTimeout)
+        assert socket.live == []
+
+    run(main())
+
+
+def test_who_is_cancelled_while_connecting_leaves_nothing_open(socket: Socket, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def learn(_: Whereabouts) -> None:
+        await asyncio.sleep(1)
+
+    async def main() -> None:
+        monkeypatch.setattr(Whereabouts, "learn", learn)
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(0.5):
+                await connect("virtual://", reconnect=True)
+        assert socket.opened == 1
         assert socket.live == []
 
     run(main())
