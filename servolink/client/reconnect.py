@@ -7,11 +7,14 @@ restart (angle units, transmission mode, the subscription to button events) is a
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Literal
 
 from servolink.client.link import Link
 from servolink.errors import ServolinkError
+
+_logger = logging.getLogger(__name__)
 
 ConnectionState = Literal["connected", "lost", "closed"]
 
@@ -78,19 +81,17 @@ class Reconnector:
             await asyncio.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE)
             try:
-                link = await self._open_link()
+                await self._resume_on(await self._open_link())
             except ServolinkError:
-                continue  # not there yet, or not to be opened yet
-            if await self._resumed(link):
+                pass  # not there yet, not to be opened yet, or another one
+            except Exception:
+                _logger.exception("a try to reconnect failed in a way that is none of ours; the next is in %g s", pause)
+            else:
                 return
 
-    async def _resumed(self, link: Link) -> bool:
+    async def _resume_on(self, link: Link) -> None:
         try:
             await self._resume(link)
-        except ServolinkError:
-            await link.close()
-            return False
         except BaseException:
             await link.close()
             raise
-        return True

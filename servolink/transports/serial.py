@@ -12,11 +12,11 @@ from typing import Any
 
 import serial  # type: ignore[import-untyped]
 import serial_asyncio  # type: ignore[import-untyped]
-from serial.tools import list_ports  # type: ignore[import-untyped]
 
 from servolink.errors import OpenError
 from servolink.printable import printable
 from servolink.transports.address import Address
+from servolink.transports.serial_ports import present
 from servolink.transports.stream import StreamTransport
 
 _CLOSE_LIMIT = 0.2  # seconds that the event loop stands still at most
@@ -155,7 +155,7 @@ def _reason(device: str, error: Exception) -> str:
 
 
 def _present() -> str:
-    ports = ", ".join(sorted(printable(port.device) for port in list_ports.comports()))
+    ports = ", ".join(sorted(printable(port.device) for port in present()))
     return f"ports that are there: {ports}" if ports else "no serial port is there"
 
 

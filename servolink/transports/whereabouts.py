@@ -44,9 +44,9 @@ class Whereabouts:
 
 
 def _ports() -> dict[str, Any]:
-    from serial.tools import list_ports  # type: ignore[import-untyped]
+    from servolink.transports.serial_ports import present  # brings pyserial, which other kinds do without
 
-    return {port.device: port for port in list_ports.comports()}
+    return {port.device: port for port in present()}
 
 
 def _identity(port: Any) -> tuple[Any, ...]:

@@ -368,6 +368,34 @@ def test_who_is_cancelled_while_connecting_leaves_nothing_open(socket: Socket, m
     run(main())
 
 
+@pytest.mark.parametrize("broken", ["opening", "restoring"])
+def test_no_failure_of_a_library_ends_the_tries(
+    broken: str, socket: Socket, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    failures = [TypeError("int() can't convert non-string with explicit base")]
+
+    async def fail_once(*_: object) -> str:
+        if failures:
+            raise failures.pop()
+        return "virtual://"
+
+    async def main() -> None:
+        async with connected() as board:
+            there = socket.board
+            assert there is not None
+            if broken == "opening":
+                monkeypatch.setattr(Whereabouts, "url", fail_once)
+            else:
+                monkeypatch.setattr(board, "_restore_units", fail_once)
+            socket.pull()
+            socket.plug(there)
+            await until(board, "connected")
+            assert len(there.sessions) == 1
+        assert "none of ours" in caplog.text
+
+    run(main())
+
+
 def test_no_waiting_makes_a_wrong_address_right() -> None:
     async def main() -> None:
         with pytest.raises(TransportUnavailable, match="unknown kind of address"):

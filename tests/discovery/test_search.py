@@ -28,6 +28,20 @@ def test_serial_ports_on_usb_can_be_boards(monkeypatch: pytest.MonkeyPatch) -> N
     assert serial_ports.candidates() == [Candidate("serial://COM4", "board", "A1"), Candidate("serial://COM%253")]
 
 
+def test_a_device_that_vanishes_while_ports_are_listed_hides_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks: list[Exception | None] = [TypeError("int() can't convert non-string with explicit base"), None]
+
+    def comports() -> list[object]:
+        if error := looks.pop(0):
+            raise error
+        return [port("COM4", 1)]
+
+    monkeypatch.setattr(list_ports, "comports", comports)
+    assert serial_ports.candidates() == [Candidate("serial://COM4")]
+    looks[:] = [OSError()] * 3
+    assert serial_ports.present() == []
+
+
 def test_a_port_that_may_not_be_opened_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(list_ports, "comports", lambda: [port(os.devnull, 1)])
     assert serial_ports.candidates()[0].problem == ""

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import serial  # type: ignore[import-untyped]
+from serial.tools import list_ports  # type: ignore[import-untyped]
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.transports import stall
@@ -41,6 +42,15 @@ async def test_a_missing_device_is_told_with_those_that_are_there() -> None:
     text = await _open_error("/dev/servolink-nowhere")
     assert "there is no /dev/servolink-nowhere; plug the board in" in text
     assert "port" in text.rsplit("; ", 1)[1]
+
+
+@on_loop
+async def test_a_missing_device_is_told_though_ports_cannot_be_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def comports() -> list[object]:
+        raise TypeError("int() can't convert non-string with explicit base")  # as when one vanishes meanwhile
+
+    monkeypatch.setattr(list_ports, "comports", comports)
+    assert "there is no /dev/servolink-nowhere" in await _open_error("/dev/servolink-nowhere")
 
 
 @on_loop
