@@ -75,11 +75,12 @@ class Board(Servos, Projects):
     async def _resume(self, link: Link) -> None:
         """Restore the session on a new link and use it from then on; raises what keeps it from being restored."""
         link.answers.on_end = self._link_ended
-        await self._restore_mode(link)
+        await self._speak_this_protocol(link)
         await self._identity.check(link)  # any answer also proves that nothing is owed
         await self._restore_units(link)
         self._link = link
         await self._events.move(link)
+        await self._restore_mode(link)  # last, as the old one is the end of all answers
         if link.answers.ended is not None:
             raise same(link.answers.ended)
         self.stats.reconnects += 1

@@ -22,15 +22,18 @@ class Settings(Chapter):
 
     async def set_transmission_mode(self, mode: int) -> None:
         """Set mode 1, this protocol, or 0, the old one, which this library does not speak (3.1.1)."""
-        request = TransmissionModeSettingRequest(mode)
-        if (answer := await self.request(request)).result != mode:
-            raise Rejected(f"the board was asked for mode {mode} and is in mode {answer.result}", request)
+        await _set_mode(self._link, mode)
         self._mode = mode
 
-    async def _restore_mode(self, link: Link) -> None:
-        """Set on a new link the transmission mode that was set on the one before it."""
+    async def _speak_this_protocol(self, link: Link) -> None:
+        """Set mode 1 on a new link, if any was set on the one before it: in mode 0 no board says which it is."""
         if self._mode is not None:
-            await link.request(TransmissionModeSettingRequest(self._mode))
+            await _set_mode(link, 1)
+
+    async def _restore_mode(self, link: Link) -> None:
+        """Set on a new link, which leads to the same board, the transmission mode that was set before."""
+        if self._mode not in (None, 1):
+            await _set_mode(link, self._mode)
 
     async def clear_all_data(self) -> None:
         """Delete everything stored on the board (3.1.2); nothing else is sent before it is answered."""
@@ -49,3 +52,9 @@ class Settings(Chapter):
     async def send_dummy_data(self, data: bytes) -> None:
         """Send up to 65,535 bytes that the board throws away (3.1.5)."""
         await self.send(SendDummyDataRequest(data))
+
+
+async def _set_mode(link: Link, mode: int) -> None:
+    request = TransmissionModeSettingRequest(mode)
+    if (answer := await link.request(request)).result != mode:
+        raise Rejected(f"the board was asked for mode {mode} and is in mode {answer.result}", request)

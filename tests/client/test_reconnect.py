@@ -25,9 +25,12 @@ from servolink import (
 from servolink.client import connect as connecting
 from servolink.client.link import Link
 from servolink.client.reconnect import LONGEST_PAUSE
+from servolink.protocol.editing import QueryProjectIDRequest
+from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
 from servolink.transports.whereabouts import Whereabouts
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
+from tests.client.fake_board import FakeBoard, lie
 from tests.client.sockets import Socket
 from tests.virtual_time import run
 
@@ -321,6 +324,45 @@ def test_the_transmission_mode_is_there_again(socket: Socket) -> None:
             await until(board, "connected")
             assert restarted.mode == 1
             assert await board.servo_ids() == tuple(range(1, 17))
+
+    run(main())
+
+
+@pytest.mark.parametrize("forgets", [False, True])
+def test_the_old_transmission_mode_is_there_again_on_this_board_only(forgets: bool, socket: Socket) -> None:
+    async def main() -> None:
+        async with connected(timeout=0.1) as board:
+            ours, other = socket.board, VirtualBoard()
+            assert ours is not None
+            await board.write_project_id(7)
+            await board.servos()  # sets the angle unit, which is to be there again too
+            await board.set_transmission_mode(0)
+            socket.pull()
+            socket.plug(other)
+            await asyncio.sleep(20)
+            assert (other.mode, board.stats.reconnects) == (1, 0)
+            if forgets:
+                ours.mode = 1
+            socket.plug(ours)
+            await until(board, "connected")
+            assert ours.mode == 0
+
+    run(main())
+
+
+def test_a_board_that_stays_in_another_mode_is_not_connected_to(
+    socket: Socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connected(timeout=0.1) as board:
+            await board.set_transmission_mode(1)
+            monkeypatch.setattr(connecting, "create", lambda _: fake)
+            fake.plan(TransmissionModeSettingRequest, lie(TransmissionModeSettingResponse(0)))
+            socket.pull()
+            await asyncio.sleep(10)
+            assert board.stats.reconnects == 0
+            assert fake.executed_of(QueryProjectIDRequest) == []
 
     run(main())
 
