@@ -41,6 +41,7 @@ class Subscription:
         self._queues: set[_Queue] = set()
         self._subscribed: bool | None = False
         """Whether the board pushes events; None when it was asked to change that and has not answered."""
+        self._ended = False
         self._changing = asyncio.Lock()
         self._leaving: set[asyncio.Task[None]] = set()
         link.answers.on_event = self._deliver
@@ -54,7 +55,8 @@ class Subscription:
         await self._settle()
 
     def end(self, error: ConnectionLost) -> None:
-        """End every reader: by `error`, or quietly if that was asked for."""
+        """End every reader, for good: by `error`, or quietly if that was asked for."""
+        self._ended = True
         for queue in self._queues:
             queue.error = error
             queue.ended = True
@@ -64,7 +66,7 @@ class Subscription:
     async def join(self, queue: _Queue) -> None:
         """Deliver to `queue` from now on; Rejected or ConnectionLost if the board does not."""
         if self._link.answers.ended is not None:
-            queue.ended = True
+            queue.ended = self._ended
             raise same(self._link.answers.ended)
         self._queues.add(queue)
         try:
@@ -135,6 +137,7 @@ class ButtonEvents:
         if limit < 1:
             raise ValueError(f"limit: {limit} is outside 1..")
         self._subscription = subscription
+        self._limit = limit
         self._queue = _Queue(limit)
 
     @property
@@ -184,4 +187,10 @@ class ButtonEvents:
     async def _join(self) -> None:
         if not self._joined and not self._queue.ended:
             self._joined = True
-            await self._subscription.join(self._queue)
+            queue = self._queue
+            try:
+                await self._subscription.join(queue)
+            except BaseException:  # the next one who waits tries again
+                if not queue.ended:
+                    self._joined, self._queue = False, _Queue(self._limit)
+                raise

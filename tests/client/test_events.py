@@ -239,6 +239,27 @@ def test_close_ends_readers_after_the_events_that_came_before() -> None:
     run(main())
 
 
+def test_a_reader_that_gives_up_too_early_to_be_subscribed_may_try_again() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            events = board.button_events()
+            fake.plan(SubscribeButtonEventRequest, late(0.15))
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(0.1):
+                    await anext(events)
+            await asyncio.sleep(1)
+            waiting = asyncio.ensure_future(anext(events))
+            await asyncio.sleep(1)
+            fake.speak(press(3))
+            assert (await waiting).button_id == 3
+            await events.aclose()
+            with pytest.raises(StopAsyncIteration):
+                await anext(events)
+
+    run(main())
+
+
 @pytest.mark.parametrize("closed", [True, False])
 def test_a_reader_that_comes_after_the_end_is_told_and_ends(closed: bool) -> None:
     async def main() -> None:

@@ -113,6 +113,25 @@ def test_units_and_events_are_there_again_and_motion_is_not(socket: Socket) -> N
     run(main())
 
 
+def test_a_reader_that_comes_while_the_board_is_away_may_try_again(socket: Socket) -> None:
+    async def main() -> None:
+        async with connected() as board:
+            there = socket.board
+            assert there is not None
+            socket.pull()
+            events = board.button_events()
+            for _ in range(2):
+                with pytest.raises(ConnectionLost, match="unplugged"):
+                    await anext(events)
+            socket.plug(there)
+            await until(board, "connected")
+            async with events:
+                there.press_button(4, asyncio.get_running_loop().time())
+                assert (await anext(events)).button_id == 4
+
+    run(main())
+
+
 def test_another_board_is_not_taken_for_it(socket: Socket) -> None:
     async def main() -> None:
         async with connected() as board:
