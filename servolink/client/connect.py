@@ -15,6 +15,7 @@ from servolink.client.reconnect import FIRST_PAUSE, LONGEST_PAUSE
 from servolink.client.stats import Stats
 from servolink.discovery.resolve import resolved
 from servolink.errors import ConnectionLost, OpenError, RequestTimeout, TransportUnavailable
+from servolink.printable import shown
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport
@@ -55,8 +56,10 @@ class connect:  # noqa: N801 - reads as the function it stands for
                 raise ValueError(f"{name}: {value!r} is below {least}")
         if angle_unit not in ("degree", "adc", None):
             raise ValueError(f"angle_unit: {angle_unit!r} is none of 'degree', 'adc' and None")
-        if reconnect and not (url is None or isinstance(url, str)):
-            raise ValueError("reconnect: a transport is opened once; give an address")
+        if not (url is None or isinstance(url, str | Transport)):
+            raise TypeError(f"url: {shown(url)} is {type(url).__name__}; give an address as text, a transport or None")
+        if reconnect:
+            _refuse_transport(url, "reconnect")
         self._url = url
         self._reconnect = reconnect
         self._codec = Codec(byte_order, caption_encoding)
@@ -123,13 +126,19 @@ class connect:  # noqa: N801 - reads as the function it stands for
             await self._board.close()
 
 
+def _refuse_transport(url: object, name: str) -> None:
+    if not (url is None or isinstance(url, str)):
+        raise ValueError(f"{name}: a transport is opened once; give an address")
+
+
 async def reconnecting(url: str | None = None, **options: Any) -> AsyncGenerator[Board, None]:
     """Yield a newly connected board, and another one each time the `async for` comes round.
 
     Leave the body by `continue` after ConnectionLost, and the loop by `break`; `contextlib.aclosing` around it closes
-    the last board at once. Takes the options of `connect`; waits 0.1 to 5 s, longer each
-    time, while the board cannot be opened.
+    the last board at once. Takes an address and the options of `connect`; waits 0.1 to 5 s before each further board,
+    longer each time until one has answered.
     """
+    _refuse_transport(url, "reconnecting")
     pause = FIRST_PAUSE
     before: Link | None = None
     while True:
@@ -137,11 +146,13 @@ async def reconnecting(url: str | None = None, **options: Any) -> AsyncGenerator
         connecting._before = before  # noqa: SLF001 - nobody else follows a connection with another
         try:
             async with connecting as board:
-                pause = FIRST_PAUSE
                 yield board
+            if board.stats.round_trips:
+                pause = FIRST_PAUSE
         except TransportUnavailable:
             raise  # no waiting makes a wrong address right
         except (OpenError, ConnectionLost):
-            await asyncio.sleep(pause)
-            pause = min(2 * pause, LONGEST_PAUSE)
+            pass  # not there yet
         before = connecting._before  # noqa: SLF001 - likewise
+        await asyncio.sleep(pause)
+        pause = min(2 * pause, LONGEST_PAUSE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -144,6 +145,12 @@ def test_a_board_that_cannot_be_opened_says_so_and_leaves_nothing_open() -> None
 def test_options_that_make_no_sense_are_refused_at_once(options: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         connect("virtual://", **options)
+
+
+@pytest.mark.parametrize("url", [Path("/dev/ttyACM0"), b"/dev/ttyACM0", 7])
+def test_what_is_no_address_and_no_transport_is_refused_at_once(url: Any) -> None:
+    with pytest.raises(TypeError, match="give an address as text, a transport or None"):
+        connect(url)
 
 
 def test_options_hold_for_all_requests() -> None:

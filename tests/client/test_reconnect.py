@@ -316,6 +316,33 @@ def test_reconnecting_yields_a_board_for_each_connection(socket: Socket) -> None
     run(main())
 
 
+@pytest.mark.parametrize(("answers", "least", "most"), [(False, 15, 20), (True, 500, 700)])
+def test_reconnecting_waits_longer_until_a_board_has_answered(
+    answers: bool, least: int, most: int, socket: Socket
+) -> None:
+    async def main() -> None:
+        there = socket.board
+        assert there is not None
+        with suppress(TimeoutError):
+            async with asyncio.timeout(60), aclosing(reconnecting("virtual://")) as connections:
+                async for board in connections:
+                    if answers:
+                        await board.memory()
+                    socket.pull()
+                    socket.plug(there)
+        assert least < socket.opened < most
+
+    run(main())
+
+
+def test_reconnecting_needs_an_address() -> None:
+    async def main() -> None:
+        with pytest.raises(ValueError, match="reconnecting: a transport is opened once; give an address"):
+            await anext(reconnecting(VirtualTransport(VirtualBoard())))  # type: ignore[arg-type]
+
+    run(main())
+
+
 def test_a_link_keeps_counting_in_the_same_stats(socket: Socket) -> None:
     async def main() -> None:
         async with connected() as board:
