@@ -59,9 +59,11 @@ class Board(Servos, Projects):
             await self._events.close()
         finally:
             self._link.answers.on_end = self._events.end
-            await self._link.close()
-            self._events.end(lost(self.url, None))
-            self._states.become("closed")
+            try:
+                await self._link.close()
+            finally:
+                self._events.end(lost(self.url, None))
+                self._states.become("closed")
 
     def _link_ended(self, error: ConnectionLost) -> None:
         self._states.become("lost")

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.printable import printable
 from servolink.transports.base import Receiver, Transport
+
+_logger = logging.getLogger(__name__)
 
 
 class WrappedTransport:
@@ -69,7 +72,12 @@ class WrappedTransport:
         """Lose the connection now, and close the wrapped transport behind it."""
         if not self._ended:
             self._breaking = asyncio.ensure_future(self._inner.close())
+            self._breaking.add_done_callback(self._broken)
             self._end(ConnectionLost(f"{printable(self.url)}: the connection was lost: {reason}"))
+
+    def _broken(self, closing: asyncio.Task[None]) -> None:
+        if not closing.cancelled() and (error := closing.exception()):  # nobody waits for it to be told
+            _logger.warning("%s: closing it failed: %s", printable(self.url), printable(str(error)))
 
     def _end(self, error: Exception | None) -> None:
         if not self._ended and self._receiver is not None:

@@ -62,7 +62,9 @@ def load_state(board: VirtualBoard, path: Path) -> None:
     name = printable(str(path))
     try:
         state = msgspec.json.decode(path.read_bytes(), type=BoardState)
-    except FileNotFoundError:
+    except FileNotFoundError as error:
+        if not path.resolve().parent.is_dir():  # where it could not be saved either
+            raise OpenError(f"{name}: there is no such folder; make it first") from error
         return
     except OSError as error:
         raise OpenError(f"{name}: cannot be read: {printable(str(error))}") from error

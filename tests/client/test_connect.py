@@ -14,6 +14,7 @@ from servolink.errors import (
     OpenError,
     OutcomeUnknown,
     RequestTimeout,
+    ServolinkError,
     TransportUnavailable,
 )
 from servolink.protocol.editing import (
@@ -96,6 +97,27 @@ def test_who_is_cancelled_while_closing_has_closed() -> None:
         await asyncio.wait((closing,))
         assert closing.cancelled()
         assert fake.closed == 1
+
+    run(main())
+
+
+def test_a_board_whose_closing_fails_is_closed_for_all_who_follow_it() -> None:
+    class Stuck(FakeBoard):
+        async def close(self) -> None:
+            await super().close()
+            raise ServolinkError("it cannot be saved")
+
+    async def main() -> None:
+        board = await connect(Stuck())
+        states, events = board.states(), board.button_events()
+        assert await anext(states) == "connected"
+        waiting = asyncio.ensure_future(anext(events))
+        await asyncio.sleep(0.1)
+        with pytest.raises(ServolinkError, match="cannot be saved"):
+            await board.close()
+        assert [state async for state in states][-1] == "closed"
+        with pytest.raises(StopAsyncIteration):
+            await waiting
 
     run(main())
 

@@ -6,7 +6,7 @@ from typing import Self
 
 import pytest
 
-from servolink.errors import ConnectionLost
+from servolink.errors import ConnectionLost, ServolinkError
 from servolink.transports.faults import Faults
 from servolink.transports.faulty import FaultyTransport
 from servolink.transports.memory import MemoryTransport
@@ -144,6 +144,25 @@ def test_unplugging_while_sending_cuts_the_frame_and_loses_the_line() -> None:
             assert len(line.ear.losses) == 1
 
     run(main())
+
+
+def test_an_inner_transport_that_cannot_be_closed_is_told_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    class Stuck(MemoryTransport):
+        async def close(self) -> None:
+            raise ServolinkError("it cannot be saved")
+
+    async def main() -> None:
+        faulty = FaultyTransport(Stuck("memory://stuck"), Faults(unplug=1), seed=1)
+        await faulty.open(Ear())
+        with pytest.raises(ConnectionLost, match="unplugged by fault injection"):
+            await faulty.send(bytes(10))
+        await asyncio.sleep(1)
+        gc.collect()
+
+    run(main())
+    assert [record.getMessage() for record in caplog.records] == [
+        "memory://stuck: closing it failed: it cannot be saved"
+    ]
 
 
 def test_unplugging_while_receiving_cuts_the_frame_and_loses_the_line() -> None:

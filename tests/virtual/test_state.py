@@ -148,6 +148,11 @@ def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
         load_state(VirtualBoard(), tmp_path)
 
 
+def test_a_file_that_could_not_be_saved_is_refused_at_the_start(tmp_path: Path) -> None:
+    with pytest.raises(OpenError, match="there is no such folder; make it first"):
+        load_state(VirtualBoard(), tmp_path / "nowhere" / "board.json")
+
+
 def test_a_board_with_less_memory_refuses_what_does_not_fit(board: VirtualBoard, tmp_path: Path) -> None:
     path = tmp_path / "board.json"
     save_state(board, path)
