@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.printable import printable
+from servolink.reading import read_file
 from servolink.transports.address import Address
 from servolink.transports.base import Receiver
 
@@ -128,7 +129,7 @@ class ReplayTransport:
 
 def _read(path: Path) -> list[_Line]:
     try:
-        lines = path.read_bytes().split(b"\n")
+        lines = read_file(path).split(b"\n")
     except (OSError, ValueError) as error:
         raise OpenError(f"cannot read the recording {printable(str(path))}: {printable(str(error))}") from error
     read: list[_Line] = []

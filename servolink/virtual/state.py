@@ -19,6 +19,7 @@ from servolink.printable import printable
 from servolink.protocol import editing, joystick
 from servolink.protocol.frame import HEADER_SIZE, ByteOrder, encode_frame
 from servolink.protocol.packet import Packet
+from servolink.reading import read_file
 from servolink.virtual.answers import cut_parameters
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.storage import Contents, Kind
@@ -61,7 +62,7 @@ def load_state(board: VirtualBoard, path: Path) -> None:
     """
     name = printable(str(path))
     try:
-        state = msgspec.json.decode(path.read_bytes(), type=BoardState)
+        state = msgspec.json.decode(read_file(path), type=BoardState)
     except FileNotFoundError as error:
         if not path.resolve().parent.is_dir():  # where it could not be saved either
             raise OpenError(f"{name}: there is no such folder; make it first") from error

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -176,6 +177,10 @@ def _open_error(path: Path) -> str:
 def test_a_missing_recording_is_told(tmp_path: Path) -> None:
     assert "cannot read the recording" in _open_error(tmp_path / "nothing.jsonl")
     assert "cannot read the recording" in _open_error(tmp_path)
+
+
+def test_what_may_never_end_is_no_recording() -> None:
+    assert "no regular file" in _open_error(Path(os.devnull))  # stands for a pipe, at which a failing test would hang
 
 
 @pytest.mark.parametrize(

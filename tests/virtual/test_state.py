@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -146,6 +147,11 @@ def test_what_is_no_state_is_refused(tmp_path: Path, content: bytes) -> None:
 def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OpenError, match="cannot be read"):
         load_state(VirtualBoard(), tmp_path)
+
+
+def test_what_is_no_file_is_refused_without_waiting_for_it() -> None:
+    with pytest.raises(OpenError, match=r"cannot be read: .*no regular file"):
+        load_state(VirtualBoard(), Path(os.devnull))
 
 
 def test_a_file_that_could_not_be_saved_is_refused_at_the_start(tmp_path: Path) -> None:
