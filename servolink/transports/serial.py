@@ -20,6 +20,7 @@ from servolink.transports.serial_ports import present
 from servolink.transports.stream import StreamTransport
 
 _CLOSE_LIMIT = 0.2  # seconds that the event loop stands still at most
+_OPENING_LIMIT = 0.5  # seconds that who is cancelled while opening waits for the system
 _ABSENT = {errno.ENOENT, errno.ENODEV, errno.ENXIO}
 _BUSY = {errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK}
 _FORBIDDEN = {errno.EACCES, errno.EPERM}
@@ -102,6 +103,8 @@ class SerialTransport(StreamTransport):
             await asyncio.shield(opening)
         except asyncio.CancelledError:
             opening.add_done_callback(self._close_late)
+            # Who tries again at once would find the port in use, by us; one that is stuck closes itself later.
+            await asyncio.wait((opening,), timeout=_OPENING_LIMIT)
             raise
         pipe, _ = await serial_asyncio.connection_for_serial(loop, lambda: self, self._port)
         return pipe  # type: ignore[no-any-return]

@@ -16,6 +16,7 @@ import serial  # type: ignore[import-untyped]
 from serial.tools import list_ports  # type: ignore[import-untyped]
 
 from servolink.errors import ConnectionLost, OpenError
+from servolink.transports import serial as kind
 from servolink.transports import stall
 from servolink.transports.registry import create
 from servolink.transports.serial import SerialTransport
@@ -158,6 +159,30 @@ async def test_what_came_before_the_opening_is_dropped() -> None:
 
 
 @on_loop
+async def test_who_is_cancelled_while_opening_may_open_again_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    go, really_open = threading.Event(), serial.Serial.open
+
+    def open_when_told(port: serial.Serial) -> None:
+        assert go.wait(10)
+        really_open(port)
+
+    monkeypatch.setattr(serial.Serial, "open", open_when_told)
+    async with PtyWire() as wire:
+        opening = asyncio.ensure_future(wire.open())
+        await asyncio.sleep(0)
+        opening.cancel()
+        for _ in range(5):
+            await asyncio.sleep(0)
+        assert not opening.done()  # before, the port may be in use, by us
+        go.set()
+        await asyncio.wait([opening])
+        assert opening.cancelled()
+        again = create(wire.path)
+        await again.open(Ear())
+        await again.close()
+
+
+@on_loop
 async def test_an_opening_that_is_cancelled_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
     go, opened, really_open = threading.Event(), threading.Event(), serial.Serial.open
 
@@ -167,6 +192,7 @@ async def test_an_opening_that_is_cancelled_leaves_nothing_open(monkeypatch: pyt
         opened.set()
 
     monkeypatch.setattr(serial.Serial, "open", open_slowly)
+    monkeypatch.setattr(kind, "_OPENING_LIMIT", 0.001)
     async with PtyWire() as wire:
         opening = asyncio.ensure_future(wire.open())
         await asyncio.sleep(0)
@@ -200,6 +226,7 @@ async def test_a_cancelled_opening_that_fails_later_is_forgotten(
         raise serial.SerialException(errno.ENOENT, "gone")
 
     monkeypatch.setattr(serial.Serial, "open", fail_slowly)
+    monkeypatch.setattr(kind, "_OPENING_LIMIT", 0.001)
     opening = asyncio.ensure_future(create("COM3").open(Ear()))
     await asyncio.sleep(0)
     opening.cancel()
