@@ -45,7 +45,7 @@ class TcpTransport(StreamTransport):
                 f"nothing listens on port {self._port} of {host}; start the bridge or virtual board, or check the port"
             )
         if isinstance(error, socket.gaierror | UnicodeError):
-            return f"there is no host {host!r}; check the name, or write its IP address"
+            return f"there is no host '{host}'; check the name, or write its IP address"
         return f"cannot connect: {printable(str(error))}; check address and network"
 
     @staticmethod

@@ -45,10 +45,13 @@ async def listen(converse: Converse, host: str, port: int) -> AsyncIterator[str]
         conversations.add(conversation)
         conversation.add_done_callback(conversations.discard)
 
+    place = f"{printable(host)}:{port}"
     try:
         server = await asyncio.start_server(accept, host, port)
     except OSError as error:
-        raise OpenError(f"cannot listen at {host}:{port}: {printable(str(error))}; try another port, or 0") from error
+        raise OpenError(f"cannot listen at {place}: {printable(str(error))}; try another port, or 0") from error
+    except UnicodeError as error:
+        raise OpenError(f"cannot listen at {place}: no host can have this name; write its IP address") from error
     try:
         name, number = server.sockets[0].getsockname()[:2]
         yield f"[{name}]:{number}" if ":" in name else f"{name}:{number}"

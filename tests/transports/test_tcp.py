@@ -33,6 +33,11 @@ async def test_a_name_that_is_no_host_is_told(host: str) -> None:
 
 
 @on_loop
+async def test_a_name_that_is_no_text_is_shown_once_escaped() -> None:
+    assert r"there is no host '\xff'" in await _open_error("tcp://%ff:9000")
+
+
+@on_loop
 async def test_a_host_that_does_not_answer_is_given_up() -> None:
     with socket.socket() as full:  # a queue of one that is full: the system answers no further connection
         full.bind(("127.0.0.1", 0))

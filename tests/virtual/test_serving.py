@@ -6,6 +6,7 @@ import asyncio
 import os
 import socket
 import sys
+from typing import Any
 
 import pytest
 
@@ -274,6 +275,18 @@ def test_a_port_in_use_is_an_error_that_says_what_to_do() -> None:
 def test_what_is_no_host_and_port_is_refused(text: str) -> None:
     with pytest.raises(TransportUnavailable):
         host_and_port(text)
+
+
+@pytest.mark.parametrize("kind", ["tcp", "usbip"])
+@pytest.mark.parametrize("host", ["a..b", "%ff", "x" * 70])
+def test_a_name_that_no_host_can_have_is_told(host: str, kind: str) -> None:
+    async def main() -> None:
+        options: dict[str, Any] = {kind: f"{host}:0"}
+        async with serve(VirtualBoard(), **options):
+            pass
+
+    with pytest.raises(OpenError, match="no host can have this name; write its IP address"):
+        asyncio.run(main())
 
 
 def test_hosts_and_ports_are_split() -> None:
