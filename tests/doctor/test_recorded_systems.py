@@ -11,6 +11,7 @@ from servolink.doctor.daemons import check_brltty, check_modem_manager
 from servolink.doctor.examination import _before_opening
 from servolink.doctor.facts import SystemFacts
 from servolink.doctor.finding import Finding
+from servolink.doctor.holders import check_holders
 from servolink.doctor.latency import check_latency_timer, check_round_trips
 from servolink.doctor.libraries import check_hid, check_libusb
 from servolink.doctor.permissions import check_permissions
@@ -75,6 +76,15 @@ def test_a_rule_that_comes_too_late_is_named(tmp_path: Path) -> None:
 def test_what_may_be_used_is_no_finding(tmp_path: Path) -> None:
     facts = RecordedFacts("desktop", tmp_path, nodes={"/dev/ttyACM0": ["root", "dialout", "660", True]})
     assert list(check_permissions(facts, ACM)) == []
+
+
+@pytest.mark.parametrize(("device", "found"), [("ttyACM0", 1), ("pts/3", 1), ("null", 0)])
+def test_who_has_what_is_no_terminal_open_need_not_close_it(device: str, found: int, tmp_path: Path) -> None:
+    facts = RecordedFacts("desktop", tmp_path)
+    folder = tmp_path / "proc/900/fd"
+    folder.mkdir(parents=True)
+    (folder / "3").symlink_to(f"/dev/{device}")
+    assert len(list(check_holders(facts, f"serial:///dev/{device}"))) == found
 
 
 def test_modem_manager_is_named_unless_it_keeps_away(tmp_path: Path) -> None:
