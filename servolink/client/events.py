@@ -154,6 +154,8 @@ class ButtonEvents:
         await self._join()
         queue = self._queue
         while not queue.events:
+            if queue is not self._queue:  # another task has joined for both, and failed
+                return await anext(self)
             if queue.ended:
                 if queue.error is not None and queue.error.__cause__ is not None:
                     raise same(queue.error)

@@ -260,6 +260,24 @@ def test_a_reader_that_gives_up_too_early_to_be_subscribed_may_try_again() -> No
     run(main())
 
 
+def test_two_tasks_read_from_one_iterator_though_the_first_gives_up() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            events = board.button_events()
+            fake.plan(SubscribeButtonEventRequest, late(0.15))
+            first = asyncio.ensure_future(anext(events))
+            second = asyncio.ensure_future(anext(events))
+            await asyncio.sleep(0.1)
+            first.cancel()
+            await asyncio.sleep(1)
+            fake.speak(press(3))
+            assert (await second).button_id == 3
+            await events.aclose()
+
+    run(main())
+
+
 @pytest.mark.parametrize("closed", [True, False])
 def test_a_reader_that_comes_after_the_end_is_told_and_ends(closed: bool) -> None:
     async def main() -> None:
