@@ -175,7 +175,7 @@ class FrameParser:
                 self._believed(frames[-1], at)
             self._wary = wary
             data, at, needed = self._recover(data, at, frames, damaged=entry is not None)
-            length = len(data)
+            settled, length = len(frames), len(data)
             wary = self._wary
             if compiled.collect is not None and not needed:
                 at, wary = self._collect(compiled.collect, data, at, frames, wary)
@@ -274,7 +274,8 @@ class FrameParser:
         self._skip(data, at, end, frames)
         if reaching := self._shadow.feed(data[at:end]):
             frames += self._shadowed + reaching
-            self._last = None
+            self._wary = _WARY
+            self._go_on_as(self._shadow)
         elif (not self._shadow._held and not self._shadowed) or self._zeros > MAX_CONTENT:
             self._last = None  # nothing begins in it, or nothing reaches that far
         return end
@@ -287,10 +288,14 @@ class FrameParser:
         if shadow._held:
             self._rest = bytes(shadow._held)
         else:
-            self._last, self._rest, self._zeros = shadow._last, shadow._rest, shadow._zeros
-            self._shadow, self._shadowed = shadow._shadow, shadow._shadowed
+            self._go_on_as(shadow)
         self._in_sync = False
         return found
+
+    def _go_on_as(self, shadow: FrameParser) -> None:
+        """Take over what ended where `shadow` is, and perhaps zeros before that."""
+        self._last, self._rest, self._zeros = shadow._last, shadow._rest, shadow._zeros
+        self._shadow, self._shadowed = shadow._shadow, shadow._shadowed
 
     def _shadow_last(self, last: Frame) -> None:
         inside = self._inside(last)

@@ -38,4 +38,13 @@ RECORDED = (
         ),
         "what looking back had found was not looked into, and had swallowed the frame behind the noise by chance",
     ),
+    Recorded(
+        "parse",
+        bytes.fromhex(
+            "00fffffffff7ffff00ffc8c8c8c8c8c8c8c8c824f0f0f0f0f0f0f0c8c8f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0"
+            "f0f0f0f0f0f0f0f0f0f0f0f0f0f0f02df0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0f0"
+            "f0f0f0f0f0f0f0f0f0c8c8c8c8c8c8c85cc8c8c8c8c8c8c8c8c8c8c8c8c8c840c8c8c8c8f7c8aaf0f0f0f0"
+        ),
+        "a frame found with the help of padding counted as ending later than it did, where the search had got to",
+    ),
 )
