@@ -13,6 +13,7 @@ from typing import Any, NoReturn, TypeVar
 from servolink.client.answers import Answers
 from servolink.client.explain import lost, outcome_unknown, same, timed_out
 from servolink.client.lanes import Lane, Lanes, Pending
+from servolink.client.leaving import Leaving
 from servolink.client.stats import Stats
 from servolink.client.turns import Turns
 from servolink.errors import ConnectionLost, DecodeError, RequestError
@@ -87,6 +88,7 @@ class Link:
         self._loop = asyncio.get_running_loop()
         self.lanes: Lanes = Lanes() if before is None else _lanes_after(before.lanes)
         self._turns = Turns(window)
+        self._leaving = Leaving(transport, self._turns)
         self._fences = deque(FENCES)
         self.stats = stats or Stats()
         """What the link has seen."""
@@ -100,6 +102,7 @@ class Link:
         """Fail whoever still waits and free the port; may be called again."""
         self.answers.end(lost(self.transport.url, None))
         await self.transport.close()
+        self._leaving.end()
 
     async def request(
         self,
@@ -211,6 +214,9 @@ class Link:
             await self.transport.send(frame)
         except ConnectionLost as error:
             self.answers.lost(error)
+            raise
+        except asyncio.CancelledError:
+            self._leaving.hold()
             raise
 
     def _refuse_if_moving(self, packet: Request[Any] | Command) -> None:

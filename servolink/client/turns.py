@@ -52,10 +52,14 @@ class Turns:
                 self.give_back(lane)
             raise
 
+    def take_extra(self) -> None:
+        """Take a turn on no lane at once, whoever has the others; no other begins before the window has room again."""
+        self._active += 1
+
     def give_back(self, lane: Lane | None) -> None:
         """End a turn."""
         self._active -= 1
-        self._alone = False
+        self._alone = self._alone and self._active > 0  # an extra turn may end before the one that is alone
         if lane is not None:
             self._busy.discard(lane)
         if self._waiting:

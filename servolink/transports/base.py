@@ -37,8 +37,8 @@ class Transport(Protocol):
         """Send all of `data`, or raise ConnectionLost, also when it is not open.
 
         The whole of `data` is taken before the first await: a cancelled send still goes out whole, and sends
-        keep their order. Returns when the system has taken the bytes. When it has taken none for STALL_LIMIT
-        the connection is lost, as a frame was cut off.
+        keep their order. Returns when the system has taken the bytes; for no bytes, when it has taken all that was
+        sent before. When it has taken none for STALL_LIMIT the connection is lost, as a frame was cut off.
         """
 
     async def close(self) -> None:

@@ -60,7 +60,7 @@ class DeviceTransport:
         """Send all of `data`, or raise ConnectionLost."""
         if self._owner is None or not self._ready or self._closing or self._over:
             raise self._lost()
-        if not data:
+        if not data and not self._senders:
             return
         taken = asyncio.get_running_loop().create_future()
         self._senders.append(taken)

@@ -37,7 +37,7 @@ class FaultyTransport(WrappedTransport):
             self._late_down += pieces
             if pieces and (self._sending is None or self._sending.done()):
                 self._sending = asyncio.ensure_future(self._send_late())
-        elif pieces:
+        elif pieces or not data:
             await self._inner.send(b"".join(piece for _, piece in pieces))
         if self._down.unplugged:
             self._break(_UNPLUGGED)

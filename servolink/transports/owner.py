@@ -91,7 +91,10 @@ class Owner:
         self._thread.start()
 
     def send(self, frame: bytes, taken: asyncio.Future[bool]) -> None:
-        """Send `frame` after those before it; `taken` comes back as news when the device has it."""
+        """Send `frame` after those before it; `taken` comes back as news when the device has it.
+
+        An empty one only tells when the device has those before it.
+        """
         self._frames.put(_Frame(frame, taken))
 
     def stop(self) -> None:
@@ -132,7 +135,7 @@ class Owner:
     def _write(self, device: OpenDevice) -> None:
         try:
             while (frame := self._frames.get()) is not None:
-                for piece in device.pieces(frame.data):
+                for piece in device.pieces(frame.data) if frame.data else ():
                     self._write_piece(device, piece)
                 if self._stopping:
                     return

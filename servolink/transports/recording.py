@@ -49,7 +49,8 @@ class RecordingTransport(WrappedTransport):
     async def send(self, data: bytes) -> None:
         """Record and send all of `data`."""
         self._check_open()
-        self._write("sent", data.hex())
+        if data:
+            self._write("sent", data.hex())
         await super().send(data)
 
     def data(self, chunk: bytes, /) -> None:

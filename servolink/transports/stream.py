@@ -63,10 +63,9 @@ class StreamTransport(asyncio.Protocol, ABC):
         """Send all of `data`, or raise ConnectionLost."""
         if self._pipe is None or self._closing or self._cause is not None or self._gone.is_set():
             raise self._lost()
-        if not data:  # pyserial-asyncio would spin on it
-            return
-        self._write(self._pipe, data)
-        self._sent += len(data)
+        if data:  # pyserial-asyncio would spin on none
+            self._write(self._pipe, data)
+            self._sent += len(data)
         if self._full:
             taken = asyncio.get_running_loop().create_future()
             self._senders.append(taken)

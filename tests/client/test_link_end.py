@@ -139,7 +139,7 @@ def test_who_is_cancelled_while_sending_does_not_disturb_the_answer_of_the_next(
             await turns_of_the_loop(3)
             assert cancelled.cancelled()
             assert len(board.sent) == 1
-            board.taking = None
+            board.taking.set()
             assert (await following).result == 1
             assert board.executed_of(WriteProjectIDRequest) == [WriteProjectIDRequest(1), WriteProjectIDRequest(2)]
 

@@ -287,3 +287,33 @@ async def _cancel(waiting: Waiting) -> None:
     for task in waiting.tasks.values():
         task.cancel()
     await asyncio.wait(waiting.tasks.values())
+
+
+def test_an_extra_turn_waits_for_nobody_and_keeps_others_waiting() -> None:
+    async def main() -> None:
+        waiting = Waiting()
+        waiting.ask("a", A)
+        assert await waiting.got() == ["a"]
+        waiting.turns.take_extra()
+        waiting.ask("b", B)
+        waiting.turns.give_back(A)
+        assert await waiting.got() == []
+        waiting.turns.give_back(None)
+        assert await waiting.got() == ["b"]
+
+    run(main())
+
+
+def test_an_extra_turn_that_ends_first_does_not_end_that_of_one_who_is_alone() -> None:
+    async def main() -> None:
+        waiting = Waiting(3)
+        waiting.ask("alone", A, alone=True)
+        assert await waiting.got() == ["alone"]
+        waiting.turns.take_extra()
+        waiting.turns.give_back(None)
+        waiting.ask("b", B)
+        assert await waiting.got() == []
+        waiting.turns.give_back(A)
+        assert await waiting.got() == ["b"]
+
+    run(main())

@@ -111,6 +111,39 @@ async def test_a_cancelled_send_still_goes_out_whole(make: Callable[[], Wire]) -
 
 
 @on_loop
+async def test_an_empty_send_waits_until_what_was_sent_before_has_left(make: Callable[[], Wire]) -> None:
+    async with make() as wire:
+        await wire.open()
+        wire.deafen()
+        cancelled = asyncio.ensure_future(wire.transport.send(bytes(FLOOD)))
+        await asyncio.sleep(0)
+        cancelled.cancel()
+        left = asyncio.ensure_future(wire.transport.send(b""))
+        done, _ = await asyncio.wait([left], timeout=0.05)
+        assert bool(done) is not wire.presses_back
+        wire.listen()
+        await left
+        await wire.transport.send(FRAME)
+        assert await wire.far.hear(FLOOD + len(FRAME)) == bytes(FLOOD) + FRAME
+
+
+@on_loop
+async def test_an_empty_send_learns_that_the_far_end_vanished(make: Callable[[], Wire]) -> None:
+    async with make() as wire:
+        await wire.open()
+        if not wire.presses_back:
+            pytest.skip("a send never waits here")
+        wire.deafen()
+        sending = asyncio.ensure_future(wire.transport.send(bytes(FLOOD)))
+        await asyncio.sleep(0)
+        left = asyncio.ensure_future(wire.transport.send(b""))
+        await asyncio.sleep(0)
+        await wire.vanish()
+        results = await asyncio.gather(sending, left, return_exceptions=True)
+        assert [type(result) for result in results] == [ConnectionLost] * 2
+
+
+@on_loop
 async def test_an_empty_send_sends_nothing(make: Callable[[], Wire]) -> None:
     async with make() as wire:
         await wire.open()

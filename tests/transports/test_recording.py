@@ -29,6 +29,7 @@ def test_both_directions_are_recorded_with_times(tmp_path: Path) -> None:
         await transport.open(ear)
         await asyncio.sleep(0.25)
         await transport.send(b"\x13\x4c")
+        await transport.send(b"")
         await asyncio.sleep(0.5)
         await far.send(b"\x05")
         await ear.hear(1)

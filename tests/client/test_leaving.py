@@ -1,0 +1,96 @@
+"""Leaving: what a cancelled sender left behind keeps its turn until the system has taken it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+
+import pytest
+
+from servolink.client.link import Link
+from servolink.errors import ConnectionLost
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import WriteProjectIDRequest
+from servolink.protocol.servos import ExecuteActionRequest, SetServoParameterRequest, Step
+from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
+from tests.client.fake_board import FakeBoard, linked, turns_of_the_loop
+from tests.virtual_time import run
+
+STOP = SetServoParameterRequest(255, 0, 1)
+SENDS: dict[str, Callable[[Link], Awaitable[object]]] = {
+    "move": lambda link: link.send(ExecuteActionRequest((Step(1, 5, 10),))),
+    "query": lambda link: link.request(QueryMemorySizeRequest()),
+    "change": lambda link: link.request(WriteProjectIDRequest(5)),
+    "clear": lambda link: link.request(ClearAllDataRequest()),
+}
+
+
+async def give_up(call: Awaitable[object], seconds: float) -> None:
+    with suppress(TimeoutError):
+        async with asyncio.timeout(seconds):
+            await call
+
+
+@pytest.mark.parametrize("name", SENDS)
+@pytest.mark.parametrize("window", [1, 3])
+def test_what_is_given_up_again_and_again_does_not_pile_up_before_a_stop(name: str, window: int) -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        async with linked(board, window=window, timeout=0.05) as link:
+            board.taking = asyncio.Event()
+            for _ in range(100):
+                await give_up(SENDS[name](link), 0.01)
+            assert len(board.sent) <= window
+            stopping = asyncio.create_task(link.send_stop(STOP))
+            await turns_of_the_loop(1)
+            assert board.sent[-1][1] == STOP
+            board.taking.set()
+            await stopping
+            await turns_of_the_loop(3)
+            await asyncio.sleep(0.05)
+            assert link._turns._active == 0
+            assert (await link.request(QueryMemorySizeRequest())).size
+
+    run(main())
+
+
+@pytest.mark.parametrize("name", SENDS)
+def test_the_end_of_the_link_ends_the_wait_for_what_was_left_behind(name: str) -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        async with linked(board) as link:
+            board.taking = asyncio.Event()
+            await give_up(SENDS[name](link), 0.01)
+            waiting = asyncio.create_task(link.send(ExecuteActionRequest((Step(1, 6, 10),))))
+            await turns_of_the_loop(2)
+            await link.close()
+            with pytest.raises(ConnectionLost, match="closed by this program"):
+                await waiting
+            assert len(board.sent) == 1
+
+    run(main())
+
+
+def test_a_line_that_is_lost_meanwhile_tells_so_itself() -> None:
+    class Stalled(FakeBoard):
+        async def send(self, data: bytes) -> None:
+            await super().send(data)
+            if self.gone is not None:
+                raise ConnectionLost(str(self.gone))
+
+    async def main() -> None:
+        board = Stalled()
+        link = Link(board, Codec())
+        await link.open()
+        board.taking = asyncio.Event()
+        await give_up(SENDS["move"](link), 0.01)
+        board.vanish()
+        board.taking.set()
+        await turns_of_the_loop(3)
+        assert link._turns._active == 0
+        with pytest.raises(ConnectionLost, match="device disconnected"):
+            await link.send(ExecuteActionRequest((Step(1, 6, 10),)))
+        await link.close()
+
+    run(main())
