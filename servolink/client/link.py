@@ -31,6 +31,7 @@ from servolink.protocol.servos import (
     ExecuteActionRequest,
     QueryServoListRequest,
     QueryServoRequest,
+    SetAngleUnitRequest,
     SetServoParameterRequest,
 )
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest, QueryRemainPowerRequest
@@ -82,6 +83,8 @@ class Link:
         self.transport = transport
         self.stops = 0
         """How many times everything was stopped; a movement asked for before a stop is not sent after it."""
+        self.units_sent = 0
+        """How many times an angle unit was sent; an angle from before one means something else after it."""
         self.codec = codec
         self._timeout = timeout
         self._retries = retries
@@ -134,8 +137,13 @@ class Link:
                 lane.pending.abandoned = True  # its turn lasts until it is answered or too late
         return answer  # type: ignore[return-value]  # the lane's id and accepts() vouch for it
 
-    async def send(self, packet: Command, *, unless_stopped_since: int | None = None) -> None:
-        """Send a packet that is never answered; returns when it is sent."""
+    async def send(
+        self, packet: Command, *, unless_stopped_since: int | None = None, unless_units_since: int | None = None
+    ) -> bool:
+        """Send a packet that is never answered; returns when it is sent, or False if it must not be any more.
+
+        That is when `units_sent` is no longer `unless_units_since`. After a stop movements raise RequestError.
+        """
         frame = self.codec.encode(packet)
         stops = self.stops if unless_stopped_since is None else unless_stopped_since
         await self._take_turn(None)
@@ -147,9 +155,12 @@ class Link:
                     raise timed_out(packet, self.transport.url, 0, patience, self.stats)
             if stops != self.stops:
                 self._refuse_if_moving(packet)
+            if unless_units_since not in {None, self.units_sent}:
+                return False
             await self._write(frame)
         finally:
             self._turns.give_back(None)
+        return True
 
     async def send_stop(self, packet: SetServoParameterRequest) -> None:
         """Send `packet` before everything else, without waiting for anything, not even its answer."""
@@ -204,6 +215,8 @@ class Link:
         raise fault or timed_out(packet, self.transport.url, tries, waited, self.stats)
 
     def _sending(self, packet: Request[Any], timeout: float, now: float) -> Pending:
+        if isinstance(packet, SetAngleUnitRequest):
+            self.units_sent += 1
         return Pending(packet, self.lanes.next_number(), now, now + timeout, timeout, self._loop.create_future())
 
     async def _write(self, frame: bytes) -> None:

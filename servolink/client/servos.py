@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from msgspec import Struct
 
 from servolink.client.angles import AngleUnit, in_unit
-from servolink.client.chapter import Chapter
 from servolink.client.link import Link
 from servolink.client.motion import MotionLimits, check_limits, intervals_for, seconds_for, wire_angles
-from servolink.errors import DecodeError, EncodeError, NotFound, OutcomeUnknown, Rejected, RequestTimeout
+from servolink.client.units import Units
+from servolink.errors import DecodeError, NotFound, OutcomeUnknown, Rejected, RequestTimeout
 from servolink.protocol.servos import (
     ALL_SERVOS,
     ExecuteActionExRequest,
@@ -19,7 +19,6 @@ from servolink.protocol.servos import (
     QueryServoListRequest,
     QueryServoRequest,
     ServoState,
-    SetAngleUnitRequest,
     SetServoParameterRequest,
     Step,
 )
@@ -46,16 +45,12 @@ class Servo(Struct, frozen=True):
     """Holds its angle; a released servo is limp."""
 
 
-class Servos(Chapter):
+class Servos(Units):
     """The servos of a board."""
 
     def __init__(self, link: Link, angle_unit: AngleUnit | None, limits: MotionLimits) -> None:
         """Set all servos to `angle_unit` before the first command with an angle; None leaves them as they are."""
-        super().__init__(link)
-        self._unit: AngleUnit | None = angle_unit
-        self._units: dict[int, AngleUnit] = {}
-        self._unit_is_set = angle_unit is None
-        self._setting_unit = asyncio.Lock()
+        super().__init__(link, angle_unit)
         self._limits = limits
 
     async def servo_ids(self) -> tuple[int, ...]:
@@ -64,16 +59,14 @@ class Servos(Chapter):
 
     async def servos(self) -> tuple[Servo, ...]:
         """Return the state of all servos (3.2.2)."""
-        await self._ensure_unit()
-        return tuple(self._servo(state) for state in (await self.request(QueryServoRequest(ALL_SERVOS))).servos)
+        return await self._read(QueryServoRequest(ALL_SERVOS))
 
     async def servo(self, servo_id: int) -> Servo:
         """Return the state of one servo (3.2.2); NotFound if there is none."""
-        await self._ensure_unit()
         request = QueryServoRequest(servo_id)
-        for state in (await self.request(request)).servos:
-            if state.servo_id == servo_id:
-                return self._servo(state)
+        for servo in await self._read(request):
+            if servo.servo_id == servo_id:
+                return servo
         raise NotFound(f"the board has no servo {servo_id}", request)
 
     async def set_servo(self, servo_id: int, *, start: bool, hold: bool) -> None:
@@ -86,31 +79,6 @@ class Servos(Chapter):
                 f"servo {answer.servo_id}, start {answer.is_start}, hold {answer.is_hold}",
                 request,
             )
-
-    async def set_angle_unit(self, unit: AngleUnit, servo_id: int = ALL_SERVOS) -> None:
-        """Give and report angles of a servo (255: all) in degrees or raw ADC (3.2.4); Rejected if it is refused."""
-        if unit not in ("degree", "adc"):
-            raise EncodeError(f"unit: {unit!r} is neither 'degree' nor 'adc'")
-        if servo_id != ALL_SERVOS:
-            await self._ensure_unit()
-        request = SetAngleUnitRequest(servo_id, int(unit == "adc"))
-        try:
-            answer = await self.request(request)
-        except BaseException:  # it may have been done: all are set again before the next angle
-            self._units.clear()
-            self._unit_is_set = self._unit is None
-            raise
-        if (answer.servo_id, answer.unit_type) != (servo_id, request.unit_type):
-            raise Rejected(
-                f"servo {servo_id} was asked for angle unit {request.unit_type}; the board answered "
-                f"servo {answer.servo_id}, unit {answer.unit_type}",
-                request,
-            )
-        if servo_id == ALL_SERVOS:
-            self._units.clear()
-            self._unit, self._unit_is_set = unit, True
-        else:
-            self._units[servo_id] = unit
 
     async def move(
         self,
@@ -129,18 +97,18 @@ class Servos(Chapter):
         """
         stops = self._link.stops
         seconds_for(0, duration, speed)  # refuses what is not possible before anything is sent
-        angles = wire_angles(targets, self.unit_of)
-        check_limits(angles, self.unit_of, self._limits, speed)
-        await self._ensure_unit()
-        here: dict[int, int] = {}
-        if speed is not None or self._limits.speed_cap is not None:
-            here = await self._angles_now(angles)
-        intervals = intervals_for(angles, here, self._limits, duration=duration, speed=speed)
-        steps = tuple(Step(servo_id, angle, intervals[servo_id]) for servo_id, angle in angles.items())
-        await self._link.send(ExecuteActionRequest(steps), unless_stopped_since=stops)
+        if not self._setting_unit.locked():  # or it is not known yet
+            self._goals(targets, speed)
+        while True:
+            goals, intervals = await self._planned(targets, duration, speed)
+            units = self._link.units_sent
+            steps = tuple(Step(servo_id, int(goal), intervals[servo_id]) for servo_id, goal in goals.items())
+            request = ExecuteActionRequest(steps)
+            if await self._link.send(request, unless_stopped_since=stops, unless_units_since=units):
+                break  # or an angle unit was sent before its turn came
         longest = max(intervals.values(), default=0) / 100
         if wait:
-            await self._arrival(angles, longest)
+            await self._arrival(goals, longest)
         return longest
 
     async def run_action(self, action_id: int) -> None:
@@ -172,9 +140,15 @@ class Servos(Chapter):
         """Let a servo (255: all) go limp; a raised limb falls."""
         await self.set_servo(servo_id, start=False, hold=False)
 
-    def unit_of(self, servo_id: int) -> AngleUnit | None:
-        """Return the unit in which a servo's angle is given and reported; None if it is not known."""
-        return self._units.get(servo_id) or self._unit
+    async def _read(self, request: QueryServoRequest) -> tuple[Servo, ...]:
+        """Return what the board reports, with angles in the unit in which it did: the one that is set now."""
+        while True:
+            await self._ensure_unit()
+            link = self._link
+            units = link.units_sent
+            states = (await link.request(request)).servos
+            if units == link.units_sent:
+                return tuple(map(self._servo, states))
 
     def _servo(self, state: ServoState) -> Servo:
         return Servo(
@@ -187,44 +161,52 @@ class Servos(Chapter):
             bool(state.is_hold),
         )
 
-    async def _ensure_unit(self) -> None:
-        if not self._unit_is_set:
-            async with self._setting_unit:
-                if not self._unit_is_set and self._unit is not None:
-                    await self.set_angle_unit(self._unit)
+    def _goals(self, targets: Mapping[int, float], speed: float | None) -> dict[int, int]:
+        """Return `targets` in the units that are set; EncodeError for what is not possible."""
+        angles = wire_angles(targets, self.unit_of)
+        check_limits(angles, self.unit_of, self._limits, speed)
+        return {servo_id: in_unit(angle, self.unit_of(servo_id)) for servo_id, angle in angles.items()}
 
-    async def _restore_units(self, link: Link) -> None:
-        """Set on a new link the units that were set on the one before it."""
-        if self._unit is None or not self._unit_is_set:
-            return
-        units: dict[int, AngleUnit] = {ALL_SERVOS: self._unit, **self._units}
-        for servo_id, unit in units.items():
-            await link.request(SetAngleUnitRequest(servo_id, int(unit == "adc")))
+    async def _planned(
+        self, targets: Mapping[int, float], duration: float | None, speed: float | None
+    ) -> tuple[dict[int, int], dict[int, int]]:
+        """Return the goals and each servo's time, right for the units that are set when it returns."""
+        await self._ensure_unit()
+        here: dict[int, int] = {}
+        if speed is not None or self._limits.speed_cap is not None:
+            here = await self._angles_now(targets)
+        goals = self._goals(targets, speed)
+        return goals, intervals_for(goals, here, self._limits, duration=duration, speed=speed)
 
-    async def _angles_now(self, targets: Mapping[int, int]) -> dict[int, int]:
+    async def _angles_now(self, targets: Mapping[int, float]) -> dict[int, int]:
         request = QueryServoRequest(ALL_SERVOS)
-        here = {state.servo_id: state.angle for state in (await self.request(request)).servos}
+        here = {servo.servo_id: servo.angle for servo in await self._read(request)}
         if missing := [servo_id for servo_id in targets if servo_id not in here]:
             raise NotFound(f"the board has no servo {missing[0]}", request)
         return here
 
-    async def _arrival(self, targets: Mapping[int, int], seconds: float) -> None:
+    async def _arrival(self, goals: Mapping[int, int], seconds: float) -> None:
         await asyncio.sleep(seconds)
         loop = asyncio.get_running_loop()
         late = loop.time() + _GRACE
         while True:
-            here = await self._angles_now(targets)
-            away = {
-                servo_id: here[servo_id]
-                for servo_id, angle in targets.items()
-                if abs(here[servo_id] - angle) > _ARRIVED
-            }
+            here = await self._angles_now(goals)
+            away = [servo_id for servo_id in goals if _distance(servo_id, here[servo_id], goals[servo_id]) > _ARRIVED]
             if not away:
                 return
             if loop.time() >= late:
-                servo_id, angle = next(iter(away.items()))
+                where, goal = int(here[away[0]]), int(goals[away[0]])
                 raise RequestTimeout(
-                    f"servo {servo_id} is at {angle}, not at {targets[servo_id]}, {_GRACE:.0f} s after it should have "
-                    "arrived: it may be stopped or released (then start it with set_servo), blocked or overloaded"
+                    f"servo {away[0]} is at {where}, not at {goal}, {_GRACE:.0f} s after it should have arrived: "
+                    "it may be stopped or released (then start it with set_servo), blocked or overloaded"
                 )
             await asyncio.sleep(0.05)
+
+
+def _distance(servo_id: int, here: int, goal: int) -> int:
+    if type(here) is not type(goal):
+        raise OutcomeUnknown(
+            f"servo {servo_id} was moved to {goal!r} and now reports {here!r}: its angle unit was changed meanwhile, "
+            "so it cannot be told whether it has arrived; read it again"
+        )
+    return abs(here - goal)

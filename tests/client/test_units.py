@@ -1,0 +1,160 @@
+"""Units: no angle is sent or read in another unit than that to which it belongs, whoever changes units meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from servolink.client.angles import Adc, Degrees
+from servolink.client.connect import connect
+from servolink.errors import EncodeError, OutcomeUnknown, Rejected
+from servolink.protocol.servos import (
+    ExecuteActionRequest,
+    QueryServoListRequest,
+    QueryServoRequest,
+    SetAngleUnitRequest,
+    SetAngleUnitResponse,
+    Step,
+)
+from tests.client.fake_board import SWALLOWED, FakeBoard, late, lie, turns_of_the_loop
+from tests.virtual_time import run
+
+LIMITS = (-90, 90)
+
+
+@pytest.mark.parametrize("window", [1, 3])
+@pytest.mark.parametrize("speed", [None, 90.0])
+def test_a_movement_asked_for_while_a_unit_changes_is_checked_in_the_new_one(window: int, speed: float | None) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake, window=window, angle_limits=LIMITS) as board:
+            await board.servos()
+            changing = asyncio.create_task(board.set_angle_unit("adc"))
+            await turns_of_the_loop(1)
+            with pytest.raises(EncodeError, match=r"this servo is set to adc; write Adc\(60\)"):
+                await board.move({1: 60}, duration=None if speed else 1, speed=speed)
+            await changing
+            assert fake.sent_of(ExecuteActionRequest) == []
+
+    run(main())
+
+
+def test_a_movement_asked_for_while_a_unit_changes_is_sent_if_it_fits_the_new_one() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.servos()
+            await asyncio.gather(board.set_angle_unit("adc"), board.move({1: Adc(2048)}, duration=1))
+            assert fake.executed_of(ExecuteActionRequest) == [ExecuteActionRequest((Step(1, 2048, 100),))]
+
+    run(main())
+
+
+def test_a_movement_that_waits_for_its_turn_is_checked_again_if_a_unit_was_sent_before_it() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(QueryServoRequest, late(0), late(0.5))
+        async with connect(fake, angle_limits=LIMITS) as board:
+            await board.servos()
+            moving = asyncio.create_task(board.move({1: 60}, speed=90))  # reads the angles first
+            await turns_of_the_loop(2)
+            blocking = asyncio.create_task(board.servo_ids())
+            await turns_of_the_loop(2)
+            changing = asyncio.create_task(board.set_angle_unit("adc"))
+            with pytest.raises(EncodeError, match="set to adc"):
+                await moving
+            await asyncio.gather(blocking, changing)
+            assert fake.sent_of(ExecuteActionRequest) == []
+
+    run(main())
+
+
+def test_a_movement_that_came_first_goes_first_in_the_old_unit() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.servos()
+            fake.plan(QueryServoListRequest, late(0.5))
+            await asyncio.gather(board.servo_ids(), board.move({1: 60}, duration=1), board.set_angle_unit("adc"))
+            kinds = [type(packet) for _, packet in fake.sent[-2:]]
+            assert kinds == [ExecuteActionRequest, SetAngleUnitRequest]
+            assert fake.executed_of(ExecuteActionRequest) == [ExecuteActionRequest((Step(1, 60, 100),))]
+
+    run(main())
+
+
+def test_a_movement_is_sent_once_in_degrees_that_are_set_again_after_an_unknown_outcome() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.servos()
+            fake.plan(SetAngleUnitRequest, SWALLOWED)
+            unknown, _ = await asyncio.gather(
+                board.set_angle_unit("adc"), board.move({1: 60}, duration=1), return_exceptions=True
+            )
+            assert isinstance(unknown, OutcomeUnknown)
+            orders = [
+                packet for _, packet in fake.sent if isinstance(packet, SetAngleUnitRequest | ExecuteActionRequest)
+            ]
+            assert orders[-2:] == [SetAngleUnitRequest(255, 0), ExecuteActionRequest((Step(1, 60, 100),))]
+            assert len(fake.sent_of(ExecuteActionRequest)) == 1
+
+    run(main())
+
+
+@pytest.mark.parametrize("window", [1, 3])
+def test_an_angle_asked_for_while_the_outcome_of_a_change_is_open_is_read_when_the_unit_is_known(window: int) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake, window=window) as board:
+            before = (await board.servo(1)).angle
+            fake.plan(SetAngleUnitRequest, SWALLOWED)  # done
+            unknown, servo = await asyncio.gather(board.set_angle_unit("adc"), board.servo(1), return_exceptions=True)
+            assert isinstance(unknown, OutcomeUnknown)
+            assert not isinstance(servo, BaseException)
+            assert (type(servo.angle), servo.angle) == (Degrees, before)
+
+    run(main())
+
+
+def test_an_angle_is_asked_for_again_if_a_unit_was_sent_before_its_answer_came() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake, window=2) as board:
+            degrees = (await board.servo(1)).angle
+            fake.plan(QueryServoRequest, late(0.5))
+            servo, _ = await asyncio.gather(board.servo(1), board.set_angle_unit("adc"))
+            assert type(servo.angle) is Adc
+            assert servo.angle == Adc((await board.servo(1)).angle)
+            assert int(servo.angle) != int(degrees)
+            assert len(fake.sent_of(QueryServoRequest)) == 4
+
+    run(main())
+
+
+def test_an_arrival_that_is_reported_in_another_unit_is_unknown() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.servos()
+            moving = asyncio.create_task(board.move({1: 60}, duration=1, wait=True))
+            await asyncio.sleep(0.5)
+            await board.set_angle_unit("adc")
+            with pytest.raises(OutcomeUnknown, match=r"servo 1 was moved to Degrees\(60\) and now reports Adc\("):
+                await moving
+
+    run(main())
+
+
+def test_a_unit_that_was_refused_changes_nothing() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.set_angle_unit("adc", 2)
+            fake.plan(SetAngleUnitRequest, lie(SetAngleUnitResponse(3, 0)))
+            with pytest.raises(Rejected, match="servo 3, unit 0"):
+                await board.set_angle_unit("adc", 3)
+            assert [board.unit_of(servo_id) for servo_id in (1, 2, 3)] == ["degree", "adc", "degree"]
+
+    run(main())
