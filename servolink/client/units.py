@@ -68,7 +68,7 @@ class Units(Chapter):
             return
         units: dict[int, AngleUnit] = {ALL_SERVOS: self._unit, **self._units}
         for servo_id, unit in units.items():
-            await link.request(SetAngleUnitRequest(servo_id, int(unit == "adc")))
+            await _ask(link, unit, servo_id)
 
 
 async def _ask(link: Link, unit: AngleUnit, servo_id: int) -> None:

@@ -17,7 +17,7 @@ from servolink.protocol.servos import (
     SetAngleUnitResponse,
     Step,
 )
-from tests.client.fake_board import SWALLOWED, FakeBoard, late, lie, turns_of_the_loop
+from tests.client.fake_board import SWALLOWED, FakeBoard, Fate, late, lie, linked, turns_of_the_loop
 from tests.virtual_time import run
 
 LIMITS = (-90, 90)
@@ -156,5 +156,19 @@ def test_a_unit_that_was_refused_changes_nothing() -> None:
             with pytest.raises(Rejected, match="servo 3, unit 0"):
                 await board.set_angle_unit("adc", 3)
             assert [board.unit_of(servo_id) for servo_id in (1, 2, 3)] == ["degree", "adc", "degree"]
+
+    run(main())
+
+
+@pytest.mark.parametrize("fates", [[lie(SetAngleUnitResponse(255, 0))], [Fate(), lie(SetAngleUnitResponse(2, 1))]])
+def test_a_board_that_comes_back_and_refuses_a_unit_is_not_resumed(fates: list[Fate]) -> None:
+    async def main() -> None:
+        fake, again = FakeBoard(), FakeBoard()
+        async with connect(fake, angle_unit="adc") as board, linked(again) as link:
+            await board.set_angle_unit("degree", 2)
+            again.plan(SetAngleUnitRequest, *fates)
+            with pytest.raises(Rejected, match=r"asked for angle unit \d; the board answered"):
+                await board._restore_units(link)
+            await board._restore_units(link)
 
     run(main())
