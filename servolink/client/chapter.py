@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
+from servolink.client.arguments import check_count, check_timeout
 from servolink.client.explain import described
 from servolink.client.identity import Identity
 from servolink.client.link import Link
@@ -52,8 +53,10 @@ class Chapter:
         """
         if not isinstance(packet, Request):
             raise TypeError(f"{type(packet).__name__} is never answered; use send")
-        if timeout is not None and not timeout > 0:
-            raise ValueError(f"timeout: {timeout!r} is not above 0 seconds")
+        if timeout is not None:
+            check_timeout(timeout)
+        if retries is not None:
+            check_count("retries", retries, 0)
         return await self._link.request(packet, timeout=timeout, retries=retries, exact=exact)
 
     async def send(self, packet: Command) -> None:

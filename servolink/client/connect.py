@@ -8,6 +8,7 @@ from types import TracebackType
 from typing import Any
 
 from servolink.client.angles import AngleUnit
+from servolink.client.arguments import check_count, check_timeout
 from servolink.client.board import Board
 from servolink.client.link import Link
 from servolink.client.motion import AngleLimits, MotionLimits
@@ -51,9 +52,9 @@ class connect:  # noqa: N801 - reads as the function it stands for
         reconnect: bool = False,
     ) -> None:
         """Check the arguments; nothing is opened yet."""
-        for name, value, least in (("timeout", timeout, 0.001), ("retries", retries, 0), ("window", window, 1)):
-            if not value >= least:
-                raise ValueError(f"{name}: {value!r} is below {least}")
+        check_timeout(timeout)
+        check_count("retries", retries, 0)
+        check_count("window", window, 1)
         if angle_unit not in ("degree", "adc", None):
             raise ValueError(f"angle_unit: {angle_unit!r} is none of 'degree', 'adc' and None")
         if not (url is None or isinstance(url, str | Transport)):

@@ -262,12 +262,25 @@ def test_too_much_is_refused_before_anything_is_sent() -> None:
     run(main())
 
 
-@pytest.mark.parametrize("timeout", [0, -1, float("nan")])
+@pytest.mark.parametrize("timeout", [0, -1, float("nan"), float("inf"), 10**400])
 def test_a_time_limit_that_is_none_is_refused_before_anything_is_sent(timeout: float) -> None:
     async def main() -> None:
         async with connect("virtual://") as board:
-            with pytest.raises(ValueError, match="is not above 0 seconds"):
+            with pytest.raises(ValueError, match=r"is outside 0\.001\.\.3600 seconds"):
                 await board.request(QueryProjectIDRequest(), timeout=timeout)
+            assert board.stats.frames_sent == 0
+
+    run(main())
+
+
+@pytest.mark.parametrize(("retries", "error"), [(-1, ValueError), (float("nan"), TypeError), ("2", TypeError)])
+def test_a_number_of_retries_that_is_none_is_refused_before_anything_is_sent(
+    retries: Any, error: type[Exception]
+) -> None:
+    async def main() -> None:
+        async with connect("virtual://") as board:
+            with pytest.raises(error, match=r"retries: .* is (outside 0\.\.1000|no whole number)"):
+                await board.request(QueryProjectIDRequest(), retries=retries)
             assert board.stats.frames_sent == 0
 
     run(main())

@@ -153,11 +153,14 @@ def test_a_board_that_cannot_be_opened_says_so_and_leaves_nothing_open() -> None
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"timeout": 0}, "timeout: 0 is below"),
+        ({"timeout": 0}, r"timeout: 0 is outside 0\.001\.\.3600"),
+        ({"timeout": float("inf")}, "timeout: inf is outside"),
+        ({"timeout": 10**5000}, "timeout: this int is outside"),
         ({"timeout": -1}, "timeout"),
         ({"timeout": float("nan")}, "timeout: nan"),
-        ({"retries": -1}, "retries: -1 is below 0"),
-        ({"window": 0}, "window: 0 is below 1"),
+        ({"retries": -1}, r"retries: -1 is outside 0\.\.1000"),
+        ({"retries": 10**400}, "retries: 1000"),
+        ({"window": 0}, r"window: 0 is outside 1\.\.1000"),
         ({"byte_order": "middle"}, "byte order 'middle'"),
         ({"caption_encoding": "klingon"}, "klingon"),
         ({"speed_cap": 0}, "speed_cap"),
@@ -173,6 +176,20 @@ def test_options_that_make_no_sense_are_refused_at_once(options: dict[str, Any],
 def test_what_is_no_address_and_no_transport_is_refused_at_once(url: Any) -> None:
     with pytest.raises(TypeError, match="give an address as text, a transport or None"):
         connect(url)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"timeout": "1"}, "timeout: '1' is no number of seconds"),
+        ({"timeout": True}, "timeout: True is no number"),
+        ({"retries": 1.5}, r"retries: 1\.5 is no whole number"),
+        ({"window": float("inf")}, "window: inf is no whole number"),
+    ],
+)
+def test_options_of_the_wrong_kind_are_refused_at_once(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(TypeError, match=words):
+        connect("virtual://", **options)
 
 
 def test_options_hold_for_all_requests() -> None:
