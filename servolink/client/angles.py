@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, Literal, Self
 
 from servolink.errors import EncodeError
+from servolink.printable import shown
 
 AngleUnit = Literal["degree", "adc"]
 
@@ -111,9 +112,11 @@ def wire_angle(value: float, unit: AngleUnit | None, servo_id: int) -> int:
     where = f"servo {servo_id}"
     if isinstance(value, Angle):
         if value.unit != unit:
-            raise EncodeError(f"{where}: {value!r} was given, but this servo is set to {unit or 'an unknown unit'}")
+            raise EncodeError(
+                f"{where}: {shown(value)} was given, but this servo is set to {unit or 'an unknown unit'}"
+            )
     elif unit == "adc":
-        raise EncodeError(f"{where}: {value!r} was given, but this servo is set to adc; write Adc({value!r})")
+        raise EncodeError(f"{where}: {shown(value)} was given, but this servo is set to adc; write Adc({shown(value)})")
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value // 1:
-        raise EncodeError(f"{where}: {value!r} is no whole number of degrees; the protocol has no fractions")
+        raise EncodeError(f"{where}: {shown(value)} is no whole number of degrees; the protocol has no fractions")
     return int(value)

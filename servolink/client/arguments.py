@@ -1,9 +1,10 @@
-"""Checks of numbers that a program gives: a wrong one is told at once, not by what comes of it later."""
+"""Checks of what a program gives: a wrong value is told at once, not by what comes of it later."""
 
 from __future__ import annotations
 
 from typing import TypeGuard
 
+from servolink.errors import EncodeError
 from servolink.printable import shown
 
 _LONGEST = 3600  # a cancelled request keeps its turn so long, and a stop is read back only then
@@ -29,3 +30,10 @@ def check_count(name: str, value: object, least: int) -> None:
         raise TypeError(f"{name}: {shown(value)} is no whole number")
     if not least <= value <= _MOST:
         raise ValueError(f"{name}: {shown(value)} is outside {least}..{_MOST}")
+
+
+def flag(name: str, value: object) -> int:
+    """Return 1 for True and 0 for False; EncodeError for what is neither."""
+    if not isinstance(value, int) or value not in {0, 1}:
+        raise EncodeError(f"{name}: {shown(value)} is neither True nor False")
+    return int(value)

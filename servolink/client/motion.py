@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeGuard
 
 from servolink.client.angles import AngleUnit, wire_angle
+from servolink.client.arguments import is_number
 from servolink.errors import EncodeError
+from servolink.printable import shown
 
 _INTERVALS_PER_SECOND = 100  # the protocol counts time in units of 10 ms
 _LONGEST = 0x7FFF
@@ -26,25 +27,53 @@ class MotionLimits:
     """Degrees per second that no servo may exceed."""
 
     def __post_init__(self) -> None:
-        """Raise EncodeError for limits that allow nothing."""
-        if self.speed_cap is not None and not self.speed_cap > 0:
-            raise EncodeError(f"speed_cap: {self.speed_cap!r} degrees per second is not above 0")
-        for low, high in [self.angles] if isinstance(self.angles, tuple) else (self.angles or {}).values():
-            if not low <= high:
-                raise EncodeError(f"angle_limits: no angle is within {low!r}..{high!r}")
+        """Raise EncodeError for limits that allow nothing or are for no servo, TypeError for what is no limit."""
+        if self.speed_cap is not None:
+            _check_cap(self.speed_cap)
+        if isinstance(self.angles, Mapping):
+            for servo_id, pair in self.angles.items():
+                _check_servo_id("angle_limits", servo_id)
+                _check_pair(pair)
+        elif self.angles is not None:
+            _check_pair(self.angles)
 
     def of(self, servo_id: int) -> tuple[float, float] | None:
         """Return lowest and highest angle of a servo, None if it has no limits."""
-        return self.angles if isinstance(self.angles, tuple) else (self.angles or {}).get(servo_id)
+        return self.angles.get(servo_id) if isinstance(self.angles, Mapping) else self.angles
 
 
-def wire_angles(targets: Mapping[int, float], unit_of: Callable[[int], AngleUnit | None]) -> dict[int, int]:
-    """Return the numbers to send for `targets`; EncodeError for a wrong unit or servo id, or for no target at all."""
+def _check_cap(cap: object) -> None:
+    if not is_number(cap):
+        raise TypeError(f"speed_cap: {shown(cap)} is no number of degrees per second")
+    if not cap > 0:
+        raise EncodeError(f"speed_cap: {shown(cap)} degrees per second is not above 0")
+
+
+def _check_pair(pair: object) -> None:
+    if not (isinstance(pair, tuple) and len(pair) == 2 and all(map(is_number, pair))):
+        raise TypeError(f"angle_limits: {shown(pair)} is no pair of degrees, (lowest, highest)")
+    if not pair[0] <= pair[1]:
+        raise EncodeError(f"angle_limits: no angle is within {shown(pair[0])}..{shown(pair[1])}")
+
+
+def _check_servo_id(where: str, servo_id: object) -> None:
+    if isinstance(servo_id, bool) or not isinstance(servo_id, int) or not 0 <= servo_id <= 0xFE:
+        raise EncodeError(f"{where}: servo id {shown(servo_id)} is outside 0..254")
+
+
+def checked_targets(targets: Mapping[int, float]) -> dict[int, float]:
+    """Return a copy of `targets`; TypeError or EncodeError if they are none, or for what is no servo id."""
+    if not isinstance(targets, Mapping):
+        raise TypeError(f"move: {shown(targets)} is no mapping of servo ids to angles")
     if not targets:
         raise EncodeError("move: no targets were given")
     for servo_id in targets:
-        if isinstance(servo_id, bool) or not isinstance(servo_id, int) or not 0 <= servo_id <= 0xFE:
-            raise EncodeError(f"move: servo id {servo_id!r} is outside 0..254")
+        _check_servo_id("move", servo_id)
+    return dict(targets)
+
+
+def wire_angles(targets: Mapping[int, float], unit_of: Callable[[int], AngleUnit | None]) -> dict[int, int]:
+    """Return the numbers to send for `targets`; EncodeError for an angle in a wrong unit."""
     return {servo_id: wire_angle(value, unit_of(servo_id), servo_id) for servo_id, value in targets.items()}
 
 
@@ -63,8 +92,8 @@ def check_limits(
                 f"servo {servo_id}: limits and speeds are in degrees, and this servo is not set to degrees"
             )
         if allowed and not allowed[0] <= angle <= allowed[1]:
-            limit = f"{allowed[0]:g}..{allowed[1]:g}"
-            raise EncodeError(f"servo {servo_id}: {int(angle)} degrees is outside its limits {limit}")
+            limit = f"{shown(allowed[0])}..{shown(allowed[1])}"
+            raise EncodeError(f"servo {servo_id}: {shown(int(angle))} degrees is outside its limits {limit}")
 
 
 def intervals_for(
@@ -80,13 +109,12 @@ def intervals_for(
     for servo_id, angle in angles.items():
         distance = abs(angle - here[servo_id]) if here else 0
         seconds = seconds_for(distance, duration, speed)
-        interval = max(1, math.ceil(round(seconds * _INTERVALS_PER_SECOND, 6)))
-        if interval > _LONGEST:
-            raise EncodeError(
-                f"servo {servo_id}: {seconds:.2f} s is outside 0.01..{_LONGEST / _INTERVALS_PER_SECOND} s"
-            )
+        hundredths = round(seconds * _INTERVALS_PER_SECOND, 6)  # infinite at the slowest of speeds
+        if hundredths > _LONGEST:
+            raise EncodeError(f"servo {servo_id}: {seconds:g} s is outside 0.01..{_LONGEST / _INTERVALS_PER_SECOND} s")
+        interval = max(1, math.ceil(hundredths))
         cap = limits.speed_cap
-        if cap is not None and distance > cap * interval / _INTERVALS_PER_SECOND:
+        if cap is not None and distance * _INTERVALS_PER_SECOND > cap * interval:
             asked = distance * _INTERVALS_PER_SECOND / interval
             raise EncodeError(
                 f"servo {servo_id}: {distance} degrees in {interval / _INTERVALS_PER_SECOND} s "
@@ -101,13 +129,9 @@ def seconds_for(distance: int, duration: float | None, speed: float | None) -> f
     if (duration is None) == (speed is None):
         raise EncodeError("move: give either duration or speed")
     if speed is not None:
-        if not (_is_number(speed) and 0 < speed < math.inf):
-            raise EncodeError(f"move: speed {speed!r} is not above 0 degrees per second")
+        if not (is_number(speed) and 0 < speed < math.inf):
+            raise EncodeError(f"move: speed {shown(speed)} is not finite and above 0 degrees per second")
         return distance / speed
-    if not (_is_number(duration) and 0.01 <= duration <= _LONGEST / _INTERVALS_PER_SECOND):
-        raise EncodeError(f"move: duration {duration!r} is outside 0.01..{_LONGEST / _INTERVALS_PER_SECOND} s")
+    if not (is_number(duration) and 0.01 <= duration <= _LONGEST / _INTERVALS_PER_SECOND):
+        raise EncodeError(f"move: duration {shown(duration)} is outside 0.01..{_LONGEST / _INTERVALS_PER_SECOND} s")
     return duration
-
-
-def _is_number(value: object) -> TypeGuard[float]:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)

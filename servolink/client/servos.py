@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from msgspec import Struct
 
 from servolink.client.angles import AngleUnit, in_unit
+from servolink.client.arguments import flag
 from servolink.client.link import Link
-from servolink.client.motion import MotionLimits, check_limits, intervals_for, seconds_for, wire_angles
+from servolink.client.motion import MotionLimits, check_limits, checked_targets, intervals_for, seconds_for, wire_angles
 from servolink.client.units import Units
 from servolink.errors import DecodeError, NotFound, OutcomeUnknown, Rejected, RequestTimeout
 from servolink.protocol.servos import (
@@ -71,11 +72,11 @@ class Servos(Units):
 
     async def set_servo(self, servo_id: int, *, start: bool, hold: bool) -> None:
         """Let a servo (255: all) move or stop it, hold or release it (3.2.3); Rejected if the board does not."""
-        request = SetServoParameterRequest(servo_id, int(start), int(hold))
+        request = SetServoParameterRequest(servo_id, flag("start", start), flag("hold", hold))
         answer = await self.request(request)
-        if (answer.servo_id, answer.is_start, answer.is_hold) != (servo_id, int(start), int(hold)):
+        if (answer.servo_id, answer.is_start, answer.is_hold) != (servo_id, request.is_start, request.is_hold):
             raise Rejected(
-                f"servo {servo_id} was asked for start {int(start)}, hold {int(hold)}; the board answered "
+                f"servo {servo_id} was asked for start {request.is_start}, hold {request.is_hold}; the board answered "
                 f"servo {answer.servo_id}, start {answer.is_start}, hold {answer.is_hold}",
                 request,
             )
@@ -97,6 +98,7 @@ class Servos(Units):
         """
         stops = self._link.stops
         seconds_for(0, duration, speed)  # refuses what is not possible before anything is sent
+        targets = checked_targets(targets)  # a copy, which nobody changes while we wait
         if not self._setting_unit.locked():  # or it is not known yet
             self._goals(targets, speed)
         while True:

@@ -8,6 +8,7 @@ from servolink.client.angles import AngleUnit
 from servolink.client.chapter import Chapter
 from servolink.client.link import Link
 from servolink.errors import EncodeError, Rejected
+from servolink.printable import shown
 from servolink.protocol.servos import ALL_SERVOS, SetAngleUnitRequest
 
 
@@ -28,7 +29,7 @@ class Units(Chapter):
     async def set_angle_unit(self, unit: AngleUnit, servo_id: int = ALL_SERVOS) -> None:
         """Give and report angles of a servo (255: all) in degrees or raw ADC (3.2.4); Rejected if it is refused."""
         if unit not in ("degree", "adc"):
-            raise EncodeError(f"unit: {unit!r} is neither 'degree' nor 'adc'")
+            raise EncodeError(f"unit: {shown(unit)} is neither 'degree' nor 'adc'")
         if servo_id != ALL_SERVOS:
             await self._ensure_unit()
         async with self._setting_unit:

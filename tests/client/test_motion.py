@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.client.motion import MotionLimits, check_limits, intervals_for, seconds_for, wire_angles
+from servolink.client.motion import MotionLimits, check_limits, checked_targets, intervals_for, seconds_for, wire_angles
 from servolink.errors import EncodeError
 
 FREE = MotionLimits()
@@ -23,19 +23,32 @@ def adc(servo_id: int) -> Any:
     return "adc"
 
 
-@pytest.mark.parametrize("servo_id", [-1, 255, 256, 10**30, True, 1.0, "1", None])
+@pytest.mark.parametrize("servo_id", [-1, 255, 256, 10**30, pytest.param(10**5000, id="huge"), True, 1.0, "1", None])
 def test_an_id_that_no_servo_has_is_refused(servo_id: Any) -> None:
     with pytest.raises(EncodeError, match=r"servo id .* is outside 0\.\.254"):
-        wire_angles({servo_id: 0}, degrees)
+        checked_targets({servo_id: 0})
+
+
+@pytest.mark.parametrize("targets", [[1], [(1, 2)], 5, None, "1"])
+def test_targets_that_are_no_mapping_are_refused(targets: Any) -> None:
+    with pytest.raises(TypeError, match="is no mapping of servo ids to angles"):
+        checked_targets(targets)
 
 
 def test_no_target_at_all_is_refused() -> None:
     with pytest.raises(EncodeError, match="no targets"):
-        wire_angles({}, degrees)
+        checked_targets({})
 
 
 def test_targets_become_the_numbers_to_send() -> None:
     assert wire_angles({1: 90, 254: -3.0}, degrees) == {1: 90, 254: -3}
+
+
+@pytest.mark.parametrize("unit", [degrees, adc])
+def test_an_angle_of_thousands_of_digits_is_refused(unit: Any) -> None:
+    huge = 10**5000
+    with pytest.raises(EncodeError, match="this int"):
+        check_limits(wire_angles({1: huge}, unit), unit, MotionLimits((-90, 90)))
 
 
 # --- limits -------------------------------------------------------------------------------------------------------
@@ -74,6 +87,29 @@ def test_a_cap_that_allows_nothing_is_refused(cap: float) -> None:
         MotionLimits(speed_cap=cap)
 
 
+@pytest.mark.parametrize("cap", ["1", True, (1, 2)])
+def test_a_cap_that_is_no_number_is_refused(cap: Any) -> None:
+    with pytest.raises(TypeError, match=r"speed_cap: .* is no number"):
+        MotionLimits(speed_cap=cap)
+
+
+def test_a_cap_beyond_all_numbers_caps_nothing() -> None:
+    for cap in (10**400, math.inf):
+        assert intervals_for({1: 90}, {1: 0}, MotionLimits(speed_cap=cap), duration=0.5, speed=None) == {1: 50}
+
+
+@pytest.mark.parametrize("angles", [[0, 90], 5, "ab", (1,), (1, 2, 3), ("a", "b"), {1: 5}, {1: (0,)}, {1: (0, None)}])
+def test_limits_that_are_no_pair_are_refused(angles: Any) -> None:
+    with pytest.raises(TypeError, match=r"angle_limits: .* is no pair of degrees"):
+        MotionLimits(angles)
+
+
+@pytest.mark.parametrize("servo_id", [255, -1, "1", None, 1.0])
+def test_limits_for_no_servo_are_refused(servo_id: Any) -> None:
+    with pytest.raises(EncodeError, match=r"angle_limits: servo id .* is outside 0\.\.254"):
+        MotionLimits({servo_id: (0, 90)})
+
+
 @pytest.mark.parametrize("angles", [(20, -10), (math.nan, 10), (0, math.nan), {3: (1, 0)}])
 def test_limits_that_allow_nothing_are_refused(angles: Any) -> None:
     with pytest.raises(EncodeError, match="angle_limits"):
@@ -89,7 +125,9 @@ def test_either_duration_or_speed_is_given(pace: dict[str, float]) -> None:
         seconds_for(1, pace.get("duration"), pace.get("speed"))
 
 
-@pytest.mark.parametrize("duration", [0, 0.009, -1, 327.68, 1e300, math.inf, math.nan, True, "1"])
+@pytest.mark.parametrize(
+    "duration", [0, 0.009, -1, 327.68, 1e300, pytest.param(10**5000, id="huge"), math.inf, math.nan, True, "1"]
+)
 def test_a_duration_that_cannot_be_sent_is_refused(duration: Any) -> None:
     with pytest.raises(EncodeError, match=r"duration .* is outside 0\.01\.\.327\.67 s"):
         seconds_for(1, duration, None)
@@ -97,7 +135,7 @@ def test_a_duration_that_cannot_be_sent_is_refused(duration: Any) -> None:
 
 @pytest.mark.parametrize("speed", [0, -1, math.inf, math.nan, True, "1"])
 def test_a_speed_that_is_none_is_refused(speed: Any) -> None:
-    with pytest.raises(EncodeError, match=r"speed .* is not above 0"):
+    with pytest.raises(EncodeError, match=r"speed .* is not finite and above 0"):
         seconds_for(1, None, speed)
 
 
@@ -112,8 +150,9 @@ def test_each_servo_takes_the_time_that_its_way_takes_at_the_speed() -> None:
 
 
 def test_a_way_that_takes_too_long_is_refused() -> None:
-    with pytest.raises(EncodeError, match=r"servo 1: 900\.00 s is outside"):
-        intervals_for({1: 90}, {1: 0}, FREE, duration=None, speed=0.1)
+    for speed, seconds in ((0.1, "900"), (1e-300, r"9e\+301"), (5e-324, "inf")):
+        with pytest.raises(EncodeError, match=rf"servo 1: {seconds} s is outside 0\.01\.\.327\.67 s"):
+            intervals_for({1: 90}, {1: 0}, FREE, duration=None, speed=speed)
 
 
 @given(here=st.integers(-180, 180), there=st.integers(-180, 180), speed=st.floats(1.2, 5000))

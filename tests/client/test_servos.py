@@ -165,9 +165,12 @@ def test_a_unit_that_does_not_exist_is_refused() -> None:
     async def main() -> None:
         fake = FakeBoard()
         unit: Any = "radian"
+        huge: Any = 10**5000
         async with connect(fake) as board:
             with pytest.raises(EncodeError, match="'radian' is neither"):
                 await board.set_angle_unit(unit)
+            with pytest.raises(EncodeError, match="this int is neither"):
+                await board.set_angle_unit(huge)
             assert fake.sent == []
 
     run(main())
@@ -184,6 +187,20 @@ def test_start_and_hold_are_set(start: bool, hold: bool) -> None:
             await board.set_servo(2, start=start, hold=hold)
             servo = await board.servo(2)
             assert (servo.is_start, servo.is_hold) == (start, hold)
+
+    run(main())
+
+
+@pytest.mark.parametrize("value", [None, "1", 1.0, float("nan"), 2, [1]])
+def test_what_is_neither_true_nor_false_is_refused(value: Any) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            with pytest.raises(EncodeError, match=r"start: .* is neither True nor False"):
+                await board.set_servo(1, start=value, hold=True)
+            with pytest.raises(EncodeError, match=r"hold: .* is neither True nor False"):
+                await board.set_servo(1, start=True, hold=value)
+            assert fake.sent == []
 
     run(main())
 

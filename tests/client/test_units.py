@@ -70,6 +70,22 @@ def test_a_movement_that_waits_for_its_turn_is_checked_again_if_a_unit_was_sent_
     run(main())
 
 
+def test_targets_that_are_changed_meanwhile_are_not_taken_for_what_was_asked() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.servos()
+            targets = {1: 60}
+            changing = asyncio.create_task(board.set_angle_unit("degree"))
+            moving = asyncio.create_task(board.move(targets, duration=1))
+            await turns_of_the_loop(2)
+            targets[1] = 90
+            await asyncio.gather(changing, moving)
+            assert fake.executed_of(ExecuteActionRequest) == [ExecuteActionRequest((Step(1, 60, 100),))]
+
+    run(main())
+
+
 def test_a_movement_that_came_first_goes_first_in_the_old_unit() -> None:
     async def main() -> None:
         fake = FakeBoard()
