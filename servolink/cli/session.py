@@ -59,7 +59,7 @@ def run_interruptible(main: Callable[[Interruption], Awaitable[int]], state: str
 
     try:
         return asyncio.run(watched())
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, asyncio.CancelledError):  # the latter from a command that handles Ctrl-C itself
         interruption.tell()
         return interruption.code
 

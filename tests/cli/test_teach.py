@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from servolink.cli.session import Interruption, run_interruptible
+from servolink.cli.teach import _gentle
 from servolink.client.connect import connect
 from servolink.client.servos import Servo
 from servolink.project.files.file import load_project
@@ -135,6 +137,20 @@ def test_ctrl_c_holds_the_servos_again_and_writes_nothing(tmp_path: Path) -> Non
         assert said.code == 130
         assert said.err == "interrupted: servos 1, 2, 3 are held again; 0 poses were not written\n"
         assert are_held(url)
+
+
+def test_ctrl_c_twice_gives_up(capsys: pytest.CaptureFixture[str]) -> None:
+    async def lost(interruption: Interruption) -> int:
+        interruption.state = "servos may be limp"
+        with _gentle() as stop:
+            signal.raise_signal(signal.SIGINT)
+            await stop.wait()
+            signal.raise_signal(signal.SIGINT)
+            await asyncio.Event().wait()
+        return 0
+
+    assert run_interruptible(lost) == 130
+    assert capsys.readouterr().err == "interrupted: servos may be limp\n"
 
 
 def test_a_lost_board_is_held_as_soon_as_it_is_back(tmp_path: Path) -> None:
