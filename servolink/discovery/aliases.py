@@ -36,15 +36,21 @@ def is_name(text: str) -> bool:
 
 
 def aliases_path() -> Path:
-    """Return where the names are kept."""
+    """Return where the names are kept; TransportUnavailable for a user without a home."""
     import platformdirs  # most programs start without asking where it is
 
-    return platformdirs.user_config_path("servolink", appauthor=False) / "boards.toml"
+    try:
+        return platformdirs.user_config_path("servolink", appauthor=False) / "boards.toml"
+    except RuntimeError as error:
+        raise TransportUnavailable(f"names for boards have no place: {printable(str(error))}; set HOME") from error
 
 
 def load_aliases() -> dict[str, Alias]:
-    """Return the names; TransportUnavailable says what is wrong with the file."""
-    path = aliases_path()
+    """Return the names, none for a user without a home; TransportUnavailable says what is wrong with the file."""
+    try:
+        path = aliases_path()
+    except TransportUnavailable:
+        return {}
     try:
         return _parsed(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -60,10 +60,11 @@ def _resolve(name: str | None) -> str:
         return only(search())
     aliases = load_aliases()
     if (alias := aliases.get(name)) is None:
-        known = ", ".join(sorted(aliases)) or "none"
+        known = "(none is known)"
+        if aliases:
+            known = f"in {printable(str(aliases_path()))} (known: {', '.join(sorted(aliases))})"
         raise TransportUnavailable(
-            f"{name} is neither an address nor a name in {printable(str(aliases_path()))} (known: {known}); "
-            f"give it: servolink use {name} URL"
+            f"{name} is neither an address nor a name {known}; give it: servolink use {name} URL"
         )
     return current_url(name, alias, search() if alias.serial_number else ())
 

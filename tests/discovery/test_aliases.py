@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import tomllib
 from pathlib import Path
 
+import platformdirs
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.discovery.aliases import Alias, _toml, aliases_path, is_name, load_aliases, save_alias
+from servolink.discovery.resolve import resolved
 from servolink.errors import TransportUnavailable
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]))
@@ -42,6 +45,18 @@ def test_names_are_kept(path: Path) -> None:
     save_alias("left", Alias("serial:///dev/ttyACM1", "A2"))
     assert load_aliases() == {"left": Alias("serial:///dev/ttyACM1", "A2"), "right": Alias("tcp://pi:9000")}
     assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+
+def test_a_user_without_a_home_has_no_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    def homeless(*_: object, **__: object) -> None:
+        raise RuntimeError("could not determine the home directory")
+
+    monkeypatch.setattr(platformdirs, "user_config_path", homeless)
+    assert load_aliases() == {}
+    with pytest.raises(TransportUnavailable, match=r"neither an address nor a name \(none is known\)"):
+        asyncio.run(resolved("left"))
+    with pytest.raises(TransportUnavailable, match=r"names for boards have no place: could not .* set HOME"):
+        save_alias("left", Alias("tcp://pi:9000"))
 
 
 @given(TEXTS, TEXTS)

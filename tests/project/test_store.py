@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import msgspec
+import platformdirs
 import pytest
 
 from servolink.errors import ProjectError
@@ -199,3 +200,12 @@ def test_backups_are_in_the_data_folder_of_the_user(tmp_path: Path, monkeypatch:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     assert Store().folder == tmp_path / "servolink"
     assert not list(tmp_path.iterdir())
+
+
+def test_a_user_without_a_home_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def homeless(*_: object, **__: object) -> None:
+        raise RuntimeError("could not determine the home directory")
+
+    monkeypatch.setattr(platformdirs, "user_data_path", homeless)
+    with pytest.raises(ProjectError, match=r"backups of boards have no place: could not .* directory; set HOME"):
+        Store()

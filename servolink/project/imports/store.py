@@ -55,7 +55,7 @@ class Store:
 
     def __init__(self, folder: Path | None = None, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
         """Use `folder`, by default one in the user's own data folder; it is made when it is needed."""
-        self.folder = folder or platformdirs.user_data_path("servolink", appauthor=False)
+        self.folder = folder or _data_folder()
         self.now = now
 
     def keep(self, project: Project, url: str, caption_encoding: str) -> Path:
@@ -157,6 +157,13 @@ class Store:
 
 
 _LOG = logging.getLogger(__name__)
+
+
+def _data_folder() -> Path:
+    try:
+        return platformdirs.user_data_path("servolink", appauthor=False)
+    except RuntimeError as error:
+        raise ProjectError(f"backups of boards have no place: {printable(str(error))}; set HOME") from error
 
 
 @contextmanager
