@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -13,6 +14,7 @@ from pathlib import Path
 
 from servolink.cli.keyboard import single_keys
 from servolink.cli.main import OK
+from servolink.cli.signals import ENDING
 from servolink.discovery.served import announced
 from servolink.errors import TransportUnavailable
 from servolink.printable import printable
@@ -60,7 +62,7 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
         help="a bad line, but for --usbip: drop=0.01,delay=0.1 and more",
     )
     parser.add_argument(
-        "--state", type=Path, metavar="FILE", help="load what is stored from it, and save it at the end"
+        "--state", type=_state, metavar="FILE", help="load what is stored from it, and save it at the end"
     )
     parser.add_argument(
         "--script", type=_script, default=[], metavar="FILE", help="what people do to it, such as: 1.5 press 3"
@@ -108,14 +110,18 @@ def _announced(urls: list[str], servos: int) -> AbstractContextManager[None]:
 
 
 def _stop_on_signals() -> asyncio.Event:
-    """Return the event that Ctrl-C, SIGTERM and a closed terminal set."""
+    """Return the event that Ctrl-C, SIGTERM and a closed terminal set.
+
+    They do nothing else until the program ends, so that a second one does not keep the board from being saved.
+    """
     loop, stop = asyncio.get_running_loop(), asyncio.Event()
-    if sys.platform == "win32":
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: loop.call_soon_threadsafe(stop.set))
-    else:
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            loop.add_signal_handler(number, stop.set)
+
+    def end(*_: object) -> None:
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(stop.set)
+
+    for number in ENDING:
+        signal.signal(number, end)
     return stop
 
 
@@ -179,6 +185,17 @@ def _faults(text: str) -> Faults:
         return Faults.parse(text)
     except TransportUnavailable as error:
         raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _state(text: str) -> Path:
+    """Read where to save, and look now whether that will be possible: at the end it is too late."""
+    path = Path(text)
+    folder = Path(os.path.realpath(path)).parent
+    if not folder.is_dir():
+        raise argparse.ArgumentTypeError(f"{text}: {folder} is no folder; make it, or take another name")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise argparse.ArgumentTypeError(f"{text}: nothing can be written into {folder}; take another folder")
+    return path
 
 
 def _script(text: str) -> list[Deed]:

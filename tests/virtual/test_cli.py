@@ -8,11 +8,14 @@ import os
 import signal
 import sys
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractContextManager, asynccontextmanager, nullcontext
 from pathlib import Path
 
 import pytest
 
+from servolink.cli import virtual
+from servolink.cli.main import main as servolink
+from servolink.cli.signals import ENDING
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (
     AddMacroRequest,
@@ -29,7 +32,7 @@ from servolink.protocol.servos import QueryServoListRequest, QueryServoListRespo
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.state import load_state
+from servolink.virtual.state import load_state, save_state
 from tests.virtual.receiving import GUARD, Heard, ask
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo-terminals are those of Unix")
@@ -149,6 +152,39 @@ def test_what_is_stored_outlives_it(tmp_path: Path) -> None:
             await ended(process, signal.SIGTERM)
 
     asyncio.run(main())
+
+
+def test_a_second_signal_does_not_keep_it_from_saving(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(board: VirtualBoard, path: Path) -> None:
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGTERM)
+        save_state(board, path)
+
+    def start(urls: list[str], servos: int) -> AbstractContextManager[None]:
+        signal.raise_signal(signal.SIGINT)
+        return nullcontext()
+
+    monkeypatch.setattr(virtual, "save_state", interrupted)
+    monkeypatch.setattr(virtual, "_announced", start)
+    before = {number: signal.getsignal(number) for number in ENDING}
+    try:
+        assert servolink(["virtual", *TCP, "--state", str(tmp_path / "board.json")]) == 0
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert (tmp_path / "board.json").exists()
+
+
+def test_a_folder_that_is_read_only_is_refused_at_once(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(SystemExit) as ended:
+        servolink(["virtual", *TCP, "--state", "board.json"])
+    assert ended.value.code == 2
+    assert "nothing can be written into" in capsys.readouterr().err
 
 
 def test_adding_and_clearing_are_as_the_options_say() -> None:
@@ -299,6 +335,7 @@ def test_it_ends_with_its_terminal() -> None:
         (("--script", "missing"), 2, "missing"),
         (("--tcp", "192.0.2.1:80"), 3, "try another port"),
         (("--state", "/"), 3, "cannot be read"),
+        (("--state", "missing/board.json"), 2, "missing is no folder; make it"),
     ],
 )
 def test_wrong_options_say_what_is_wrong(options: tuple[str, ...], code: int, text: str) -> None:

@@ -14,6 +14,7 @@ from servolink.cli.halt import may_release, servo_id
 from servolink.cli.main import FAILED, INTERRUPTED, OK
 from servolink.cli.output import print_json, print_text
 from servolink.cli.session import Interruption, converse
+from servolink.cli.signals import ENDING
 from servolink.cli.teach.limp import Limp
 from servolink.cli.teach.taking import Taking
 from servolink.cli.teach.writing import check_name, write
@@ -110,11 +111,8 @@ def _gentle() -> Iterator[asyncio.Event]:
             task.cancel()
         stop.set()
 
-    numbers = (
-        [signal.SIGINT, signal.SIGTERM] if sys.platform == "win32" else [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
-    )
-    before = {number: signal.getsignal(number) for number in numbers}
-    for number in numbers:
+    before = {number: signal.getsignal(number) for number in ENDING}
+    for number in ENDING:
         signal.signal(number, lambda *_: loop.call_soon_threadsafe(interrupt))
     try:
         yield stop
