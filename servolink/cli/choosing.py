@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from servolink.cli.main import refuse
-from servolink.cli.output import Table, console, rich_table
+from servolink.cli.output import Table, console, show_table
 from servolink.discovery.choice import NONE_HERE, boards, only
 from servolink.discovery.search import search
 from servolink.errors import OpenError
@@ -39,7 +39,7 @@ def _picked(args: argparse.Namespace, found: Sequence[Candidate]) -> str:
     """Ask at the terminal."""
     rows = [(str(number), board.url, board.product, board.problem) for number, board in enumerate(found, 1)]
     terminal = console(stderr=True)
-    terminal.print(rich_table(Table(("", "address", "product", "problem"), rows)))
+    show_table(Table(("", "address", "product", "problem"), rows), terminal)
     terminal.print(f"Which one? 1 to {len(found)}:", end=" ")
     answer = sys.stdin.readline().strip()
     if not (answer.isascii() and answer.isdecimal() and 1 <= int(answer) <= len(found)):

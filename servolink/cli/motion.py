@@ -22,6 +22,7 @@ _ARRIVED = 2  # degrees, or raw steps, as near as a servo can be expected to com
 _GRACE = 1.0
 _PAUSE = 0.04  # seconds between two readings
 _HALF = 24  # columns for the widest angle to one side
+_BESIDE = 18  # columns for what stands beside a bar, such as "servo 254" and "-120°"
 _WIDEST = 120.0
 
 
@@ -59,12 +60,13 @@ def live_bars(servo_ids: Container[int] = range(256)) -> Iterator[Draw]:
 
         def draw(elapsed: float, servos: Sequence[Servo]) -> None:
             wanted = [servo for servo in servos if servo.servo_id in servo_ids]
-            live.update(_bars(elapsed, wanted, block), refresh=True)
+            half = max(0, min(_HALF, (shown.width - _BESIDE) // 2))
+            live.update(_bars(elapsed, wanted, block, half), refresh=True)
 
         yield draw
 
 
-def _bars(elapsed: float, servos: Sequence[Servo], block: str) -> Table:
+def _bars(elapsed: float, servos: Sequence[Servo], block: str, half: int) -> Table:
     from rich.table import Table
     from rich.text import Text
 
@@ -73,11 +75,11 @@ def _bars(elapsed: float, servos: Sequence[Servo], block: str) -> Table:
     bars.add_column()
     bars.add_column(justify="right")
     for servo in servos:
-        length = min(_HALF, round(abs(int(servo.angle)) / _WIDEST * _HALF))
-        bar = (block * length).rjust(_HALF) + "│" if servo.angle < 0 else " " * _HALF + "│" + block * length
+        length = min(half, round(abs(int(servo.angle)) / _WIDEST * half))
+        bar = (block * length).rjust(half) + "│" if servo.angle < 0 else " " * half + "│" + block * length
         colour = "red" if not (servo.is_start and servo.is_hold) else "cyan" if servo.angle < 0 else "green"
         bars.add_row(
-            Text(f"servo {servo.servo_id}"), Text(bar.ljust(2 * _HALF + 1), style=colour), Text(str(servo.angle))
+            Text(f"servo {servo.servo_id}"), Text(bar.ljust(2 * half + 1), style=colour), Text(str(servo.angle))
         )
     bars.add_row(Text(f"{elapsed:.1f} s", style="dim"))
     return bars

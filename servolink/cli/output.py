@@ -34,7 +34,7 @@ def print_json(described: dict[str, Any]) -> None:
 def print_table(table: Table) -> None:
     """Print a table as it suits standard output."""
     if is_terminal():
-        console().print(rich_table(table))
+        show_table(table, console())
     else:
         print("\n".join(plain_lines(table)), flush=True)
 
@@ -61,8 +61,22 @@ def console(*, stderr: bool = False) -> Console:
     return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
 
 
-def rich_table(table: Table) -> RichTable:
-    """Return `table` for a terminal."""
+def show_table(table: Table, terminal: Console) -> None:
+    """Print a table on a terminal; where it is too wide for that, as plain lines, of which nothing is cut off."""
+    from rich.measure import Measurement
+
+    shown = _rich_table(table)
+    anywhere = terminal.options.update(max_width=_UNBOUNDED)
+    if Measurement.get(terminal, anywhere, shown).maximum <= terminal.width:
+        terminal.print(shown)
+    else:
+        terminal.out("\n".join(plain_lines(table)), highlight=False)
+
+
+_UNBOUNDED = 10**6
+
+
+def _rich_table(table: Table) -> RichTable:
     from rich import box
     from rich.table import Table as RichTable
     from rich.text import Text

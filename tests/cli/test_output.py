@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from servolink.cli.output import Table, plain_lines
+import io
+
+import pytest
+from rich.console import Console
+
+from servolink.cli import motion
+from servolink.cli.output import Table, plain_lines, show_table
+from servolink.client.angles import Degrees
+from servolink.client.servos import Servo
 
 
 def test_numbers_stand_to_the_right_and_texts_to_the_left() -> None:
@@ -27,3 +35,26 @@ def test_titles_and_cells_are_made_safe() -> None:
     lines = plain_lines(Table(("caption",), [("\x1b[2J",)], "table \u202e"))
     assert lines == ["table \\u202e", "caption", "\\x1b[2J"]
     assert plain_lines(Table((), [], "only \x07")) == ["only \\x07"]
+
+
+SERVOS = Table(("servo", "angle", "temperature (raw)"), [(1, 90, 250), (2, -120, 251)])
+
+
+@pytest.mark.parametrize("width", [1, 20, 30, 31, 100])
+@pytest.mark.parametrize("table", [SERVOS, Table((), [("board", "tcp://127.0.0.1:4000"), ("servos", 16)])])
+def test_no_value_is_cut_off_on_a_narrow_terminal(table: Table, width: int) -> None:
+    said = io.StringIO()
+    show_table(table, Console(file=said, width=width, force_terminal=True, color_system=None))
+    lines = said.getvalue().splitlines()
+    for row in table.rows:
+        assert any(all(str(cell) in line.split() for cell in row) for line in lines)
+
+
+@pytest.mark.parametrize("width", [18, 20, 40, 100])
+def test_no_angle_is_cut_off_beside_a_bar(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    said = io.StringIO()
+    monkeypatch.setattr(motion, "console", lambda: Console(file=said, width=width))
+    with motion.live_bars() as draw:
+        draw(0.0, [Servo(254, Degrees(-120), 0, 0, 0, is_start=True, is_hold=True)])
+    assert said.getvalue().split()[:2] == ["servo", "254"]
+    assert "-120°" in said.getvalue().split()
