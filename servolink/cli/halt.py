@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 
 from servolink.cli.main import FAILED, OK, refuse
 from servolink.cli.output import print_text
-from servolink.cli.servos import print_servos
+from servolink.cli.servos import print_servos, reported
 from servolink.cli.session import Interruption, converse
 from servolink.client.board import Board
+from servolink.errors import ServolinkError
 from servolink.protocol.servos import ALL_SERVOS
 
 _WARNING = "released servos are limp, and raised limbs fall"
@@ -47,14 +49,25 @@ def _release(args: argparse.Namespace) -> int:
         return FAILED
 
     async def talk(board: Board, interruption: Interruption) -> int:
+        await reported(board, args.servo_ids)
         interruption.state = f"{which} may have been released; `servolink stop` holds all servos again"
-        for servo_id in args.servo_ids or [ALL_SERVOS]:
-            await board.release(servo_id)
+        await _release_each(board, args.servo_ids or [ALL_SERVOS])
         interruption.state = f"{which} were released"
         print_servos(await board.servos(), as_json=args.json)
         return OK
 
     return converse(args, talk)
+
+
+async def _release_each(board: Board, servo_ids: Sequence[int]) -> None:
+    for done, servo_id in enumerate(servo_ids):
+        try:
+            await board.release(servo_id)
+        except ServolinkError:
+            if done:
+                limp = ", ".join(map(str, servo_ids[:done]))
+                print(f"servolink: released and limp: {limp}; `servolink stop` holds all servos again", file=sys.stderr)
+            raise
 
 
 def may_release(args: argparse.Namespace, which: str) -> bool:

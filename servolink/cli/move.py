@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 
 from servolink.cli.main import OK, refuse
 from servolink.cli.motion import Draw, follow, live_bars
 from servolink.cli.output import Table, is_terminal, print_json, print_table
+from servolink.cli.servos import reported
 from servolink.cli.session import Interruption, converse
 from servolink.client.angles import Adc, Degrees
 from servolink.client.board import Board
 from servolink.client.motion import MotionLimits, check_limits, intervals_for
 from servolink.client.servos import Servo
-from servolink.errors import NotFound, RequestError
+from servolink.errors import RequestError
 
 DEFAULT_SPEED = 60.0
 """Degrees per second, when neither time nor speed is given."""
@@ -55,8 +56,7 @@ def run(args: argparse.Namespace) -> int:
     limits = tuple(args.limit) if args.limit else None
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        before = {servo.servo_id: servo for servo in await board.servos()}
-        _check_there(before, targets)
+        before = {servo.servo_id: servo for servo in await reported(board, targets)}
         # The move checks them as well, but no servo shall be started for a move that is then refused.
         motion_limits = MotionLimits(limits, args.speed_cap)
         check_limits(targets, board.unit_of, motion_limits)
@@ -75,11 +75,6 @@ def run(args: argparse.Namespace) -> int:
         return OK
 
     return converse(args, talk, angle_unit=kind.unit, angle_limits=limits, speed_cap=args.speed_cap)
-
-
-def _check_there(servos: Container[int], wanted: Iterable[int]) -> None:
-    if missing := [servo_id for servo_id in wanted if servo_id not in servos]:
-        raise NotFound(f"the board has no servo {missing[0]}; nothing was sent")
 
 
 async def _ready(board: Board, servos: Iterable[Servo], interruption: Interruption, *, start: bool) -> None:

@@ -12,6 +12,7 @@ from servolink.cli.session import Interruption, converse
 from servolink.client.angles import Angle
 from servolink.client.board import Board
 from servolink.client.servos import Servo
+from servolink.errors import NotFound, Rejected
 
 
 def configure(command: str, parser: argparse.ArgumentParser) -> None:
@@ -24,10 +25,26 @@ def run(args: argparse.Namespace) -> int:
 
     async def talk(board: Board, interruption: Interruption) -> int:
         captions = {servo.servo_id: servo.servo_caption for servo in await board.servo_parameters()}
-        print_servos(await board.servos(), as_json=args.json, captions=captions)
+        print_servos(await reported(board), as_json=args.json, captions=captions)
         return OK
 
     return converse(args, talk, angle_unit="adc" if args.adc else "degree")
+
+
+async def reported(board: Board, wanted: Iterable[int] = ()) -> tuple[Servo, ...]:
+    """Return what all servos report; NotFound if there are none, or not all that are `wanted`."""
+    try:
+        servos = await board.servos()
+    except Rejected:  # without servos, a board does not take the unit of their angles
+        if await board.servo_ids():
+            raise
+        servos = ()
+    if not servos:
+        raise NotFound("the board has no servos")
+    there = {servo.servo_id for servo in servos}
+    if missing := [servo_id for servo_id in wanted if servo_id not in there]:
+        raise NotFound(f"the board has no servo {missing[0]}; nothing was moved")
+    return servos
 
 
 def _servo_object(servo: Servo, captions: Mapping[int, str] | None) -> dict[str, Any]:

@@ -7,7 +7,9 @@ import re
 
 import pytest
 
+from servolink.client.board import Board as ClientBoard
 from servolink.client.connect import connect
+from servolink.errors import OutcomeUnknown
 from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
 from servolink.protocol.joystick import Button, JoystickTable
 from servolink.protocol.servos import Step
@@ -165,6 +167,32 @@ def test_release(board: Board) -> None:
     servos = board("release", "2", "3", "--yes", "--json").json["servos"]
     assert [servo["servo_id"] for servo in servos if not servo["is_hold"]] == [2, 3]
     assert board("release", "--yes").out.count("released\n") == 16
+
+
+def test_nothing_is_released_if_a_servo_is_not_there(board: Board) -> None:
+    said = board("release", "2", "99", "--yes")
+    assert (said.code, said.err) == (1, "servolink: the board has no servo 99; nothing was moved\n")
+    assert all(servo["is_hold"] for servo in board("servos", "--json").json["servos"])
+
+
+def test_what_was_released_before_it_failed_is_named(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
+    release = ClientBoard.release
+
+    async def failing(self: ClientBoard, servo_id: int) -> None:
+        if servo_id == 3:
+            raise OutcomeUnknown("lost")
+        await release(self, servo_id)
+
+    monkeypatch.setattr(ClientBoard, "release", failing)
+    said = board("release", "2", "3", "--yes")
+    assert said.code == 1
+    assert said.err == ("servolink: released and limp: 2; `servolink stop` holds all servos again\nservolink: lost\n")
+
+
+@pytest.mark.parametrize("command", [["servos"], ["move", "1=5"], ["release", "--yes"], ["teach", "x", "--yes"]])
+def test_a_board_without_servos_is_called_so(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "--url", "virtual://?servos=0", *command)
+    assert (said.code, said.out, said.err) == (1, "", "servolink: the board has no servos\n")
 
 
 def test_release_asks_a_person(url: str) -> None:

@@ -13,14 +13,14 @@ from pathlib import Path
 from servolink.cli.halt import may_release, servo_id
 from servolink.cli.main import FAILED, INTERRUPTED, OK
 from servolink.cli.output import print_json, print_text
+from servolink.cli.servos import reported
 from servolink.cli.session import Interruption, converse
 from servolink.cli.signals import ENDING
 from servolink.cli.teach.limp import Limp
 from servolink.cli.teach.taking import Taking
 from servolink.cli.teach.writing import check_name, write
 from servolink.client.board import Board
-from servolink.client.servos import Servo
-from servolink.errors import ConnectionLost, NotFound
+from servolink.errors import ConnectionLost
 from servolink.printable import printable
 from servolink.project.edits.lesson import LONGEST, SHORTEST, Lesson
 
@@ -54,7 +54,9 @@ def run(args: argparse.Namespace) -> int:
 
     async def talk(board: Board, interruption: Interruption) -> int:
         await check_name(board, args.name, args.file)
-        servos = _chosen(await board.servos(), args.servo_ids)
+        servos = await reported(board, args.servo_ids)
+        if args.servo_ids:
+            servos = tuple(servo for servo in servos if servo.servo_id in args.servo_ids)
         lesson = Lesson(
             args.name,
             {servo.servo_id: int(servo.angle) for servo in servos},
@@ -123,14 +125,6 @@ def _gentle() -> Iterator[asyncio.Event]:
 
 def _note(text: str) -> None:
     print(f"servolink: {printable(text)}", file=sys.stderr, flush=True)
-
-
-def _chosen(servos: tuple[Servo, ...], servo_ids: list[int]) -> tuple[Servo, ...]:
-    """Return the servos with these ids, or all; NotFound if there is one that the board does not have."""
-    there = {servo.servo_id for servo in servos}
-    if missing := [wanted for wanted in servo_ids if wanted not in there]:
-        raise NotFound(f"the board has no servo {missing[0]}")
-    return tuple(servo for servo in servos if not servo_ids or servo.servo_id in servo_ids)
 
 
 def _button(text: str) -> int:
