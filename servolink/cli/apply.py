@@ -8,6 +8,7 @@ import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
+from servolink.cli.arguments import not_empty
 from servolink.cli.backups import backup_named
 from servolink.cli.main import OK, refuse
 from servolink.cli.output import print_json, print_text
@@ -33,6 +34,7 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             "backup",
             nargs="?",
+            type=not_empty,
             metavar="BACKUP",
             help="a number of `servolink backups`, or a file (the last)",
         )

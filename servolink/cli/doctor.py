@@ -7,6 +7,7 @@ import asyncio
 from dataclasses import asdict
 from typing import Any
 
+from servolink.cli.arguments import not_empty
 from servolink.cli.main import FAILED, NO_BOARD, OK
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
@@ -23,7 +24,13 @@ _PERCENTILES = (50, 90, 99)
 
 def configure(command: str, parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink doctor`."""
-    parser.add_argument("board", nargs="?", metavar="URL", help="the board, by address or name (the only one here)")
+    parser.add_argument(
+        "board",
+        nargs="?",
+        type=not_empty,
+        metavar="URL",
+        help="the board, by address or name (the only one here)",
+    )
     parser.add_argument(
         "--print-udev", action="store_true", help="print the rules that let you use the board under Linux, and end"
     )

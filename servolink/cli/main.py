@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
+from servolink.cli.arguments import not_empty
 from servolink.errors import ServolinkError, TransportError
 from servolink.printable import printable
 
@@ -140,7 +141,8 @@ def common_options(*, given: bool) -> argparse.ArgumentParser:
     def default(value: object) -> object:
         return argparse.SUPPRESS if given else value
 
-    parser.add_argument("--url", default=default(os.environ.get("SERVOLINK_URL")), help="the board (or SERVOLINK_URL)")
+    url = os.environ.get("SERVOLINK_URL") or None
+    parser.add_argument("--url", type=not_empty, default=default(url), help="the board (or SERVOLINK_URL)")
     parser.add_argument("--json", action="store_true", default=default(value=False), help="print JSON for programs")
     parser.add_argument(
         "--byte-order", choices=("little", "big"), default=default("little"), help="of numbers in packets (little)"

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from io import BufferedReader
 from typing import Any
 
+from servolink.cli.arguments import not_empty
 from servolink.cli.main import FAILED, OK, refuse
 from servolink.errors import DecodeError, EncodeError
 from servolink.printable import printable
@@ -34,8 +35,10 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
         return
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("frames", nargs="*", default=[], metavar="HEX", help="one frame in hex, or its single bytes")
-    source.add_argument("--hex", metavar="FILE", help="read one frame in hex from each line (- for stdin)")
-    source.add_argument("--file", metavar="FILE", help="read a raw byte stream (- for stdin)")
+    source.add_argument(
+        "--hex", type=not_empty, metavar="FILE", help="read one frame in hex from each line (- for stdin)"
+    )
+    source.add_argument("--file", type=not_empty, metavar="FILE", help="read a raw byte stream (- for stdin)")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -104,6 +104,16 @@ def test_the_address_may_come_from_the_environment(
     assert call(capsys, "info", "--json", "--url", "virtual://?servos=5").json["servos"] == 5
 
 
+def test_an_empty_address_in_the_environment_is_none(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(choosing, "search", list)
+    monkeypatch.setenv("SERVOLINK_URL", "")
+    said = call(capsys, "info")
+    assert (said.code, said.out) == (3, "")
+    assert "no board was found" in said.err
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -127,6 +137,11 @@ def test_the_address_may_come_from_the_environment(
         ("--url", "virtual://", "events", "--seconds", "soon"),
         ("--url", "virtual://", "bench", "--requests", "none"),
         ("--url", "virtual://", "info", "--caption-encoding", "klingon"),
+        ("--url", "", "move", "1=5"),
+        ("move", "1=5", "--url="),
+        ("--url", "virtual://", "rollback", "--yes", ""),
+        ("doctor", ""),
+        ("decode", "--file", ""),
     ],
 )
 def test_wrong_usage_is_2_and_touches_no_board(arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
