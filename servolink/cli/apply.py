@@ -10,7 +10,7 @@ from pathlib import Path
 
 from servolink.cli.arguments import not_empty
 from servolink.cli.backups import backup_named
-from servolink.cli.main import OK, refuse
+from servolink.cli.main import FAILED, OK, refuse
 from servolink.cli.output import print_json, print_text
 from servolink.cli.plan import plan_object, print_plan
 from servolink.cli.progress import PHASES, shown_progress
@@ -120,7 +120,7 @@ class _Change:
             return OK
         if not (self._args.yes or await _yes()):
             print_text(_UNTOUCHED)
-            return OK
+            return FAILED
         if not self._args.yes and _done(await self._shown(planned)) != _done(plan):
             raise ProjectError(
                 f"what is on {printable(self._board.url)} has changed meanwhile, and so has what would be done; "

@@ -176,7 +176,7 @@ def test_no_backup_must_be_spelled_out(shell: Shell, after: str, data_folder: Pa
 @pytest.mark.parametrize(("answer", "code"), [("y\n", 0), ("n\n", 1), ("\x04", 1)])
 def test_apply_asks_on_a_terminal(shell: Shell, after: str, answer: str, code: int) -> None:
     said = in_terminal("--url", shell.url, "apply", after, typed=answer)
-    assert said.code == 0
+    assert said.code == code, "or what depends on it would go on"
     assert "do it? [y/N]" in said.out
     assert ("nothing was changed on the board" in said.out) == (code == 1)
     assert shell("plan", after).code == code
