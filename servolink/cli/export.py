@@ -28,6 +28,7 @@ def run(args: argparse.Namespace) -> int:
         with shown_progress(board, quiet=args.json) as tell:
             project = await board.export_project(progress=tell)
         save_project(args.file, project)
+        interruption.state = f"{printable(str(args.file))} is written"
         counts = {name: len(getattr(project, name)) for name in _COUNTED}
         if args.json:
             print_json({"file": str(args.file), "project_id": project.project_id, **counts})

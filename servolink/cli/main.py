@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from servolink.cli.arguments import not_empty
+from servolink.cli.streams import flush_stdout, lost_output, open_missing_stderr, print_error, silence
 from servolink.errors import ServolinkError, TransportError
 from servolink.printable import printable
 
@@ -53,6 +54,7 @@ EXIT_CODES = "exit codes: 0 ok, 1 failed, 2 wrong usage, 3 no board, 130 interru
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (sys.argv without it) and return the exit code."""
+    open_missing_stderr()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # captions may hold what this terminal cannot show
@@ -61,22 +63,23 @@ def main(argv: Sequence[str] | None = None) -> int:
             args = _parser().parse_args(argv)
             return int(importlib.import_module(COMMANDS[args.command][0]).run(args))
         finally:
-            if sys.stdout is not None:
-                sys.stdout.flush()
+            flush_stdout()
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as in `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        silence(1)
         return FAILED
     except TransportError as error:
         return fail(error, NO_BOARD)
-    except (ServolinkError, OSError) as error:
+    except ServolinkError as error:
         return fail(error, FAILED)
+    except OSError as error:
+        return fail(lost_output(error) or error, FAILED)
 
 
-def fail(error: Exception, code: int) -> int:
+def fail(problem: Exception | str, code: int) -> int:
     """Say what went wrong and return `code`."""
-    print(f"servolink: {printable(str(error))}", file=sys.stderr)
+    print_error(f"servolink: {printable(str(problem))}")
     return code
 
 
@@ -94,6 +97,10 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """End as wrong usage."""
         super().error(printable(message))
+
+    def print_help(self, file: Any = None) -> None:
+        """Print the help, or fail; that of argparse says nothing when it cannot."""
+        print(self.format_help(), file=file, end="", flush=True)
 
 
 class _Command(_Parser):

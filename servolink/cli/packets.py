@@ -6,12 +6,13 @@ import argparse
 import json
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from io import BufferedReader
 from typing import Any
 
 from servolink.cli.arguments import not_empty
 from servolink.cli.main import FAILED, OK, refuse
-from servolink.errors import DecodeError, EncodeError
+from servolink.errors import DecodeError, EncodeError, ServolinkError
 from servolink.printable import printable
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import Frame, encode_frame
@@ -102,9 +103,15 @@ def _no_number(name: str) -> None:
     raise ValueError(f"{name} is no number")
 
 
-def _open(path: str) -> BufferedReader:
-    # The descriptor itself: sys.stdin is None when it is closed, and text besides.
-    return open(0 if path == "-" else path, "rb", closefd=path != "-")
+@contextmanager
+def _open(path: str) -> Iterator[BufferedReader]:
+    try:
+        # The descriptor itself: sys.stdin is None when it is closed, and text besides.
+        with open(0 if path == "-" else path, "rb", closefd=path != "-") as source:
+            yield source
+    except OSError as error:
+        name = "standard input" if path == "-" else printable(path)
+        raise ServolinkError(f"{name} cannot be read: {error.strerror}") from error
 
 
 def _lines(path: str) -> Iterator[tuple[int, bytes]]:

@@ -12,9 +12,10 @@ from typing import Any
 
 from servolink.cli.choosing import chosen
 from servolink.cli.main import INTERRUPTED, NO_BOARD, fail, refuse
+from servolink.cli.streams import lost_output
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.errors import OutcomeUnknown, RequestTimeout
+from servolink.errors import OutcomeUnknown, RequestTimeout, ServolinkError
 
 UNFINISHED_IMPORT = (
     "this board holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes it"
@@ -62,6 +63,10 @@ def run_interruptible(main: Callable[[Interruption], Awaitable[int]], state: str
     except (KeyboardInterrupt, asyncio.CancelledError):  # the latter from a command that handles Ctrl-C itself
         interruption.tell()
         return interruption.code
+    except OSError as error:
+        if lost := lost_output(error):
+            raise ServolinkError(f"{lost}; {interruption.state}") from error
+        raise
 
 
 def converse(

@@ -5,10 +5,12 @@ from __future__ import annotations
 import functools
 import os
 import re
+import shlex
 import socket
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -223,6 +225,47 @@ def test_a_reader_that_goes_away_is_no_news() -> None:
     finally:
         os.close(writing)
     assert (ran.returncode, ran.stderr) == (1, b"")
+
+
+def in_shell(command: str) -> subprocess.CompletedProcess[str]:
+    """Run `servolink ...` of a shell."""
+    line = command.replace("servolink", shlex.join(COMMAND), 1)
+    return subprocess.run(["/bin/sh", "-c", line], check=False, capture_output=True, text=True, env=environment())
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a file that is always full")
+@pytest.mark.parametrize(
+    ("command", "code", "said"),
+    [
+        ("--help >/dev/full", 1, "standard output cannot be written: No space left on device"),
+        ("info --help >/dev/full", 1, "standard output cannot be written: No space left on device"),
+        (
+            "--url virtual:// move 1=5 --duration 0.01 >/dev/full",
+            1,
+            "standard output cannot be written: No space left on device; all servos have arrived",
+        ),
+        ("encode >/dev/full <&-", 1, "standard input cannot be read: Bad file descriptor"),
+        ("decode --file /", 1, "/ cannot be read: Is a directory"),
+        ("decode --hex missing", 1, "missing cannot be read: No such file or directory"),
+    ],
+)
+def test_streams_that_fail_are_named(command: str, code: int, said: str) -> None:
+    ran = in_shell(f"servolink {command}")
+    assert (ran.returncode, ran.stdout, ran.stderr) == (code, "", f"servolink: {said}\n")
+
+
+def test_a_file_that_was_written_is_not_lost_with_the_output(tmp_path: Path) -> None:
+    file = tmp_path / "robot.servolink.json"
+    ran = in_shell(f"servolink --url virtual:// export {shlex.quote(str(file))} >/dev/full")
+    assert (ran.returncode, ran.stderr.endswith(f"No space left on device; {file} is written\n")) == (1, True)
+    assert file.exists()
+
+
+@pytest.mark.parametrize("to", ["/dev/full", "&-"])
+@pytest.mark.parametrize(("command", "code"), [("--json info --url foo", 3), ("nothing", 2)])
+def test_errors_that_nobody_can_read_keep_their_code(command: str, code: int, to: str) -> None:
+    ran = in_shell(f"servolink {command} 2>{to}")
+    assert (ran.returncode, ran.stdout, ran.stderr) == (code, "", "")
 
 
 def test_a_terminal_that_knows_ascii_only_is_enough() -> None:
