@@ -66,6 +66,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             flush_stdout()
     except KeyboardInterrupt:
         return INTERRUPTED
+    except RuntimeError as error:  # Python before 3.12 wraps what comes while a class is made, as modules are loaded
+        if isinstance(error.__cause__, KeyboardInterrupt):
+            return INTERRUPTED
+        raise
     except BrokenPipeError:  # the reader of our output has gone, as in `| head`
         silence(1)
         return FAILED

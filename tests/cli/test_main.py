@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 import os
 import re
 import shlex
@@ -266,6 +267,16 @@ def test_a_file_that_was_written_is_not_lost_with_the_output(tmp_path: Path) -> 
 def test_errors_that_nobody_can_read_keep_their_code(command: str, code: int, to: str) -> None:
     ran = in_shell(f"servolink {command} 2>{to}")
     assert (ran.returncode, ran.stdout, ran.stderr) == (code, "", "")
+
+
+def test_an_interruption_while_modules_are_loaded_is_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def loaded(name: str) -> None:
+        raise RuntimeError("Error calling __set_name__") from KeyboardInterrupt()
+
+    monkeypatch.setattr(importlib, "import_module", loaded)
+    assert call(capsys, "info").code == 130
 
 
 def test_a_terminal_that_knows_ascii_only_is_enough() -> None:
