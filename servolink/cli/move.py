@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 
+from servolink.cli.arguments import number, speed
 from servolink.cli.main import OK, refuse
 from servolink.cli.motion import Draw, follow, live_bars
 from servolink.cli.output import Table, is_terminal, print_json, print_table
@@ -29,8 +30,10 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink move`."""
     parser.add_argument("targets", nargs="+", type=_target, metavar="SERVO=ANGLE", help="such as 1=90 2=-45")
     pace = parser.add_mutually_exclusive_group()
-    pace.add_argument("--duration", type=float, metavar="SECONDS", help="take so long, 0.01 to 327.67")
-    pace.add_argument("--speed", type=float, metavar="N", help=f"degrees per second ({DEFAULT_SPEED:g})")
+    pace.add_argument(
+        "--duration", type=number(0.01, 327.67, "seconds"), metavar="SECONDS", help="take so long, 0.01 to 327.67"
+    )
+    pace.add_argument("--speed", type=speed, metavar="N", help=f"degrees per second ({DEFAULT_SPEED:g})")
     parser.add_argument(
         "--wait", action=argparse.BooleanOptionalAction, default=True, help="wait until all have arrived (default)"
     )
@@ -39,7 +42,7 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--limit", nargs=2, type=float, metavar=("LOW", "HIGH"), help="refuse angles outside LOW to HIGH degrees"
     )
-    parser.add_argument("--speed-cap", type=float, metavar="N", help="refuse more than N degrees per second")
+    parser.add_argument("--speed-cap", type=speed, metavar="N", help="refuse more than N degrees per second")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -52,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         refuse(args, "--adc needs --duration: speeds are in degrees per second")
     if args.limit and not args.limit[0] <= args.limit[1]:
         refuse(args, "--limit takes the lower angle first, as in --limit -90 90")
-    speed = DEFAULT_SPEED if args.speed is None and args.duration is None else args.speed
+    pace = DEFAULT_SPEED if args.speed is None and args.duration is None else args.speed
     limits = tuple(args.limit) if args.limit else None
 
     async def talk(board: Board, interruption: Interruption) -> int:
@@ -61,10 +64,10 @@ def run(args: argparse.Namespace) -> int:
         motion_limits = MotionLimits(limits, args.speed_cap)
         check_limits(targets, board.unit_of, motion_limits)
         here = {servo_id: int(before[servo_id].angle) for servo_id in targets}
-        intervals_for(targets, here, motion_limits, duration=args.duration, speed=speed)
+        intervals_for(targets, here, motion_limits, duration=args.duration, speed=pace)
         await _ready(board, [before[servo_id] for servo_id in targets], interruption, start=args.start)
         interruption.state = f"the move may have been sent: if so, it was sent whole, {_FINISHING}"
-        seconds = await board.move(targets, duration=args.duration, speed=speed)
+        seconds = await board.move(targets, duration=args.duration, speed=pace)
         interruption.state = f"the move was sent, {_FINISHING}"
         after: dict[int, Servo] = {}
         if args.wait:
@@ -133,4 +136,6 @@ def _target(text: str) -> tuple[int, int]:
     if (found := _TARGET.fullmatch(text)) is None or int(found[1]) > 0xFE:
         form = "SERVO=ANGLE, as in 1=90 or 2=-45, with servos 0 to 254 and angles of at most 5 digits"
         raise argparse.ArgumentTypeError(f"{text!r} is not {form}")
+    if not -(2**15) <= int(found[2]) < 2**15:
+        raise argparse.ArgumentTypeError(f"{text!r}: servo {found[1]} can be sent to -32768 to 32767, not further")
     return int(found[1]), int(found[2])

@@ -8,10 +8,11 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 
+from servolink.cli.arguments import whole_number
 from servolink.cli.keyboard import single_keys
 from servolink.cli.main import OK
 from servolink.cli.signals import ENDING
@@ -42,11 +43,19 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--usbip", metavar="HOST:PORT", type=_listening, help="export a USB device over USB/IP; its usual port is 3240"
     )
-    parser.add_argument("--servos", type=_number(0, MOST_SERVOS), default=16, metavar="N", help="how many servos (16)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="makes small differences repeat (0)")
+    parser.add_argument(
+        "--servos", type=whole_number(0, MOST_SERVOS), default=16, metavar="N", help="how many servos (16)"
+    )
+    parser.add_argument(
+        "--seed",
+        type=whole_number(-(2**63), 2**63 - 1),
+        default=0,
+        metavar="N",
+        help="makes small differences repeat (0)",
+    )
     parser.add_argument(
         "--memory",
-        type=_number(0, _MOST_MEMORY),
+        type=whole_number(0, _MOST_MEMORY),
         default=MEMORY,
         metavar="BYTES",
         help=f"for what is stored ({MEMORY})",
@@ -161,15 +170,6 @@ def _keyboard(board: VirtualBoard) -> Iterator[None]:
         if there:
             print(HELP, file=sys.stderr, flush=True)
         yield
-
-
-def _number(low: int, high: int) -> Callable[[str], int]:
-    def number(text: str) -> int:
-        if not text.isdecimal() or not low <= int(text) <= high:
-            raise argparse.ArgumentTypeError(f"{text!r} is no whole number from {low} to {high}")
-        return int(text)
-
-    return number
 
 
 def _listening(text: str) -> str:

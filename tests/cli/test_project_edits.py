@@ -212,7 +212,7 @@ class TestScaleTime:
 
     @pytest.mark.parametrize("factor", ["0", "-1", "nan", "inf", "1e9"])
     def test_what_is_no_factor(self, factor: str, run: Folder) -> None:
-        assert run("scale-time", "robot", factor, "--in-place").code == 1
+        assert run("scale-time", "robot", factor, "--in-place").code == 2
         assert run.load("robot") == HUMANOID
 
 

@@ -203,7 +203,7 @@ async def store_in_between(url: str) -> None:
         (["W" * 33, "--yes"], "a caption has at most 32 bytes"),
         (["Wave"], "say --yes if they may"),
         (["Wave", "--yes", "--interval", "0"], "'0' is outside 0.1..327.67 seconds"),
-        (["Wave", "--yes", "--button", "x"], "'x' is no button id"),
+        (["Wave", "--yes", "--button", "x"], "'x' is no whole number from 0 to 4294967295"),
     ],
 )
 def test_what_cannot_be_taught_is_refused_before_anything_goes_limp(

@@ -6,6 +6,7 @@ import argparse
 import re
 from pathlib import Path
 
+from servolink.cli.arguments import whole_number
 from servolink.cli.main import FAILED, OK, refuse
 from servolink.cli.output import print_json, print_text
 from servolink.cli.project.source import add_source, is_address, with_project
@@ -25,7 +26,7 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fix", action="store_true", help="repair in the file what has one right answer")
     parser.add_argument("--servos", type=_servo_ids, metavar="N", help="servos of the board: 16, or ids as in 1-8,11")
     parser.add_argument("--speed-cap", type=float, metavar="N", help="degrees per second that no servo may exceed")
-    parser.add_argument("--memory", type=int, metavar="BYTES", help="memory of the board")
+    parser.add_argument("--memory", type=whole_number(0, 2**31 - 1), metavar="BYTES", help="memory of the board")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -78,4 +79,4 @@ def _servo_ids(text: str) -> frozenset[int]:
     )
     if None in parts or not found or max(found) > 0xFE:
         raise argparse.ArgumentTypeError(f"{text!r} is neither a number of servos nor a list of ids, as in 1-8,11")
-    return frozenset(range(1, int(text) + 1)) if text.isdecimal() else found
+    return frozenset(range(1, int(text) + 1)) if text.isascii() and text.isdecimal() else found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from servolink.cli.arguments import number, whole_number
 from servolink.cli.project.source import add_source, with_project
 from servolink.cli.project.writing import add_output, write_edited
 from servolink.project.checks.fix import fixed
@@ -25,7 +26,9 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
         parser.description = f"{parser.description} Where an id means two things, those of OTHER get new ids."
     add_source(parser)
     if command == "scale-time":
-        parser.add_argument("factor", type=float, metavar="FACTOR", help="2 takes twice as long, 0.5 half as long")
+        parser.add_argument(
+            "factor", type=number(1e-6, 1e6, "times"), metavar="FACTOR", help="2 takes twice as long, 0.5 half as long"
+        )
         parser.add_argument(
             "actions", nargs="*", metavar="ACTION", help="caption or id; without any, everything and all pauses"
         )
@@ -33,7 +36,9 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
         parser.add_argument("other", type=Path, metavar="OTHER", help="the project file that is added to it")
     else:
         parser.add_argument("kind", choices=("action", "macro", "table", "servo"), help="what to rename")
-        parser.add_argument("id", type=int, metavar="ID", help="its id, as `servolink project show` shows it")
+        parser.add_argument(
+            "id", type=whole_number(0, 2**31 - 1), metavar="ID", help="its id, as `servolink project show` shows it"
+        )
         parser.add_argument("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")
     add_output(parser)
 

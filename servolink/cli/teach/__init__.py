@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from servolink.cli.arguments import number, whole_number
 from servolink.cli.halt import may_release, servo_id
 from servolink.cli.main import FAILED, INTERRUPTED, OK
 from servolink.cli.output import print_json, print_text
@@ -32,13 +33,18 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", help="of the action, or of the macro if there are several poses")
     parser.add_argument("servo_ids", nargs="*", type=servo_id, metavar="SERVO", help="the servos to release (all)")
     parser.add_argument("--file", type=Path, metavar="FILE", help="write into this project file, not to the board")
-    parser.add_argument("--button", type=_button, metavar="ID", help="the only button that takes poses (any)")
     parser.add_argument(
-        "--interval", type=_seconds, metavar="S", help="seconds to each pose, instead of those that it took"
+        "--button", type=whole_number(0, 2**32 - 1), metavar="ID", help="the only button that takes poses (any)"
+    )
+    parser.add_argument(
+        "--interval",
+        type=number(SHORTEST, LONGEST, "seconds"),
+        metavar="S",
+        help="seconds to each pose, instead of those that it took",
     )
     parser.add_argument(
         "--speed-cap",
-        type=_speed,
+        type=number(1, 10_000, "degrees per second"),
         default=_SPEED_CAP,
         metavar="D",
         help=f"degrees per second that playing it will not exceed ({_SPEED_CAP:g})",
@@ -113,39 +119,15 @@ def _gentle() -> Iterator[asyncio.Event]:
             task.cancel()
         stop.set()
 
-    before = {number: signal.getsignal(number) for number in ENDING}
-    for number in ENDING:
-        signal.signal(number, lambda *_: loop.call_soon_threadsafe(interrupt))
+    before = {each: signal.getsignal(each) for each in ENDING}
+    for each in ENDING:
+        signal.signal(each, lambda *_: loop.call_soon_threadsafe(interrupt))
     try:
         yield stop
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for each, handler in before.items():
+            signal.signal(each, handler)
 
 
 def _note(text: str) -> None:
     print(f"servolink: {printable(text)}", file=sys.stderr, flush=True)
-
-
-def _button(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and int(text) < 2**32):
-        raise argparse.ArgumentTypeError(f"{text!r} is no button id, 0 to {2**32 - 1}")
-    return int(text)
-
-
-def _seconds(text: str) -> float:
-    return _number(text, SHORTEST, LONGEST, "seconds")
-
-
-def _speed(text: str) -> float:
-    return _number(text, 1.0, 10_000.0, "degrees per second")
-
-
-def _number(text: str, low: float, high: float, unit: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = low - 1
-    if not low <= number <= high:
-        raise argparse.ArgumentTypeError(f"{text!r} is outside {low:g}..{high:g} {unit}")
-    return number
