@@ -121,6 +121,13 @@ class TestOutput:
         assert "\x1b" not in said.err
         assert run.load("robot") == HUMANOID
 
+    def test_captions_are_measured_in_the_encoding_of_the_board(self, run: Folder) -> None:
+        caption = "機器人機器人機器人機器人"  # 36 bytes in UTF-8, 24 in Big5
+        renaming = ("rename", "robot", "action", "2", caption, "--in-place")
+        assert run(*renaming).code == 1
+        assert run(*renaming, "--caption-encoding", "big5").code == 0
+        assert run("rename", "robot", "action", "2", "é", "--in-place", "--caption-encoding", "ascii").code == 1
+
     @pytest.mark.parametrize("options", [(), ("-o", "x", "--in-place")])
     def test_where_it_goes_is_said_once(self, options: tuple[str, ...], run: Folder) -> None:
         assert run("rename", "robot", "action", "2", "Yes", *options).code == 2

@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     servo_ids = range(1, args.servos + 1)
     rest = Action.pose("Rest", dict.fromkeys(servo_ids, 0), seconds=1.0)
     project = Project.of(rest, captions={servo_id: f"servo {servo_id}" for servo_id in servo_ids})
-    write_new(args.file, project, force=args.force)
+    write_new(args, args.file, project)
     if args.json:
         print_json({"file": str(args.file), "servos": args.servos, "actions": len(project.actions)})
     else:

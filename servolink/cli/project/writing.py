@@ -36,7 +36,7 @@ def write_edited(args: argparse.Namespace, before: Project, after: Project, chan
     target: Path = Path(args.source) if args.in_place else args.output
     is_new = not args.in_place or after != before
     if is_new:
-        write_new(target, after, force=args.force or args.in_place)
+        write_new(args, target, after)
     if args.json:
         print_json({"file": str(target), "written": is_new, "changes": changes, **more})
         return OK
@@ -46,11 +46,15 @@ def write_edited(args: argparse.Namespace, before: Project, after: Project, chan
     return OK
 
 
-def write_new(target: Path, project: Project, *, force: bool) -> None:
-    """Write `project` to a file that is not there yet, or with `force` is; ProjectError if no board could store it."""
-    if errors := [str(problem) for problem in problems(project) if problem.severity == "error"]:
+def write_new(args: argparse.Namespace, target: Path, project: Project) -> None:
+    """Write `project` to a file that is not there yet, or that `args` let it replace.
+
+    ProjectError if no board could store it, with captions in the encoding of `args`.
+    """
+    found = problems(project, caption_encoding=args.caption_encoding)
+    if errors := [str(problem) for problem in found if problem.severity == "error"]:
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
         raise ProjectError(f"the result would be no valid project, and nothing was written: {errors[0]}{more}")
-    if target.exists() and not force:
+    if target.exists() and not (args.force or getattr(args, "in_place", False)):
         raise ProjectError(f"{printable(str(target))}: is there already; --force replaces it")
     save_project(target, project)
