@@ -7,9 +7,11 @@ import signal
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from servolink.cli.signals import ENDING
 from servolink.client.connect import connect
 from tests.cli.conftest import Addresses
 from tests.cli.programs import GUARD, call, environment, finished, program, started
@@ -101,11 +103,13 @@ def test_a_thread_that_never_returns_does_not_hold_it_back() -> None:
     assert (said.code, said.err) == (130, "interrupted: no servo was moved\n")
 
 
-def test_the_demo_can_be_left() -> None:
-    playing = started("demo")
+@pytest.mark.parametrize("by", ENDING)
+def test_the_demo_can_be_left_and_leaves_nothing(by: signal.Signals, tmp_path: Path) -> None:
+    playing = started("demo", TMPDIR=str(tmp_path))
     assert playing.stdout is not None
     while "All servos move" not in playing.stdout.readline():
         pass
-    said = finished(playing, signal.SIGINT)
+    said = finished(playing, by)
     assert said.code == 130
     assert said.err == "interrupted: only the demo's own virtual board was moved\n"
+    assert not list(tmp_path.glob("servolink-demo-*"))

@@ -19,6 +19,7 @@ from servolink.cli.demo.stage import JsonStage, Outcome, Stage, TextStage
 from servolink.cli.demo.steps import STEPS
 from servolink.cli.main import FAILED, OK
 from servolink.cli.session import Interruption, run_interruptible
+from servolink.cli.signals import ENDING, handled
 from servolink.client.connect import connect
 from servolink.errors import ServolinkError
 from servolink.transports.registry import create
@@ -40,7 +41,10 @@ def run(args: argparse.Namespace) -> int:
     stage: Stage = JsonStage() if args.json else TextStage(fast=args.fast)
 
     async def main(interruption: Interruption) -> int:
-        return await _play(stage, _FAST if args.fast else 1.0)
+        task = asyncio.current_task()
+        assert task is not None  # noqa: S101 - narrows the type: this runs in one
+        with handled(task.cancel, ENDING[1:]):  # or its folder would be left; Ctrl-C does the same
+            return await _play(stage, _FAST if args.fast else 1.0)
 
     return run_interruptible(main, "only the demo's own virtual board was moved")
 

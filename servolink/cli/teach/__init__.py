@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,7 +15,7 @@ from servolink.cli.main import FAILED, INTERRUPTED, OK
 from servolink.cli.output import print_json, print_text
 from servolink.cli.servos import reported
 from servolink.cli.session import Interruption, converse
-from servolink.cli.signals import ENDING
+from servolink.cli.signals import handled
 from servolink.cli.teach.limp import Limp
 from servolink.cli.teach.taking import Taking
 from servolink.cli.teach.writing import check_name, write
@@ -111,22 +110,15 @@ async def _taught(taking: Taking, limp: Limp, interruption: Interruption) -> boo
 @contextmanager
 def _gentle() -> Iterator[asyncio.Event]:
     """Let the first Ctrl-C set the event, so that limp servos can be held, and a second one end it all."""
-    loop, stop = asyncio.get_running_loop(), asyncio.Event()
-    task = asyncio.current_task()
+    stop, task = asyncio.Event(), asyncio.current_task()
 
     def interrupt() -> None:
         if stop.is_set() and task is not None:
             task.cancel()
         stop.set()
 
-    before = {each: signal.getsignal(each) for each in ENDING}
-    for each in ENDING:
-        signal.signal(each, lambda *_: loop.call_soon_threadsafe(interrupt))
-    try:
+    with handled(interrupt):
         yield stop
-    finally:
-        for each, handler in before.items():
-            signal.signal(each, handler)
 
 
 def _note(text: str) -> None:
