@@ -52,7 +52,7 @@ def load_aliases() -> dict[str, Alias]:
     except TransportUnavailable:
         return {}
     try:
-        return _parsed(path.read_text(encoding="utf-8"))
+        return _parsed(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError) as error:  # what TOML and types have against it is a ValueError

@@ -59,6 +59,12 @@ def test_a_user_without_a_home_has_no_names(monkeypatch: pytest.MonkeyPatch) -> 
         save_alias("left", Alias("tcp://pi:9000"))
 
 
+def test_what_editors_put_before_a_text_is_no_part_of_it(path: Path) -> None:
+    path.parent.mkdir(parents=True)
+    path.write_text('[boards.left]\nurl = "tcp://pi:9000"\n', encoding="utf-8-sig")
+    assert load_aliases() == {"left": Alias("tcp://pi:9000")}
+
+
 @given(TEXTS, TEXTS)
 def test_any_text_of_a_device_can_be_kept(url: str, serial_number: str) -> None:
     written = tomllib.loads(_toml({"name": Alias(url, serial_number)}))["boards"]["name"]
