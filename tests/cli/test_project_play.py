@@ -192,6 +192,10 @@ def test_a_chart_fits(seconds: float, width: int) -> None:
     assert lines[1].endswith("]")
 
 
+def test_a_chart_is_no_wider_than_anything_that_shows_it() -> None:
+    assert 900 < max(map(len, drawn(1.0, Move(1, 0.0, 1.0, 0, 5), width=99_999))) < 1100
+
+
 def test_ctrl_c_ends_the_show(file: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     async def interrupted(*_: object) -> int:
         raise KeyboardInterrupt

@@ -7,21 +7,21 @@ from collections.abc import Mapping
 from servolink.cli.output import Table, plain_lines, text_width
 from servolink.virtual.rehearsal import Move, Timeline
 
-_NARROWEST = 20
+_NARROWEST, _WIDEST = 20, 1000
 _BETWEEN_TICKS = 8
 """Columns that two labels of the axis have at least."""
 _STEPS = (1, 2, 5)
 
 
 def chart(timeline: Timeline, captions: Mapping[int, str], width: int) -> list[str]:
-    """Return the lines of a chart `width` columns wide.
+    """Return the lines of a chart `width` columns wide, within reason: that of a pipe is what COLUMNS says.
 
     `[60===]` is a movement to 60 degrees, `[60==>` one that the next or the end cuts short, `|` one too short to draw.
     """
     moved = sorted({move.servo_id for move in timeline.moves})
     rows = {servo_id: (servo_id, captions.get(servo_id, "")) for servo_id in moved}
     labels = plain_lines(Table(("servo", ""), list(rows.values())))
-    columns = max(_NARROWEST, width - max(map(text_width, labels)) - 2)
+    columns = min(_WIDEST, max(_NARROWEST, width - max(map(text_width, labels)) - 2))
     scale = (columns - 1) / max(timeline.seconds, 0.01)
     bars = {servo_id: [" "] * columns for servo_id in rows}
     for move in timeline.moves:
