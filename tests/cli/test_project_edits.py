@@ -121,6 +121,12 @@ class TestOutput:
         assert "\x1b" not in said.err
         assert run.load("robot") == HUMANOID
 
+    def test_pairs_that_nothing_moves_are_wrong(self, run: Folder) -> None:
+        said = run("mirror", "robot", "Nod", "--map", "98=99", "-o", "=out")
+        assert (said.code, said.out) == (2, "")
+        assert "no action moves a servo of --map" in said.err
+        assert not (run.path / "out").exists()
+
     def test_captions_are_measured_in_the_encoding_of_the_board(self, run: Folder) -> None:
         caption = "機器人機器人機器人機器人"  # 36 bytes in UTF-8, 24 in Big5
         renaming = ("rename", "robot", "action", "2", caption, "--in-place")

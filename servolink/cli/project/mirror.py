@@ -44,6 +44,8 @@ def _mirror(args: argparse.Namespace, project: Project) -> int:
         mirror = mirror_by_captions(project, records, args.same_sign)
     else:
         mirror = Mirror(args.map, args.same_sign)
+        if not any(step.servo_id in args.map for action in project.actions for step in action.steps):
+            refuse(args, "no action moves a servo of --map")
     if strangers := [servo_id for servo_id in args.same_sign if servo_id not in mirror.partners]:
         refuse(args, f"servo {strangers[0]} of --same-sign has no partner")
     result, changes = mirrored(project, records, mirror)
