@@ -14,7 +14,7 @@ from pathlib import Path
 
 from servolink.cli.arguments import whole_number
 from servolink.cli.keyboard import single_keys
-from servolink.cli.main import OK
+from servolink.cli.main import OK, refuse
 from servolink.cli.signals import ENDING
 from servolink.discovery.served import announced
 from servolink.errors import TransportUnavailable
@@ -32,6 +32,7 @@ from servolink.virtual.storage import ADDS, CLEARS
 from servolink.virtual.terminal import AVAILABLE
 
 _MOST_MEMORY = 2**31 - 1
+_LONGEST_SCRIPT = 1 << 20
 
 
 def configure(command: str, parser: argparse.ArgumentParser) -> None:
@@ -90,6 +91,9 @@ def run(args: argparse.Namespace) -> int:
         torn=args.torn,
         reboot=args.reboot,
     )
+    pushed = {deed.servo_id for deed in args.script if isinstance(deed, Push)}
+    if strangers := sorted(pushed - board.servos.keys()):
+        refuse(args, f"--script pushes servo {strangers[0]}, and the board has {args.servos} servos")
     if args.state:
         load_state(board, args.state)
     try:
@@ -150,6 +154,8 @@ def _playing(board: VirtualBoard, deeds: Iterable[Deed]) -> Iterator[None]:
 def _do(board: VirtualBoard, deed: Deed) -> None:
     now = asyncio.get_running_loop().time()
     if isinstance(deed, Push):
+        if board.servos[deed.servo_id].is_hold:
+            print(f"servolink: servo {deed.servo_id} is held and is not pushed at {deed.at:g} s", file=sys.stderr)
         board.push_servo(deed.servo_id, deed.degree, now)
     elif deed.down:
         board.press_button(deed.button_id, now)
@@ -200,6 +206,15 @@ def _state(text: str) -> Path:
 
 def _script(text: str) -> list[Deed]:
     try:
-        return parse_script(Path(text).read_text(encoding="utf-8"))
+        return parse_script(_beginning(Path(text)))
     except (OSError, ValueError) as error:
         raise argparse.ArgumentTypeError(f"{printable(text)}: {printable(str(error))}") from None
+
+
+def _beginning(path: Path) -> str:
+    """Return what is in a file; ValueError for one that is longer than anybody writes, or has no end."""
+    with path.open(encoding="utf-8") as file:
+        text = file.read(_LONGEST_SCRIPT + 1)
+    if len(text) > _LONGEST_SCRIPT:
+        raise ValueError(f"is longer than the {_LONGEST_SCRIPT:,} characters that a script may have")
+    return text

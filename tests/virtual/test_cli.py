@@ -32,6 +32,7 @@ from servolink.protocol.servos import QueryServoListRequest, QueryServoListRespo
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.script import Push
 from servolink.virtual.state import load_state, save_state
 from tests.virtual.receiving import GUARD, Heard, ask
 
@@ -257,6 +258,27 @@ def test_a_script_presses_buttons(tmp_path: Path) -> None:
     asyncio.run(main())
 
 
+def test_a_push_that_a_servo_does_not_give_way_to_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    async def pushed(board: VirtualBoard) -> None:
+        virtual._do(board, Push(1.5, 1, 40))
+
+    board = VirtualBoard(2)
+    asyncio.run(pushed(board))
+    assert capsys.readouterr().err == "servolink: servo 1 is held and is not pushed at 1.5 s\n"
+    board.servos[1].is_hold = 0
+    asyncio.run(pushed(board))
+    assert capsys.readouterr().err == ""
+    assert round(board.servos[1].angle) == 40
+
+
+def test_a_push_of_a_servo_that_is_not_there_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "script").write_text("1 push 3 10\n2 push 1 10\n")
+    with pytest.raises(SystemExit) as ended:
+        servolink(["virtual", *TCP, "--servos", "2", "--script", str(tmp_path / "script")])
+    assert ended.value.code == 2
+    assert "--script pushes servo 3, and the board has 2 servos" in capsys.readouterr().err
+
+
 def test_keys_press_buttons_and_the_terminal_is_given_back() -> None:
     async def main() -> None:
         import termios
@@ -333,6 +355,7 @@ def test_it_ends_with_its_terminal() -> None:
         (("--clear", "most"), 2, "records"),
         (("--faults", "dorp=0.1"), 2, "unknown option dorp"),
         (("--script", "missing"), 2, "missing"),
+        (("--script", "/dev/zero"), 2, "is longer than"),
         (("--tcp", "192.0.2.1:80"), 3, "try another port"),
         (("--state", "/"), 3, "cannot be read"),
         (("--state", "missing/board.json"), 2, "missing is no folder; make it"),
