@@ -1,0 +1,25 @@
+"""Links of README.md and docs/ lead somewhere for those who read them in the repository, where nothing is built."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs/design").glob("*.md"))]
+BUILT = {("protocol.md", "_generated/packets.md")}  # where the page says how it is made
+
+_LINK = re.compile(r"\[([^\]\n]*(?:\n[^\]\n]+)?)\]\(([^)\s]+)\)")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_have_a_text_and_lead_somewhere(page: Path) -> None:
+    for text, target in _LINK.findall(
+        re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    ):
+        assert text, target
+        path = target.partition("#")[0]
+        if path and "://" not in target and (page.name, target) not in BUILT:
+            assert (page.parent / path).exists(), target
