@@ -16,6 +16,16 @@ def not_empty(text: str) -> str:
     return text
 
 
+def caption_encoding(text: str) -> str:
+    """Read the name of an encoding in which captions can be written."""
+    from servolink.protocol.caption import check_encoding  # help needs none of the protocol
+
+    try:
+        return check_encoding(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
 def whole_number(low: int, high: int) -> Callable[[str], int]:
     """Return what reads a whole number in ASCII digits."""
 

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from servolink.cli.arguments import not_empty
+from servolink.cli.arguments import caption_encoding, not_empty
 from servolink.cli.streams import flush_stdout, lost_output, open_missing_stderr, print_error, silence
 from servolink.errors import ServolinkError, TransportError
 from servolink.printable import printable
@@ -159,6 +159,10 @@ def common_options(*, given: bool) -> argparse.ArgumentParser:
         "--byte-order", choices=("little", "big"), default=default("little"), help="of numbers in packets (little)"
     )
     parser.add_argument(
-        "--caption-encoding", default=default("utf-8"), metavar="NAME", help="of captions, such as big5 (utf-8)"
+        "--caption-encoding",
+        type=caption_encoding,
+        default=default("utf-8"),
+        metavar="NAME",
+        help="of captions, such as big5 (utf-8)",
     )
     return parser

@@ -11,7 +11,7 @@ from io import BufferedReader
 from typing import Any
 
 from servolink.cli.arguments import not_empty
-from servolink.cli.main import FAILED, OK, refuse
+from servolink.cli.main import FAILED, OK
 from servolink.errors import DecodeError, EncodeError, ServolinkError
 from servolink.printable import printable
 from servolink.protocol.codec import Codec
@@ -44,10 +44,7 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `decode` or `encode`: 0, or 1 if anything made no frame or no packet."""
-    try:
-        codec = Codec(args.byte_order, args.caption_encoding)
-    except ValueError as error:
-        refuse(args, str(error))
+    codec = Codec(args.byte_order, args.caption_encoding)
     if args.command == "encode":
         return _encode(args, codec)
     results = _stream(args.file, codec) if args.file else _frames(args, codec)

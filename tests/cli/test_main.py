@@ -141,6 +141,7 @@ def test_an_empty_address_in_the_environment_is_none(
         ("--url", "virtual://", "bench", "--requests", "none"),
         ("--url", "virtual://", "info", "--caption-encoding", "klingon"),
         ("project", "check", "x.json", "--caption-encoding", "klingon"),
+        ("--url", "virtual://", "--caption-encoding", "klingon", "rollback", "--yes", "x.json"),
         *(("move", "1=5", "--duration", duration) for duration in ("nan", "999", "0", "soon")),
         *(("move", "1=5", "--speed", speed) for speed in ("nan", "inf", "0", "1e-300")),
         *(("move", "1=5", "--speed-cap", speed) for speed in ("nan", "0")),

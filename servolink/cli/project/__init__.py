@@ -6,8 +6,7 @@ import argparse
 import importlib
 from typing import Any
 
-from servolink.cli.main import EXIT_CODES, common_options, refuse
-from servolink.protocol.caption import check_encoding
+from servolink.cli.main import EXIT_CODES, common_options
 
 COMMANDS = {
     "show": ("servolink.cli.project.show", "show what is in a project, or some of it whole"),
@@ -41,8 +40,4 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command that was given."""
-    try:
-        check_encoding(args.caption_encoding)
-    except ValueError as error:
-        refuse(args, str(error))
     return int(importlib.import_module(COMMANDS[args.project_command][0]).run(args))
