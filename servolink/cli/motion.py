@@ -22,7 +22,7 @@ _ARRIVED = 2  # degrees, or raw steps, as near as a servo can be expected to com
 _GRACE = 1.0
 _PAUSE = 0.04  # seconds between two readings
 _HALF = 24  # columns for the widest angle to one side
-_BESIDE = 18  # columns for what stands beside a bar, such as "servo 254" and "-120°"
+_BESIDE = 21  # columns for what stands beside a bar, such as "servo 254" and "4095 ADC"
 _WIDEST = 120.0
 
 

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from servolink.cli import motion
 from servolink.cli.output import Table, plain_lines, show_table
-from servolink.client.angles import Degrees
+from servolink.client.angles import Adc, Angle, Degrees
 from servolink.client.servos import Servo
 
 
@@ -50,11 +50,12 @@ def test_no_value_is_cut_off_on_a_narrow_terminal(table: Table, width: int) -> N
         assert any(all(str(cell) in line.split() for cell in row) for line in lines)
 
 
-@pytest.mark.parametrize("width", [18, 20, 40, 100])
-def test_no_angle_is_cut_off_beside_a_bar(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("width", [21, 22, 40, 100])
+@pytest.mark.parametrize("angle", [Degrees(-120), Adc(4095)])
+def test_no_angle_is_cut_off_beside_a_bar(angle: Angle, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
     said = io.StringIO()
     monkeypatch.setattr(motion, "console", lambda: Console(file=said, width=width))
     with motion.live_bars() as draw:
-        draw(0.0, [Servo(254, Degrees(-120), 0, 0, 0, is_start=True, is_hold=True)])
+        draw(0.0, [Servo(254, angle, 0, 0, 0, is_start=True, is_hold=True)])
     assert said.getvalue().split()[:2] == ["servo", "254"]
-    assert "-120°" in said.getvalue().split()
+    assert f" {angle} " in said.getvalue().replace("\n", " ")
