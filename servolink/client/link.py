@@ -17,6 +17,7 @@ from servolink.client.leaving import Leaving
 from servolink.client.stats import Stats
 from servolink.client.turns import Turns
 from servolink.errors import ConnectionLost, DecodeError, RequestError
+from servolink.printable import printable
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (
     ExecuteMacroRequest,
@@ -122,6 +123,8 @@ class Link:
         what changes the board is sent once and raises OutcomeUnknown. `first` goes before all who wait; `exact`
         gives back what was read from a board (see Codec.encode).
         """
+        if asyncio.get_running_loop() is not self._loop:
+            self._refuse_loop()
         frame = self.codec.encode(packet, exact=exact)
         lane = self.lanes.of(packet)
         stops = self.stops
@@ -144,6 +147,8 @@ class Link:
 
         That is when `units_sent` is no longer `unless_units_since`. After a stop movements raise RequestError.
         """
+        if asyncio.get_running_loop() is not self._loop:
+            self._refuse_loop()
         frame = self.codec.encode(packet)
         stops = self.stops if unless_stopped_since is None else unless_stopped_since
         await self._take_turn(None)
@@ -164,10 +169,19 @@ class Link:
 
     async def send_stop(self, packet: SetServoParameterRequest) -> None:
         """Send `packet` before everything else, without waiting for anything, not even its answer."""
+        if asyncio.get_running_loop() is not self._loop:
+            self._refuse_loop()
         self._raise_if_ended()
         self.stops += 1
         self.answers.overtake(self.lanes.of(packet), self._sending(packet, self._timeout, self._loop.time()))
         await self._write(self.codec.encode(packet))
+
+    def _refuse_loop(self) -> NoReturn:
+        """Raise RuntimeError: a future of one event loop would never wake who waits in another."""
+        raise RuntimeError(
+            f"{printable(self.transport.url)} was connected in another event loop, which has "
+            f"{'ended' if self._loop.is_closed() else 'it still'}: connect in the one that uses it"
+        )
 
     async def _take_turn(self, lane: Lane | None, *, alone: bool = False, first: bool = False) -> None:
         self._raise_if_ended()
