@@ -37,7 +37,10 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
     else:
         parser.add_argument("kind", choices=("action", "macro", "table", "servo"), help="what to rename")
         parser.add_argument(
-            "id", type=whole_number(0, 2**31 - 1), metavar="ID", help="its id, as `servolink project show` shows it"
+            "id",
+            type=whole_number(-(2**31), 2**31 - 1),
+            metavar="ID",
+            help="its id, as `servolink project show` shows it",
         )
         parser.add_argument("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")
     add_output(parser)
