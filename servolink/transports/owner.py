@@ -128,9 +128,10 @@ class Owner:
             device.close()
 
     def _read(self, device: OpenDevice) -> None:
-        while not self._stopping and not self._loop.is_closed():
-            if chunk := device.read():
-                self._tell(chunk)
+        read, tell, is_closed = device.read, self._tell, self._loop.is_closed  # bound once: this runs for every chunk
+        while not self._stopping and not is_closed():
+            if chunk := read():
+                tell(chunk)
 
     def _write(self, device: OpenDevice) -> None:
         try:
@@ -155,8 +156,9 @@ class Owner:
         self._hear(self._take())
 
     def _take(self) -> Iterator[News]:
-        while self._news:
-            yield self._news.popleft()
+        news = self._news
+        while news:
+            yield news.popleft()
 
     def _tell(self, news: News) -> None:
         self._news.append(news)
