@@ -40,7 +40,7 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
             "id",
             type=whole_number(-(2**31), 2**31 - 1),
             metavar="ID",
-            help="its id, as `servolink project show` shows it",
+            help="its id, as `project show` shows it",
         )
         parser.add_argument("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")
     add_output(parser)
