@@ -19,12 +19,12 @@ LONG = 1000
 
 def run(*, short: bool) -> Result:
     """Measure every case; a goal missed is a failure."""
-    rounds, total = (3, 1 << 17) if short else (9, 1 << 20)
+    rounds, total = (3, 1 << 17) if short else (9, 1 << 22)
     cases, slow = [], []
     for kind, stream_of in (("clean", clean), ("dirty", dirty)):
         for size in TYPICAL:
             for chunk in CHUNKS:
-                stream = stream_of(size, total if chunk > 1 else total // 4)
+                stream = stream_of(size, total if chunk > 1 else total // 16)
                 found = compare(_feeding(FrameParser, stream, chunk), _feeding(TextbookParser, stream, chunk), rounds)
                 frames = _feeding(FrameParser, stream, chunk)()
                 speed = len(stream) / found.ours * 1000
