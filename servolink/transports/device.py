@@ -54,6 +54,7 @@ class DeviceTransport:
             await self._opened
         except asyncio.CancelledError:
             self._owner.stop()
+            await _within(_END_LIMIT, self._freed)  # who tries again at once would find it in use, by us
             raise
 
     async def send(self, data: bytes) -> None:

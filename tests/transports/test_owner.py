@@ -284,6 +284,29 @@ async def test_a_cancelled_opening_leaves_nothing_open(board: Board, monkeypatch
 
 
 @on_loop
+async def test_who_cancels_an_opening_is_told_when_the_device_is_free(
+    board: Board, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go = threading.Event()
+    transport = board.transport()
+    really_open = transport._device.open
+
+    def open_when_told() -> OpenDevice:
+        assert go.wait(LIMIT)
+        return really_open()
+
+    monkeypatch.setattr(transport._device, "open", open_when_told)
+    opening = asyncio.ensure_future(transport.open(Ear()))
+    await asyncio.sleep(0)
+    opening.cancel()
+    await asyncio.sleep(0)
+    go.set()
+    await asyncio.wait([opening])
+    assert opening.cancelled()
+    assert board.is_closed()
+
+
+@on_loop
 async def test_a_device_that_fails_to_close_is_let_go(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
     def close_and_fail(opened: OpenHid | OpenUsb) -> None:
         opened._undo.close()
