@@ -225,7 +225,10 @@ def replaced(old: str, new: str) -> str:
         ('"$schema": 1', "$schema: 1 is no text"),
         ('"\\u001b[2J": 1', "'\\x1b[2J' is no field; there are schema, ..."),
         ('"\\ud800": 1', "'\\ud800' names neither a field nor a type"),
-        (MACROS.format('{"type": "\\udc00"}'), "'\\udc00' names neither a field nor a type"),
+        (
+            MACROS.format('{"type": "\\udc00"}'),
+            "macros[0].commands[0].type: '\\udc00' names neither a field nor a type",
+        ),
         ('"project_id": 1, "x": {"y": [0, {"z": 1, "z": 2}]}', "x.y[1]: 'z' is there twice; keep one of them"),
         ('"x": {"z": 1, "z": {"y": 1, "y": 2}}', "x: 'z' is there twice; keep one of them"),
     ],

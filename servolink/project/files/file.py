@@ -11,7 +11,7 @@ from servolink.errors import ProjectError
 from servolink.printable import printable, shown
 from servolink.project.files.fault import fault, version_fault
 from servolink.project.files.file_types import file_type, of_file, to_file
-from servolink.project.files.text import MAX_SIZE, read_text, write_text
+from servolink.project.files.text import MAX_SIZE, place, read_text, write_text
 from servolink.project.model import Project
 
 
@@ -44,7 +44,8 @@ def parse_project(text: str | bytes, *, exact: bool = False) -> Project:
     except msgspec.ValidationError as error:
         raise ProjectError(": ".join(filter(None, fault(str(error), said, form)))) from None
     except UnicodeEncodeError as error:
-        raise ProjectError(f"{shown(error.object)} names neither a field nor a type") from None
+        what = f"{shown(error.object)} names neither a field nor a type"
+        raise ProjectError(": ".join(filter(None, (place(said, error.object), what)))) from None
     return project
 
 

@@ -53,7 +53,7 @@ def read_text(text: str | bytes) -> Any:
         raise ProjectError("holds lists in lists without end; a project has a few levels") from error
     if doubled:
         outermost = doubled[-1]  # the last to end is in no other
-        where = _place(said, outermost)
+        where = place(said, outermost)
         raise ProjectError(f"{where}{': ' if where else ''}{shown(outermost.key)} is there twice; keep one of them")
     return said
 
@@ -83,15 +83,15 @@ def _no_number(name: str) -> NoReturn:
     raise ValueError(f"{name} is no number")
 
 
-def _place(said: Any, sought: _Doubled) -> str:
-    """Return where in `said` an object stands, such as `actions[3].steps[7]`."""
-    path, waiting = "", [("", said)]
+def place(said: Any, sought: object) -> str:
+    """Return where in `said` an object, or a text as value or key, stands, such as `actions[3].steps[7]`."""
+    waiting = [("", said)]
     while waiting:
         path, value = waiting.pop()
-        if value is sought:
-            break
+        if value is sought or (isinstance(value, dict) and any(key is sought for key in value)):
+            return printable(path.removeprefix("."))
         if isinstance(value, dict):
-            waiting += [(f"{path}.{key}", one) for key, one in value.items() if not isinstance(one, (int, str))]
+            waiting += [(f"{path}.{key}", one) for key, one in value.items() if not isinstance(one, int)]
         elif isinstance(value, list):
-            waiting += [(f"{path}[{at}]", one) for at, one in enumerate(value) if not isinstance(one, (int, str))]
-    return printable(path.removeprefix("."))
+            waiting += [(f"{path}[{at}]", one) for at, one in enumerate(value) if not isinstance(one, int)]
+    return ""
