@@ -30,9 +30,9 @@ class Units(Chapter):
         """Give and report angles of a servo (255: all) in degrees or raw ADC (3.2.4); Rejected if it is refused."""
         if unit not in ("degree", "adc"):
             raise EncodeError(f"unit: {shown(unit)} is neither 'degree' nor 'adc'")
-        if servo_id != ALL_SERVOS:
-            await self._ensure_unit()
         async with self._setting_unit:
+            if servo_id != ALL_SERVOS:
+                await self._set_first_unit()
             await self._set_unit(unit, servo_id)
 
     def unit_of(self, servo_id: int) -> AngleUnit | None:
@@ -44,18 +44,24 @@ class Units(Chapter):
         if self._unit_is_set and not self._setting_unit.locked():
             return
         async with self._setting_unit:
-            if not self._unit_is_set and self._unit is not None:
-                await self._set_unit(self._unit, ALL_SERVOS)
+            await self._set_first_unit()
+
+    async def _set_first_unit(self) -> None:
+        """Set the unit of all servos, while nobody else does, unless it is known to be set."""
+        if not self._unit_is_set and self._unit is not None:
+            await self._set_unit(self._unit, ALL_SERVOS)
 
     async def _set_unit(self, unit: AngleUnit, servo_id: int) -> None:
         """Set a unit, while nobody else does."""
+        link, sent = self._link, self._link.units_sent
         try:
-            await _ask(self._link, unit, servo_id)
+            await _ask(link, unit, servo_id)
         except Rejected:
             raise
-        except BaseException:  # it may have been done: all are set again before the next angle
-            self._units.clear()
-            self._unit_is_set = self._unit is None
+        except BaseException:
+            if link.units_sent != sent:  # it may have been done: all are set again before the next angle
+                self._units.clear()
+                self._unit_is_set = self._unit is None
             raise
         if servo_id == ALL_SERVOS:
             self._units.clear()
@@ -65,10 +71,10 @@ class Units(Chapter):
 
     async def _restore_units(self, link: Link) -> None:
         """Set on a new link the units that were set on the one before it; Rejected if the board does not take them."""
-        if self._unit is None or not self._unit_is_set:
+        if not self._unit_is_set:
             return
-        units: dict[int, AngleUnit] = {ALL_SERVOS: self._unit, **self._units}
-        for servo_id, unit in units.items():
+        for_all: dict[int, AngleUnit] = {} if self._unit is None else {ALL_SERVOS: self._unit}
+        for servo_id, unit in {**for_all, **self._units}.items():
             await _ask(link, unit, servo_id)
 
 

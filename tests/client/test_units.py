@@ -6,6 +6,7 @@ import asyncio
 
 import pytest
 
+from servolink.client import connect as connecting
 from servolink.client.angles import Adc, Degrees
 from servolink.client.connect import connect
 from servolink.errors import EncodeError, OutcomeUnknown, Rejected
@@ -17,7 +18,10 @@ from servolink.protocol.servos import (
     SetAngleUnitResponse,
     Step,
 )
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.servo import to_adc
 from tests.client.fake_board import SWALLOWED, FakeBoard, Fate, late, lie, linked, turns_of_the_loop
+from tests.client.sockets import Socket
 from tests.virtual_time import run
 
 LIMITS = (-90, 90)
@@ -186,5 +190,55 @@ def test_a_board_that_comes_back_and_refuses_a_unit_is_not_resumed(fates: list[F
             with pytest.raises(Rejected, match=r"asked for angle unit \d; the board answered"):
                 await board._restore_units(link)
             await board._restore_units(link)
+
+    run(main())
+
+
+def test_a_change_that_is_given_up_before_it_is_sent_changes_nothing() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake) as board:
+            await board.set_angle_unit("adc", 2)
+            fake.plan(QueryServoRequest, late(0.5))
+            reading = asyncio.create_task(board.servo(2))
+            await turns_of_the_loop(2)
+            changing = asyncio.create_task(board.set_angle_unit("degree", 3))  # waits for its turn
+            await turns_of_the_loop(2)
+            changing.cancel()
+            assert isinstance((await reading).angle, Adc)
+            assert board.unit_of(2) == "adc"
+
+    run(main())
+
+
+def test_a_change_behind_one_of_which_the_outcome_is_not_known_holds() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connect(fake, timeout=0.2) as board:
+            await board.servos()
+            fake.plan(SetAngleUnitRequest, late(0), SWALLOWED)
+            changes = (board.set_angle_unit("adc", servo_id) for servo_id in (1, 2, 3))
+            first, second, third = await asyncio.gather(*changes, return_exceptions=True)
+            assert (first, type(second), third) == (None, OutcomeUnknown, None)
+            assert isinstance((await board.servo(3)).angle, Adc)
+
+    run(main())
+
+
+def test_units_of_single_servos_are_set_again_where_that_of_all_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    toy = VirtualBoard(servos=3, reboot=True)
+    socket = Socket(toy)
+    monkeypatch.setattr(connecting, "create", socket.transport)
+
+    async def main() -> None:
+        async with connect("virtual://", reconnect=True, angle_unit=None) as board:
+            await board.set_angle_unit("adc", 3)
+            socket.pull()
+            socket.plug(toy)
+            await asyncio.sleep(5)
+            assert board.stats.reconnects == 1
+            angle = (await board.servo(3)).angle
+            assert isinstance(angle, Adc)
+            assert angle == to_adc(toy.servos[3].angle)
 
     run(main())
