@@ -87,8 +87,9 @@ class Editing(Chapter):
 
     async def project_id(self) -> int:
         """Return the project id; 0 if the board has none (3.3.13)."""
+        changes = self._identity.changes
         project_id = (await self.request(QueryProjectIDRequest())).project_id
-        self._identity.know(project_id)
+        self._identity.hear(project_id, changes)
         return project_id
 
     async def write_project_id(self, project_id: int) -> None:

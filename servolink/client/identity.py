@@ -19,14 +19,25 @@ class Identity:
     def __init__(self) -> None:
         """Know nothing yet."""
         self._project_ids: frozenset[int] = frozenset()
+        self.changes = 0
+        """How often it has become another one."""
 
     def know(self, project_id: int) -> None:
         """Take note of what the board has for certain."""
         self._project_ids = frozenset({project_id})
+        self.changes += 1
 
     def may_have(self, project_id: int) -> None:
         """Reckon with `project_id` besides what the board had."""
         self._project_ids |= {project_id}
+        self.changes += 1
+
+    def hear(self, project_id: int, since: int) -> None:
+        """Take note of an answer to what was asked when there had been `since` changes."""
+        if self.changes == since:
+            self.know(project_id)
+        else:  # another id was written or given up meanwhile, and may be what the board has now
+            self.may_have(project_id)
 
     @contextmanager
     def changing(self, link: Link, project_id: int) -> Iterator[None]:

@@ -10,10 +10,10 @@ import pytest
 
 from servolink import Board, ConnectionLost, EncodeError, NotFound, OutcomeUnknown, Rejected, connect
 from servolink.client import connect as connecting
-from servolink.protocol.editing import WriteProjectIDRequest, WriteProjectIDResponse
+from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest, WriteProjectIDResponse
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.storage import Clear
-from tests.client.fake_board import FakeBoard, lie
+from tests.client.fake_board import FakeBoard, late, lie, turns_of_the_loop
 from tests.client.sockets import Socket
 from tests.virtual_time import run
 
@@ -169,6 +169,27 @@ def test_a_board_that_refuses_an_id_has_the_one_it_had() -> None:
                 await board.write_project_id(6)
             fake.virtual.storage.project_id = 6
             with pytest.raises(NotFound, match="project id 6, not 0"):
+                await board._identity.check(board._link)
+
+    run(main())
+
+
+def test_an_answer_from_before_a_write_that_was_given_up_does_not_say_what_the_board_has() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(QueryProjectIDRequest, late(0), late(0.5))
+        async with connect(fake, window=2, timeout=2) as board:
+            await board.write_project_id(5)
+            assert await board.project_id() == 5
+            asking = asyncio.create_task(board.project_id())
+            await turns_of_the_loop(2)
+            writing = asyncio.create_task(board.write_project_id(6))
+            await turns_of_the_loop(2)
+            writing.cancel()
+            assert await asking == 5
+            await board._identity.check(board._link)  # it has 6, and is still ours
+            board._identity.know(9)
+            with pytest.raises(NotFound, match="has project id 6, not 9"):
                 await board._identity.check(board._link)
 
     run(main())
