@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from contextlib import suppress
 
 from servolink.client.turns import Turns
 from servolink.errors import ConnectionLost
+from servolink.printable import printable
 from servolink.transports.base import Transport
 
 
@@ -27,6 +29,8 @@ class Leaving:
         """Hold one turn more than the window allows until all that was sent so far has left."""
         self._turns.take_extra()
         task = asyncio.get_running_loop().create_task(self._left())
+        # The end of a program may well come first, which nobody needs to be told; asyncio.gather does the same.
+        task._log_destroy_pending = False  # type: ignore[attr-defined]  # noqa: SLF001
         self._tasks.add(task)
         task.add_done_callback(self._give_back)
 
@@ -42,3 +46,7 @@ class Leaving:
     def _give_back(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
         self._turns.give_back(None)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            logging.getLogger(__name__).error(
+                "%s cannot tell when all is sent: %s", printable(self._transport.url), printable(str(error))
+            )

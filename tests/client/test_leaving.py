@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
@@ -94,3 +95,40 @@ def test_a_line_that_is_lost_meanwhile_tells_so_itself() -> None:
         await link.close()
 
     run(main())
+
+
+def test_a_transport_that_cannot_tell_gives_its_turn_back_and_is_named(caplog: pytest.LogCaptureFixture) -> None:
+    class Strict(FakeBoard):
+        async def send(self, data: bytes) -> None:
+            if not data:
+                raise ValueError("nothing to send\x1b")
+            await super().send(data)
+
+    async def main() -> None:
+        board = Strict()
+        async with linked(board) as link:
+            board.taking = asyncio.Event()
+            await give_up(SENDS["move"](link), 0.01)
+            await turns_of_the_loop(3)
+            assert link._turns._active == 0
+
+    run(main())
+    assert caplog.messages == ["fake://board cannot tell when all is sent: nothing to send\\x1b"]
+
+
+def test_the_end_of_a_program_with_something_left_behind_is_quiet(caplog: pytest.LogCaptureFixture) -> None:
+    kept = []  # or the link ends before the loop does
+
+    async def main() -> None:
+        board = FakeBoard()
+        link = Link(board, Codec())
+        await link.open()
+        board.taking = asyncio.Event()
+        kept.append((link, asyncio.create_task(link.send(ExecuteActionRequest((Step(1, 6, 10),))))))
+        await turns_of_the_loop(2)
+
+    asyncio.run(main())
+    assert len(kept[0][0]._leaving._tasks) == 1
+    kept.clear()
+    gc.collect()
+    assert caplog.messages == []
