@@ -34,6 +34,7 @@ class MotionLimits:
             for servo_id, pair in self.angles.items():
                 _check_servo_id("angle_limits", servo_id)
                 _check_pair(pair)
+            object.__setattr__(self, "angles", dict(self.angles))  # which nobody changes later
         elif self.angles is not None:
             _check_pair(self.angles)
 
@@ -50,7 +51,7 @@ def _check_cap(cap: object) -> None:
 
 
 def _check_pair(pair: object) -> None:
-    if not (isinstance(pair, tuple) and len(pair) == 2 and all(map(is_number, pair))):
+    if not (isinstance(pair, (tuple, list)) and len(pair) == 2 and all(map(is_number, pair))):
         raise TypeError(f"angle_limits: {shown(pair)} is no pair of degrees, (lowest, highest)")
     if not pair[0] <= pair[1]:
         raise EncodeError(f"angle_limits: no angle is within {shown(pair[0])}..{shown(pair[1])}")

@@ -98,10 +98,18 @@ def test_a_cap_beyond_all_numbers_caps_nothing() -> None:
         assert intervals_for({1: 90}, {1: 0}, MotionLimits(speed_cap=cap), duration=0.5, speed=None) == {1: 50}
 
 
-@pytest.mark.parametrize("angles", [[0, 90], 5, "ab", (1,), (1, 2, 3), ("a", "b"), {1: 5}, {1: (0,)}, {1: (0, None)}])
+@pytest.mark.parametrize("angles", [[0], 5, "ab", (1,), (1, 2, 3), ("a", "b"), {1: 5}, {1: (0,)}, {1: (0, None)}])
 def test_limits_that_are_no_pair_are_refused(angles: Any) -> None:
     with pytest.raises(TypeError, match=r"angle_limits: .* is no pair of degrees"):
         MotionLimits(angles)
+
+
+def test_limits_may_come_from_a_file_and_are_kept_as_they_were_given() -> None:
+    given: Any = {1: [0, 90]}
+    limits = MotionLimits(given)
+    given[1] = [0, 180]
+    with pytest.raises(EncodeError, match="outside its limits"):
+        check_limits({1: 100}, degrees, limits)
 
 
 @pytest.mark.parametrize("servo_id", [255, -1, "1", None, 1.0])
