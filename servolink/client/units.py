@@ -73,8 +73,9 @@ class Units(Chapter):
         """Set on a new link the units that were set on the one before it; Rejected if the board does not take them."""
         if not self._unit_is_set:
             return
-        for_all: dict[int, AngleUnit] = {} if self._unit is None else {ALL_SERVOS: self._unit}
-        for servo_id, unit in {**for_all, **self._units}.items():
+        units: dict[int, AngleUnit] = {} if self._unit is None else {ALL_SERVOS: self._unit}
+        units |= self._units
+        for servo_id, unit in units.items():
             await _ask(link, unit, servo_id)
 
 
