@@ -305,7 +305,7 @@ async def test_who_cancels_an_opening_is_told_when_the_device_is_free(
     go.set()
     await asyncio.wait([opening])
     assert opening.cancelled()
-    assert board.is_closed()
+    assert not board.fake.handles  # its thread, which has said so, may take a moment more to end
 
 
 @on_loop
