@@ -158,8 +158,8 @@ async def test_what_came_before_the_opening_is_dropped() -> None:
         assert await ear.hear(5) == b"fresh"
 
 
-@on_loop
-async def test_who_is_cancelled_while_opening_may_open_again_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def opening_when_told(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """Let every port open only when the event is set."""
     go, really_open = threading.Event(), serial.Serial.open
 
     def open_when_told(port: serial.Serial) -> None:
@@ -167,6 +167,12 @@ async def test_who_is_cancelled_while_opening_may_open_again_at_once(monkeypatch
         really_open(port)
 
     monkeypatch.setattr(serial.Serial, "open", open_when_told)
+    return go
+
+
+@on_loop
+async def test_who_is_cancelled_while_opening_may_open_again_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    go = opening_when_told(monkeypatch)
     async with PtyWire() as wire:
         opening = asyncio.ensure_future(wire.open())
         await asyncio.sleep(0)
@@ -241,13 +247,7 @@ async def test_a_cancelled_opening_that_fails_later_is_forgotten(
 
 @on_loop
 async def test_an_opening_does_not_hold_up_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    go, really_open = threading.Event(), serial.Serial.open
-
-    def open_when_told(port: serial.Serial) -> None:
-        assert go.wait(10)
-        really_open(port)
-
-    monkeypatch.setattr(serial.Serial, "open", open_when_told)
+    go = opening_when_told(monkeypatch)
     async with PtyWire() as wire:
         opening = asyncio.ensure_future(wire.open())
         await asyncio.sleep(0)
@@ -257,13 +257,7 @@ async def test_an_opening_does_not_hold_up_the_loop(monkeypatch: pytest.MonkeyPa
 
 @on_loop
 async def test_a_port_closed_while_it_opens_is_closed_after_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    go, really_open = threading.Event(), serial.Serial.open
-
-    def open_when_told(port: serial.Serial) -> None:
-        assert go.wait(10)
-        really_open(port)
-
-    monkeypatch.setattr(serial.Serial, "open", open_when_told)
+    go = opening_when_told(monkeypatch)
     async with PtyWire() as wire:
         opening = asyncio.ensure_future(wire.open())
         await asyncio.sleep(0)
