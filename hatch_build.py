@@ -1,6 +1,6 @@
 """`SERVOLINK_COMPILE=1 pip install .` compiles the two loops that cost most; without it nothing is compiled.
 
-See docs/compiled.md. `python hatch_build.py FOLDER` compiles without installing and prints the path.
+See docs/how-to/compiled-build.md. `python hatch_build.py FOLDER` compiles without installing and prints the path.
 """
 
 from __future__ import annotations
