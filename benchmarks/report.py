@@ -1,4 +1,4 @@
-"""docs/benchmarks.md, made from the figures in benchmarks/figures/ and from nothing else."""
+"""docs/benchmarks.md and its charts, made from the figures in benchmarks/figures/ and from nothing else."""
 
 from __future__ import annotations
 
@@ -7,17 +7,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks import BENCHMARKS
+from benchmarks.charts import Chart, charts
 from benchmarks.measuring import Result, Table, right_aligned
 
 ROOT = Path(__file__).parents[1]
 FIGURES = ROOT / "benchmarks/figures"
 PAGE = ROOT / "docs/benchmarks.md"
+PICTURES = ROOT / "docs/pictures/benchmarks"
 
 _INTRODUCTION = """\
 # Benchmarks
 
 Figures that anyone can produce again: `pip install -e ".[bench]"` in a copy of the repository, then the command that
-stands above each table. This page is made from the figures in `benchmarks/figures/` by `python -m benchmarks --report`.
+stands above each table. `python -m benchmarks --report` makes this page from the figures in `benchmarks/figures/`.
 
 Times are CPU times of one process that stays on one core, unless it says otherwise. What is compared runs in turns,
 round by round, because the speed of a machine drifts; a figure is the median of the rounds, a ratio the median of the
@@ -27,15 +29,29 @@ between machines, times only within one table.
 
 
 def write() -> None:
-    """Write the page."""
+    """Write the page and its charts. Raise ImportError without matplotlib, which the extra `docs` installs."""
+    from benchmarks import plots
+
     PAGE.write_text(page(FIGURES), encoding="utf-8")
+    plots.write(PICTURES, all_charts(FIGURES))
 
 
 def page(figures: Path) -> str:
     """Return the page for the JSON files in `figures`, each the `--output` of a run; Markdown."""
-    runs = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(figures.glob("*.json"))]
-    sections = [_section(name, run[name], run["machine"]) for name in BENCHMARKS for run in runs if name in run]
+    sections = [_section(name, result, machine) for name, result, machine in _results(figures)]
     return "\n".join([_INTRODUCTION, *("\n".join(lines) for lines in sections)])
+
+
+def all_charts(figures: Path) -> list[Chart]:
+    """Return the charts of the page, from top to bottom."""
+    return [chart for name, result, _ in _results(figures) for chart in charts(name, result)]
+
+
+def _results(figures: Path) -> Iterator[tuple[str, Result, Result]]:
+    """Yield name, result and machine of each benchmark, in the order of the page."""
+    runs = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(figures.glob("*.json"))]
+    for name in BENCHMARKS:
+        yield from ((name, run[name], run["machine"]) for run in runs if name in run)
 
 
 def _section(name: str, result: Result, machine: Result) -> Iterator[str]:
@@ -46,6 +62,7 @@ def _section(name: str, result: Result, machine: Result) -> Iterator[str]:
     if versions := result.get("versions"):
         yield f"With {', '.join(f'{other} {version}' for other, version in versions.items())}."
     yield ""
+    yield from (f"![{chart.title}](pictures/benchmarks/{chart.name}.svg)\n" for chart in charts(name, result))
     for shown in result.get("tables", []):
         yield from _table(shown)
     missed = [*result.get("wrong", []), *result.get("slow", [])]

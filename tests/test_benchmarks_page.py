@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import html
 import importlib.util
 import json
+import re
 from pathlib import Path
 
 import pytest
 
 from benchmarks import BENCHMARKS, report
+from benchmarks.charts import Chart, charts, number
 from benchmarks.measuring import table
 
 MACHINE = {"python": "CPython 3.11.7", "processor": "Fast", "cores": 2, "system": "Linux 6.1", "date": "2026-01-02"}
@@ -22,6 +25,41 @@ def page(folder: Path, **results: object) -> str:
 def test_the_page_is_made_from_the_figures() -> None:
     remedy = "run `python -m benchmarks --report`"
     assert report.PAGE.read_text(encoding="utf-8") == report.page(report.FIGURES), remedy
+
+
+def test_there_is_a_picture_for_each_chart_and_no_other() -> None:
+    names = [chart.name for chart in report.all_charts(report.FIGURES)]
+    assert sorted(names) == sorted(path.stem for path in report.PICTURES.iterdir())
+
+
+@pytest.mark.parametrize("chart", report.all_charts(report.FIGURES), ids=lambda chart: chart.name)
+def test_a_picture_shows_the_figures_of_its_chart(chart: Chart) -> None:
+    svg = (report.PICTURES / f"{chart.name}.svg").read_text(encoding="utf-8")
+    shown = {html.unescape(text) for text in re.findall(r"<text[^>]*>([^<]*)</text>", svg)}
+    cells = [] if chart.is_line else [cell for cells in chart.series.values() for cell in cells]
+    names = chart.series if len(chart.series) > 1 else ()
+    missing = {chart.title, chart.axis, *chart.labels, *names, *cells} - shown
+    assert not missing, "run `python -m benchmarks --report`"
+
+
+@pytest.mark.parametrize("chart", report.all_charts(report.FIGURES), ids=lambda chart: chart.name)
+def test_a_picture_is_what_is_drawn_of_its_chart(chart: Chart) -> None:
+    pytest.importorskip("matplotlib", reason="in the extra docs")
+    from benchmarks import plots
+
+    assert (report.PICTURES / f"{chart.name}.svg").read_text(encoding="utf-8") == plots.svg(chart)
+
+
+@pytest.mark.parametrize(
+    ("cell", "value"), [("5,045,692", 5045692), ("+27.0", 27), ("-1.5", -1.5), ("99.9%", 99.9), ("3 of 1,000", 0.3)]
+)
+def test_a_cell_of_a_table_is_read_as_a_number(cell: str, value: float) -> None:
+    assert number(cell) == pytest.approx(value)
+
+
+def test_a_cell_without_a_value_has_no_number() -> None:
+    assert number("-") is None
+    assert charts("parser", {"tables": []}) == []
 
 
 @pytest.mark.parametrize("name", BENCHMARKS)

@@ -1,0 +1,176 @@
+"""Which columns of which tables are shown as charts too."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from benchmarks.measuring import Result, Table
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Bars, or lines where `is_line`: one value of each series for each label."""
+
+    name: str
+    """The name of its file, without `.svg`."""
+    title: str
+    axis: str
+    labels: Sequence[str]
+    series: dict[str, list[str]]
+    """Name to cells, as they stand in the table; "-" for no value."""
+    is_log: bool = False
+    is_line: bool = False
+    goal: float | None = None
+    """Where a line is drawn across the chart."""
+
+
+def charts(name: str, result: Result) -> list[Chart]:
+    """Return the charts of a benchmark's result, none if it has none."""
+    return list(_CHARTS[name](result["tables"])) if name in _CHARTS and result.get("tables") else []
+
+
+def number(cell: str) -> float | None:
+    """Return the value of a cell; for "3 of 10" the share in percent, None for "-"."""
+    if cell == "-":
+        return None
+    found = [float(text.replace(",", "")) for text in re.findall(r"-?[\d,]+(?:\.\d+)?", cell)]
+    return found[0] / found[1] * 100 if " of " in cell else found[0]
+
+
+def _peers(tables: list[Table]) -> Iterator[Chart]:
+    speeds = _table(tables, "Frames of about 14 bytes")
+    yield Chart(
+        "parser-speed",
+        "Frames parsed per second, 14 bytes each",
+        "frames/s, in chunks of 4 KiB; longer is better",
+        _column(speeds, "parser"),
+        {"frames/s": _column(speeds, "frames/s")},
+        is_log=True,
+    )
+    by_chunk = _table(tables, "How many times faster ours is")
+    sizes = ["1", "64", "one frame", "4096", "65536"]
+    yield Chart(
+        "parser-chunks",
+        "How many times as fast as other parsers, by chunk size",
+        "times as fast, frames of about 14 bytes; above the line servolink is faster",
+        sizes,
+        {
+            row[0]: [row[by_chunk["columns"].index(size)] for size in sizes]
+            for row in by_chunk["rows"]
+            if row[1] in _SHORT_FRAMES and row[0] in _LINES
+        },
+        is_log=True,
+        is_line=True,
+        goal=1,
+    )
+    found = _table(tables, "Intact frames found")
+    found["rows"] = [row for row in found["rows"] if row[1] in _SHORT_FRAMES]
+    yield Chart(
+        "parser-recall",
+        "Intact frames found in a damaged stream",
+        "% of the intact frames; noise between frames and 1 % of all bytes replaced",
+        _column(found, "parser"),
+        {"found": _column(found, "both")},
+    )
+
+
+_SHORT_FRAMES = {"13", "14", "21", "32"}
+_LINES = {"textbook parser", "aioesphomeapi", "cobs", "pymodbus, socket", "pymavlink", "zigpy-znp"}
+
+
+def _compiled(tables: list[Table]) -> Iterator[Chart]:
+    parser = _table(tables, "Parser, ns for each frame")
+    yield Chart(
+        "compiled",
+        "Pure Python, compiled, and a parser made with Cython",
+        "ns for each frame; shorter is better",
+        [f"{row[0]} bytes, chunks of {row[1]}" for row in parser["rows"]],
+        {name: _column(parser, name) for name in ("aioesphomeapi", "pure", "compiled")},
+        is_log=True,
+    )
+
+
+def _hostile(tables: list[Table]) -> Iterator[Chart]:
+    streams = _table(tables, "Hostile streams")
+    yield Chart(
+        "hostile",
+        "Cost of streams made to be expensive",
+        "ns per byte, for two lengths; the limit is 1,000",
+        _column(streams, "stream"),
+        {name: _column(streams, name) for name in ("128 KB", "512 KB")},
+        goal=1000,
+    )
+
+
+def _reliability(tables: list[Table]) -> Iterator[Chart]:
+    stalls = _table(tables, "replies that arrived before")
+    yield Chart(
+        "stalls",
+        "Responses lost because the event loop was busy when they arrived",
+        "% of the responses that arrived before their deadline",
+        [f"Python {row[0].rpartition('.')[0]}, {row[1].partition(',')[0]}" for row in stalls["rows"]],
+        {name: _column(stalls, name) for name in ("asyncio.wait_for", "asyncio.timeout", "servolink")},
+    )
+
+
+def _roundtrip(tables: list[Table]) -> Iterator[Chart]:
+    short = _table(tables, "request and answer of 14 bytes")
+    rows = {(row[0], row[1]): row for row in short["rows"]}
+    clients = list(dict.fromkeys(name for name, loop in rows if loop))
+    over = short["columns"].index("over epoll")
+    yield Chart(
+        "round-trip",
+        "What a client adds to a round trip of 14 bytes",
+        "µs more than os.write, epoll and os.read; shorter is better",
+        clients,
+        {loop: [rows[client, loop][over] for client in clients] for loop in ("asyncio", "uvloop")},
+    )
+
+
+def _start(tables: list[Table]) -> Iterator[Chart]:
+    times = _table(tables, "from the start of Python")
+    yield Chart(
+        "start",
+        "Time until a program or a command has started",
+        "ms",
+        _column(times, "what"),
+        {"time": _column(times, "time")},
+    )
+
+
+def _scale(tables: list[Table]) -> Iterator[Chart]:
+    polled = _table(tables, "state of 16 servos")
+    counts = list(dict.fromkeys(_column(polled, "count")))
+    cpu = polled["columns"].index("CPU of a core")
+    yield Chart(
+        "scale",
+        "Many boards in one program, each asked 50 times a second",
+        "% of a core, by number of boards; nothing: the timers alone",
+        counts,
+        {kind: [row[cpu] for row in polled["rows"] if row[0] == kind] for kind in ("nothing", "virtual://", "tcp://")},
+        is_line=True,
+    )
+
+
+_CHARTS: dict[str, Callable[[list[Table]], Iterator[Chart]]] = {
+    "peers": _peers,
+    "compiled": _compiled,
+    "hostile": _hostile,
+    "reliability": _reliability,
+    "roundtrip": _roundtrip,
+    "start": _start,
+    "scale": _scale,
+}
+
+
+def _table(tables: list[Table], title: str) -> Table:
+    """Return a copy of the table whose title begins like this."""
+    found = next(table for table in tables if table["title"].startswith(title))
+    return Table(title=found["title"], columns=found["columns"], rows=list(found["rows"]), notes=found["notes"])
+
+
+def _column(table: Table, name: str) -> list[str]:
+    at = table["columns"].index(name)
+    return [row[at] for row in table["rows"]]
