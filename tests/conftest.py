@@ -1,12 +1,16 @@
-"""What all tests share: how hypothesis searches, and folders in place of the user's own."""
+"""What all tests share: how hypothesis searches, folders in place of the user's own, and how programs end."""
 
 from __future__ import annotations
 
 import os
+import signal
+import sys
 from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
+
+from tests.processes import sessions
 
 # No deadline: these machines stall. On a build server the same examples are tried each time, so that a change
 # fails because of what it changed; everywhere else new ones are.
@@ -21,4 +25,35 @@ def _folders_of_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
     with pytest.MonkeyPatch.context() as patch:
         for name in ("XDG_RUNTIME_DIR", "XDG_CONFIG_HOME"):
             patch.setenv(name, str(tmp_path_factory.mktemp(name)))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _signals_end_programs() -> Iterator[None]:
+    """Replace signals that are ignored, in which case the programs that tests interrupt would ignore them too.
+
+    They are where pytest runs in the background of a script, or under `nohup`.
+    """
+    ignored = [
+        number
+        for number in (() if sys.platform == "win32" else (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+        if signal.getsignal(number) is signal.SIG_IGN
+    ]
+    for number in ignored:
+        # A handler of ours is not inherited. SIGINT gets the usual one, beside which asyncio sets its own.
+        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else lambda *_: None)
+    yield
+    for number in ignored:
+        signal.signal(number, signal.SIG_IGN)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_program_outlives_the_tests() -> Iterator[None]:
+    yield
+    sessions.close()
+
+
+@pytest.fixture(autouse=True)
+def _no_program_outlives_its_test() -> Iterator[None]:
+    with sessions.ending():
         yield

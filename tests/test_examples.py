@@ -29,14 +29,14 @@ from typing import NamedTuple
 
 import pytest
 
+from tests import processes
+
 ROOT = Path(__file__).parents[1]
 PAGES = [
     ROOT / "README.md",
     *sorted(path for path in (ROOT / "docs").rglob("*.md") if "_" not in str(path.parent.name)),
 ]
 SHOWN = {"text", "text output", "json", "toml", "sh", "console no-run"}
-PATIENCE = 30.0
-"""Seconds until a program that should have said something is given up."""
 
 _FENCE = re.compile(r"^```(?P<info>[^`\n]*)\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL)
 _LISTENING = re.compile(r"^listening (\S+)$", re.MULTILINE)
@@ -130,16 +130,7 @@ class Reader:
 
     def run(self, place: str, command: list[str], shown: str) -> None:
         """Run a program, until the end, until Ctrl-C, or until it serves."""
-        process = subprocess.Popen(
-            command,
-            cwd=self.folder,
-            env=self.environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            process_group=0,
-        )
+        process = processes.start(command, cwd=self.folder, env=self.environment, stderr=subprocess.STDOUT)
         self.started.append(process)
         before, interrupted, _ = shown.partition("^C")
         serves = command[-1].startswith("servolink virtual")
@@ -149,7 +140,7 @@ class Reader:
             os.killpg(process.pid, signal.SIGINT)
             output += "^C" + read(process)
         if interrupted or not serves:
-            self.status = process.wait(PATIENCE)
+            self.status = process.wait(processes.LIMIT)
         told = f"{place}: {command[-1]}\nprints\n{output}\nand the page shows\n{shown}"
         assert is_as_shown(output, self.here(shown)), told
 
@@ -166,14 +157,14 @@ class Reader:
                 process.stdout.close()
             if process.poll() is None:
                 os.killpg(process.pid, signal.SIGINT)
-                assert process.wait(PATIENCE) in {0, 130}
+                assert process.wait(processes.LIMIT) in {0, 130}
 
 
 def read(process: subprocess.Popen[str], until: str | None = None) -> str:
     """Return what a program prints: all of it, or as much as it takes to be `until`."""
     pipe = process.stdout
     assert pipe is not None
-    output, deadline = b"", time.monotonic() + PATIENCE
+    output, deadline = b"", time.monotonic() + processes.LIMIT
     while until is None or not output or not is_as_shown(output.decode(), until):
         ready, _, _ = select.select([pipe], [], [], max(0.0, deadline - time.monotonic()))
         chunk = os.read(pipe.fileno(), 4096) if ready else b""

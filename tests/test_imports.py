@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import json
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from servolink import api
+from tests import processes
 
 PACKAGE = Path(__file__).parents[1] / "servolink"
 MODULES = {
@@ -167,11 +167,5 @@ print(json.dumps(failures))
 
 def test_every_module_can_be_imported_first() -> None:
     modules = [module for module in MODULES if "." in module and not module.endswith("__main__")]
-    done = subprocess.run(
-        [sys.executable, "-c", IMPORT_EACH, str(PACKAGE), json.dumps(modules)],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=50,
-    )
+    done = processes.run([sys.executable, "-c", IMPORT_EACH, str(PACKAGE), json.dumps(modules)], check=True)
     assert json.loads(done.stdout) == {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -15,14 +14,10 @@ from typing import Any
 import pytest
 
 from servolink.cli.main import main
+from tests.processes import finish, start
 
-GUARD = 30.0
-"""Seconds after which a program that does not end has failed."""
-
-_SLOW = re.compile(r"^Executing <.* took [\d.]+ seconds\n", re.MULTILINE)
-"""What asyncio says, in the development mode of COMMAND, where the machine is busy."""
-
-COMMAND = (sys.executable, "-X", "dev", "-W", "error", "-m", "servolink")
+COMMAND = (sys.executable, "-W", "error", "-m", "servolink")
+"""Without asyncio's debug mode, which remarks on standard error that the machine is busy."""
 
 
 @dataclass(frozen=True)
@@ -65,27 +60,13 @@ def environment(**changed: str) -> dict[str, str]:
 
 def started(*arguments: str, **changed: str) -> subprocess.Popen[str]:
     """Start a command as a program of its own, which nobody types to."""
-    return subprocess.Popen(
-        (*COMMAND, *arguments),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment(**changed),
-    )
+    return start((*COMMAND, *arguments), env=environment(**changed))
 
 
 def finished(process: subprocess.Popen[str], by: signal.Signals | None = None) -> Said:
     """Wait until a program ends, after sending it a signal."""
-    if by is not None:
-        process.send_signal(by)
-    with process:
-        try:
-            out, err = process.communicate(timeout=GUARD)
-        except BaseException:
-            process.kill()
-            raise
-    return Said(process.returncode, out, _SLOW.sub("", err))
+    out, err = finish(process, by)
+    return Said(process.returncode, out, err)
 
 
 def program(*arguments: str, **changed: str) -> Said:
@@ -111,14 +92,13 @@ def in_terminal(
     ours, theirs = os.openpty()
     try:
         fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 100, 0, 0))
-        process = subprocess.Popen(
+        process = start(
             (*COMMAND, *arguments),
             stdin=theirs,
             stdout=theirs,
             stderr=theirs,
-            start_new_session=True,
             # In front on its terminal, as programs are that people start.
-            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),  # noqa: PLW1509 - one system call, no lock
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
             env=environment(TERM="xterm-256color", **(env or {})),
         )
         os.close(theirs)
@@ -131,7 +111,8 @@ def in_terminal(
                 meanwhile()
                 os.write(ours, answer.encode())
                 answer = ""
-        return Said(process.wait(GUARD), out.decode(), "")
+        finish(process)
+        return Said(process.returncode, out.decode(), "")
     finally:
         os.close(ours)
 

@@ -14,7 +14,7 @@ from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParamet
 from servolink.protocol.joystick import Button, JoystickTable
 from servolink.protocol.servos import Step
 from tests.cli.conftest import Addresses
-from tests.cli.programs import Said, call, finished, in_terminal, program, started
+from tests.cli.programs import Said, call, in_terminal, program, started
 
 BOW = Action(1, "Bow", (Step(1, 30, 5), Step(2, -30, 10)))
 WAVE = Macro(4, "Wave", (MacroCommand(1, loop=2, ratio=50), MacroCommand(500, 1, total_interval=500)))
@@ -306,13 +306,9 @@ def test_events_until_there_are_enough(tmp_path_factory: pytest.TempPathFactory)
     script.write_text("\n".join(f"{at / 5} press 3" for at in range(1, 100)), encoding="utf-8")
     server = started("virtual", "--tcp", "127.0.0.1:0", "--script", str(script))
     assert server.stdout is not None
-    try:
-        address = server.stdout.readline().split()[1]
-        said = program("--url", address, "events", "--count", "3", "--json")
-        text = program("--url", address, "events", "--count", "1")
-    finally:
-        server.terminate()
-        finished(server)
+    address = server.stdout.readline().split()[1]
+    said = program("--url", address, "events", "--count", "3", "--json")
+    text = program("--url", address, "events", "--count", "1")
     assert said.code == 0
     assert {(event["button_id"], event["event"], event["kind"]) for event in said.objects} == {
         (3, 1, "press"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import re
 import shlex
-import subprocess
 import sys
 from typing import Any
 
@@ -16,7 +15,8 @@ from servolink.cli.demo import stage
 from servolink.cli.demo.line import FaultyLine
 from servolink.cli.demo.steps import STEPS
 from servolink.transports.memory import MemoryTransport
-from tests.cli.programs import GUARD, Said, call, environment, finished, in_terminal, program
+from tests import processes
+from tests.cli.programs import Said, call, environment, in_terminal, program
 from tests.virtual_time import run
 
 NAMES = [name for name, _, _ in STEPS]
@@ -46,7 +46,7 @@ def test_every_step_went_well(told: Said, steps: dict[str, Any]) -> None:
     assert list(steps) == [*NAMES, "end"]
     assert all(described["ok"] for described in steps.values())
     assert all(steps[name]["checks"] and all(steps[name]["checks"].values()) for name in NAMES)
-    assert (steps["end"]["failed"], steps["end"]["seconds"] < GUARD) == ([], True)
+    assert (steps["end"]["failed"], steps["end"]["seconds"] < processes.LIMIT) == ([], True)
 
 
 def test_it_goes_through_a_real_serial_port(steps: dict[str, Any]) -> None:
@@ -58,7 +58,7 @@ def test_it_goes_through_a_real_serial_port(steps: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("name", ["pose", "action", "macro"])
 def test_movements_take_their_time(name: str, steps: dict[str, Any]) -> None:
-    assert 0.03 < measured(steps, name)["seconds"] < GUARD
+    assert 0.03 < measured(steps, name)["seconds"] < processes.LIMIT
 
 
 def test_the_button_was_pressed_and_released(steps: dict[str, Any]) -> None:
@@ -88,19 +88,10 @@ def test_a_pulled_cable_lost_nothing(steps: dict[str, Any]) -> None:
 
 def test_the_commands_to_try_next_work_as_they_are(steps: dict[str, Any]) -> None:
     serve, *others = steps["end"]["next"]
-    server = subprocess.Popen(
-        shlex.split(serve), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment()
-    )
+    server = processes.start(shlex.split(serve), env=environment())
     assert server.stdout is not None
-    try:
-        assert server.stdout.readline().startswith("listening tcp://")
-        ran = [
-            subprocess.run(["/bin/sh", "-c", command], check=False, capture_output=True, text=True, env=environment())
-            for command in others
-        ]
-    finally:
-        server.terminate()
-        finished(server)
+    assert server.stdout.readline().startswith("listening tcp://")
+    ran = [processes.run(["/bin/sh", "-c", command], env=environment()) for command in others]
     assert [(one.returncode, one.stderr) for one in ran] == [(0, ""), (0, "")]
     assert len(ran[0].stdout.splitlines()) == 17
     assert re.search(r"^ +1 .* 60°$", ran[1].stdout, re.MULTILINE)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import signal
 import socket
-import subprocess
 import sys
 from pathlib import Path
 
@@ -13,8 +12,9 @@ import pytest
 
 from servolink.cli.signals import ENDING
 from servolink.client.connect import connect
+from tests import processes
 from tests.cli.conftest import Addresses
-from tests.cli.programs import GUARD, call, environment, finished, program, started
+from tests.cli.programs import call, environment, finished, program, started
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of Unix")
 
@@ -23,7 +23,7 @@ def angle_when_moving(served: Addresses) -> int:
     """Wait until servo 1 moves and return where it then is."""
 
     async def watch() -> int:
-        async with connect(served.network) as board, asyncio.timeout(GUARD):
+        async with connect(served.network) as board, asyncio.timeout(processes.LIMIT):
             first = (await board.servo(1)).angle
             while (angle := (await board.servo(1)).angle) == first:
                 await asyncio.sleep(0.02)
@@ -94,9 +94,7 @@ sys.exit(run_interruptible(main))
 
 
 def test_a_thread_that_never_returns_does_not_hold_it_back() -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-c", STUCK], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment()
-    )
+    process = processes.start([sys.executable, "-c", STUCK], env=environment())
     assert process.stdout is not None
     assert process.stdout.readline() == "opening\n"
     said = finished(process, signal.SIGINT)

@@ -20,6 +20,7 @@ from servolink import api
 from servolink.cli import choosing, session
 from servolink.cli.main import COMMANDS, EXIT_CODES
 from servolink.client.connect import connect
+from tests import processes
 from tests.cli.programs import COMMAND, call, environment, program
 
 HEAVY = {
@@ -47,13 +48,7 @@ finally:
 
 def loaded_by(*arguments: str) -> set[str]:
     """Return the modules that a command loads."""
-    ran = subprocess.run(
-        [sys.executable, "-c", LIST_MODULES, *arguments],
-        check=False,
-        capture_output=True,
-        text=True,
-        env=environment(),
-    )
+    ran = processes.run([sys.executable, "-c", LIST_MODULES, *arguments], env=environment())
     return set(ran.stderr.split())
 
 
@@ -225,22 +220,16 @@ def test_a_reader_that_goes_away_is_no_news() -> None:
     reading, writing = os.pipe()
     os.close(reading)
     try:
-        ran = subprocess.run(
-            [*COMMAND, "--url", "virtual://", "servos"],
-            check=False,
-            stdout=writing,
-            stderr=subprocess.PIPE,
-            env=environment(),
-        )
+        ran = processes.run([*COMMAND, "--url", "virtual://", "servos"], stdout=writing, env=environment())
     finally:
         os.close(writing)
-    assert (ran.returncode, ran.stderr) == (1, b"")
+    assert (ran.returncode, ran.stderr) == (1, "")
 
 
 def in_shell(command: str) -> subprocess.CompletedProcess[str]:
     """Run `servolink ...` of a shell."""
     line = command.replace("servolink", shlex.join(COMMAND), 1)
-    return subprocess.run(["/bin/sh", "-c", line], check=False, capture_output=True, text=True, env=environment())
+    return processes.run(["/bin/sh", "-c", line], env=environment())
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a file that is always full")

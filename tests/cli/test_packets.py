@@ -14,6 +14,7 @@ import pytest
 
 from servolink.cli.main import main
 from servolink.protocol.frame import HEADER, MAGIC, encode_frame
+from tests import processes
 
 DATA = Path(__file__).parent.parent / "data"
 VECTORS: list[dict[str, Any]] = json.loads((DATA / "vectors.json").read_text())
@@ -47,27 +48,21 @@ def objects(capsys: Capture) -> list[dict[str, Any]]:
     return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
 
 
-def shell(*arguments: str, stdin: bytes = b"", **environment: str) -> subprocess.CompletedProcess[bytes]:
-    return subprocess.run(
-        [sys.executable, "-m", "servolink", *arguments],
-        input=stdin,
-        capture_output=True,
-        timeout=60,
-        check=False,
-        env={**os.environ, **environment},
-    )
+def shell(*arguments: str, typed: str = "", **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "servolink", *arguments]
+    return processes.run(command, typed, env={**os.environ, **environment})
 
 
 @pytest.mark.parametrize("byte_order", ["little", "big"])
 def test_all_golden_frames_go_through_the_shell_and_back(byte_order: str) -> None:
     frames = [vector["frame"] for vector in VECTORS if vector["byte_order"] == byte_order]
-    decoded = shell("decode", "--json", "--byte-order", byte_order, "--hex", "-", stdin="\n".join(frames).encode())
-    assert (decoded.returncode, decoded.stderr) == (0, b"")
+    decoded = shell("decode", "--json", "--byte-order", byte_order, "--hex", "-", typed="\n".join(frames))
+    assert (decoded.returncode, decoded.stderr) == (0, "")
     names = [json.loads(line)["packet"] for line in decoded.stdout.splitlines()]
     assert names == [vector["name"] for vector in VECTORS if vector["byte_order"] == byte_order]
-    encoded = shell("encode", "--byte-order", byte_order, stdin=decoded.stdout)
-    assert (encoded.returncode, encoded.stderr) == (0, b"")
-    assert encoded.stdout.decode().split() == frames
+    encoded = shell("encode", "--byte-order", byte_order, typed=decoded.stdout)
+    assert (encoded.returncode, encoded.stderr) == (0, "")
+    assert encoded.stdout.split() == frames
 
 
 @pytest.mark.parametrize("byte_order", ["little", "big"])
@@ -143,20 +138,17 @@ def test_the_empty_stream_is_no_error(stdin: Stdin, capsys: Capture) -> None:
 
 
 def test_a_live_stream_comes_out_as_it_arrives() -> None:
-    with subprocess.Popen(
-        [sys.executable, "-m", "servolink", "decode", "--json", "--file", "-"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    ) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        for half in (ASK[: 9 * 2], ASK[9 * 2 :] + ASK):
-            process.stdin.write(bytes.fromhex(half))
-            process.stdin.flush()
-        assert json.loads(process.stdout.readline()) == ASKED
-        assert json.loads(process.stdout.readline()) == ASKED
-        process.stdin.close()
-        assert process.wait(timeout=30) == 0
+    command = [sys.executable, "-m", "servolink", "decode", "--json", "--file", "-"]
+    process = processes.start(command, stdin=subprocess.PIPE)
+    assert process.stdin is not None
+    assert process.stdout is not None
+    for half in (ASK[: 9 * 2], ASK[9 * 2 :] + ASK):
+        process.stdin.write(bytes.fromhex(half).decode(errors="surrogateescape"))
+        process.stdin.flush()
+    assert json.loads(process.stdout.readline()) == ASKED
+    assert json.loads(process.stdout.readline()) == ASKED
+    assert processes.finish(process) == ("", "")
+    assert process.returncode == 0
 
 
 def test_captions_in_any_encoding_survive_json(capsys: Capture) -> None:
@@ -243,8 +235,8 @@ HOSTILE = [
 
 def test_hostile_lines_are_one_error_each_and_never_a_traceback() -> None:
     lines = b"\n".join([line for bad, _ in HOSTILE for line in (bad, json.dumps(ASKED).encode())])
-    done = shell("encode", "--json", stdin=lines)
-    assert (done.returncode, done.stderr) == (1, b"")
+    done = shell("encode", "--json", typed=lines.decode(errors="surrogateescape"))
+    assert (done.returncode, done.stderr) == (1, "")
     found = [json.loads(line) for line in done.stdout.splitlines()]
     assert found[1::2] == [{"bytes": ASK}] * len(HOSTILE)
     for (line, fault), shown in zip(HOSTILE, found[::2], strict=True):

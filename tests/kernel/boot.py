@@ -16,6 +16,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from tests import processes
 from tests.kernel.image import first_files, unpacked_kernel
 
 PARTS = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "servolink-kernel" / "root"
@@ -44,7 +45,7 @@ def boot(command: Sequence[str], environment: Mapping[str, str] | None = None) -
         (folder / "kernel").write_bytes(unpacked_kernel(next(PARTS.glob("boot/vmlinuz-*")).read_bytes()))
         (folder / "files").write_bytes(first_files(PARTS, _script(command, environment or {})))
         try:
-            subprocess.run(_qemu(folder), stdin=subprocess.DEVNULL, timeout=LIMIT, check=True)
+            processes.run(_qemu(folder), check=True, limit=LIMIT, stdout=None, stderr=None)
         except subprocess.TimeoutExpired:
             raise RuntimeError(f"the guest took more than {LIMIT:g} s; {_last_words(folder)}") from None
         status = (folder / "status").read_text().strip()

@@ -17,6 +17,7 @@ import pytest
 from servolink.client.connect import connect
 from servolink.virtual.serving import serve
 from servolink.virtual.transport import VirtualTransport
+from tests import processes
 from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, Make, has_backup, same, undo
 
 _FARTHEST = 60
@@ -26,9 +27,8 @@ _FARTHEST = 60
 @asynccontextmanager
 async def hosts() -> AsyncIterator[Callable[..., Awaitable[int]]]:
     """Give what lets a host import, killed at one step, and returns the status with which it ends."""
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "tests.project.killed", cwd=Path(__file__).parents[2], stdin=PIPE, stdout=PIPE
-    )
+    command = (sys.executable, "-m", "tests.project.killed")
+    process = await processes.start_async(*command, cwd=Path(__file__).parents[2], stdin=PIPE, stderr=None)
     assert process.stdin is not None
     assert process.stdout is not None
     asked, told = process.stdin, process.stdout
@@ -44,7 +44,6 @@ async def hosts() -> AsyncIterator[Callable[..., Awaitable[int]]]:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 @pytest.mark.parametrize("how", ["differences", "replace"])
-@pytest.mark.timeout(120)
 def test_a_host_that_is_killed_at_any_file_step_loses_nothing(how: str, tmp_path: Path) -> None:
     async def main() -> int:
         make = Make()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import os
 import re
-import subprocess
 import sys
 import tracemalloc
 from pathlib import Path
@@ -28,6 +27,7 @@ from servolink.protocol.parser import FrameParser
 from servolink.protocol.registry import PACKETS
 from servolink.protocol.servos import ServoState, Step
 from servolink.protocol.sums import BlockSums
+from tests import processes
 from tests.protocol import uncompiled
 from tests.protocol.test_parser import streams
 
@@ -163,14 +163,8 @@ def test_any_content_is_the_same_packet(loops: Any, packet_id: int, content: byt
 
 
 def test_without_a_compiler_it_is_said_what_to_do(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "hatch_build.py", str(tmp_path)],
-        cwd=Path(__file__).parents[2],
-        env={**os.environ, "CC": "no-such-compiler"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [sys.executable, "hatch_build.py", str(tmp_path)]
+    done = processes.run(command, cwd=Path(__file__).parents[2], env={**os.environ, "CC": "no-such-compiler"})
     assert done.returncode == 1
     assert re.search("Install a C compiler .*, or leave SERVOLINK_COMPILE unset", done.stderr)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,6 +15,7 @@ from servolink.client import answers, link
 from servolink.client.deadlines import Deadlines
 from servolink.client.lanes import Lanes
 from servolink.protocol.packet import Request
+from tests import processes
 
 ROOT = Path(__file__).parents[2]
 CLEAN_SLOW, STALLS_SLOW, ALL_TOGETHER, RESTARTS = 10, 11, 29, 30
@@ -42,7 +42,7 @@ def test_a_seed_gives_the_same_history_to_the_last_bit(seed: int) -> None:
 def test_a_seed_gives_the_same_history_in_another_process() -> None:
     program = "import json, sys; from benchmarks.reliability.history import relive; h = relive(29, 300)\n"
     program += "json.dump([h.digest, h.counts], sys.stdout)"
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, check=True, timeout=60)
+    done = processes.run([sys.executable, "-c", program], cwd=ROOT, check=True)
     history = relive(ALL_TOGETHER, 300)
     assert json.loads(done.stdout) == [history.digest, history.counts]
 
@@ -128,6 +128,6 @@ def assert_same_failure(history: History) -> None:
 
 def test_the_command_lives_through_one_history() -> None:
     command = [sys.executable, "-m", "benchmarks.reliability", "--seed", "29", "--steps", "100"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, check=True, timeout=60, text=True)
+    done = processes.run(command, cwd=ROOT, check=True)
     assert done.stdout.startswith("seed 29: all together; board: lossy 1 %, slow 3 %; ")
     assert f"history {relive(29, 100).digest}\n" in done.stdout

@@ -18,7 +18,6 @@ from servolink.transports.base import Transport
 from servolink.transports.registry import create
 from tests.transports.wires import FLOOD, WIRES, Ear, Wire, on_loop
 
-pytestmark = pytest.mark.timeout(60)
 FRAME = bytes.fromhex("134c051d2f2700009e")
 CONNECTIONS = 100  # enough to see a leak
 

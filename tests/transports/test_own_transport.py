@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from servolink.virtual.board import Session, VirtualBoard
+from tests import processes
 from tests.transports.wires import on_loop
 
 EXAMPLE = Path(__file__).parents[2] / "docs/examples/servolink-udp"
@@ -53,24 +53,19 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip("pip is not installed in this environment")
     folder = tmp_path_factory.mktemp("packages")
     command = (sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation")
-    subprocess.run((*command, "--target", str(folder), str(EXAMPLE)), check=True, timeout=120)
+    processes.run((*command, "--target", str(folder), str(EXAMPLE)), check=True)
     return folder
 
 
 async def ask(installed: Path, url: str) -> tuple[int, str, str]:
     """Run a program that has the package beside servolink."""
     paths = os.pathsep.join((str(installed), *filter(None, sys.path)))
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-W", "error", "-c", PROGRAM, url),
-        env={**os.environ, "PYTHONPATH": paths},
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-    )
+    command = (sys.executable, "-W", "error", "-c", PROGRAM, url)
+    process = await processes.start_async(*command, env={**os.environ, "PYTHONPATH": paths})
     out, err = await process.communicate()
     return process.returncode or 0, out.decode(), err.decode()
 
 
-@pytest.mark.timeout(180)
 @on_loop
 async def test_an_installed_package_adds_its_scheme(installed: Path) -> None:
     bridge, _ = await asyncio.get_running_loop().create_datagram_endpoint(Bridge, local_addr=("127.0.0.1", 0))
@@ -79,7 +74,6 @@ async def test_an_installed_package_adds_its_scheme(installed: Path) -> None:
     bridge.abort()
 
 
-@pytest.mark.timeout(180)
 @on_loop
 async def test_nobody_at_the_other_end_is_a_lost_connection_and_not_a_silence(installed: Path) -> None:
     bridge, _ = await asyncio.get_running_loop().create_datagram_endpoint(Bridge, local_addr=("127.0.0.1", 0))
@@ -91,7 +85,6 @@ async def test_nobody_at_the_other_end_is_a_lost_connection_and_not_a_silence(in
     assert "Connection refused" in err
 
 
-@pytest.mark.timeout(180)
 @on_loop
 async def test_its_mistakes_are_told_like_our_own(installed: Path) -> None:
     _, _, err = await ask(installed, "udp://:9000")

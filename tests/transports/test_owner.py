@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import gc
-import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -19,6 +18,7 @@ from servolink.transports.hid import HidDevice, OpenHid
 from servolink.transports.owner import OpenDevice
 from servolink.transports.usb import OpenUsb, UsbDevice
 from servolink.transports.usb_id import UsbId
+from tests import processes
 from tests.transports.fake_hid import FakeHid
 from tests.transports.fake_usb import FakeUsb
 from tests.transports.wires import LIMIT, Ear, on_loop
@@ -359,12 +359,6 @@ loop.run_until_complete(main())
 
 
 def test_the_end_of_the_program_closes_what_is_open(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", FORGETFUL, str(tmp_path / "hidraw0")],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=50,
-        cwd=Path(__file__).parents[2],
-    )
+    command = [sys.executable, "-c", FORGETFUL, str(tmp_path / "hidraw0")]
+    done = processes.run(command, check=True, cwd=Path(__file__).parents[2])
     assert done.stdout == "closed\n"

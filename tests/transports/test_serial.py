@@ -20,6 +20,7 @@ from servolink.transports import serial as kind
 from servolink.transports import stall
 from servolink.transports.registry import create
 from servolink.transports.serial import SerialTransport
+from tests import processes
 from tests.transports.rights import not_root
 from tests.transports.wires import FLOOD, Ear, PtyWire, on_loop
 
@@ -77,13 +78,11 @@ async def test_missing_permission_is_told_with_the_cure(tmp_path: Path) -> None:
 @on_loop
 async def test_a_port_that_another_program_holds_is_told() -> None:
     async with PtyWire() as wire:
-        with subprocess.Popen(
-            [sys.executable, "-c", HOLD, wire.path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-        ) as holder:
-            assert holder.stdout is not None
-            assert await asyncio.to_thread(holder.stdout.readline) == b"held\n"
-            assert "is in use; close the program that has it" in await _open_error(wire.path)
-            holder.communicate()
+        holder = processes.start([sys.executable, "-c", HOLD, wire.path], stdin=subprocess.PIPE)
+        assert holder.stdout is not None
+        assert await asyncio.to_thread(holder.stdout.readline) == "held\n"
+        assert "is in use; close the program that has it" in await _open_error(wire.path)
+        processes.finish(holder)
         await wire.open()
 
 
@@ -413,5 +412,5 @@ for forgotten in (False, True):
         port.close()
     globals()[f"port_{forgotten}"] = port
 """
-    ended = subprocess.run([sys.executable, "-c", program], timeout=30, capture_output=True, text=True, check=False)
+    ended = processes.run([sys.executable, "-c", program])
     assert (ended.returncode, ended.stderr) == (0, "")

@@ -33,7 +33,7 @@ from tests.transports.fake_usb import PACKET, FakeUsb
 
 P = ParamSpec("P")
 FLOOD = 1_000_000  # bytes: more than any system takes while the far end does not read
-LIMIT = 20.0  # seconds after which a test of real I/O has failed
+LIMIT = 120.0  # seconds after which a test of real I/O has failed
 
 
 def on_loop(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:

@@ -9,7 +9,7 @@ from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
 from servolink.transports.base import Transport
 
-GUARD = 20.0
+GUARD = 120.0
 """Seconds after which a test that waits for real input gives up."""
 
 

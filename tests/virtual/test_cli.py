@@ -34,11 +34,12 @@ from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.script import Push
 from servolink.virtual.state import load_state, save_state
+from tests import processes
 from tests.virtual.receiving import GUARD, Heard, ask
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo-terminals are those of Unix")
 
-COMMAND = (sys.executable, "-X", "dev", "-W", "error", "-m", "servolink", "virtual")
+COMMAND = (sys.executable, "-W", "error", "-m", "servolink", "virtual")
 TCP = ("--tcp", "127.0.0.1:0")
 Process = asyncio.subprocess.Process
 
@@ -55,15 +56,8 @@ os.execv(sys.argv[1], sys.argv[1:])
 async def served(*options: str, terminal: int | None = None, leading: bool = True) -> AsyncIterator[Process]:
     """Run `servolink virtual`, in the foreground of `terminal` or just reading it, and see to it that it ends."""
     before = (sys.executable, "-c", LEADER) if terminal is not None and leading else ()
-    process = await asyncio.create_subprocess_exec(
-        *before,
-        *COMMAND,
-        *options,
-        stdin=terminal if terminal is not None else asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-        start_new_session=terminal is not None,
-    )
+    stdin = terminal if terminal is not None else asyncio.subprocess.DEVNULL
+    process = await processes.start_async(*before, *COMMAND, *options, stdin=stdin)
     try:
         yield process
     finally:

@@ -34,6 +34,7 @@ from servolink.virtual.usbip.descriptors import (
     SERIAL_OUT,
 )
 from servolink.virtual.usbip.server import UsbIpServer, serve_usbip
+from tests import processes
 from tests.virtual.receiving import GUARD
 from tests.virtual.usbip_host import IMPORT, UNLINKED, UsbHost, attached, submit, unlink
 
@@ -354,7 +355,7 @@ def test_any_commands_end_in_answers_or_a_hang_up(seed: int) -> None:
 def test_the_command_exports_the_board_and_serves_nothing_that_was_not_asked_for() -> None:
     async def main() -> None:
         command = [sys.executable, "-m", "servolink", "virtual", "--usbip", "127.0.0.1:0", "--seed", "5"]
-        program = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+        program = await processes.start_async(*command)
         assert program.stdout is not None
         word, _, url = (await program.stdout.readline()).decode().strip().partition(" ")
         assert (word, url.partition("://")[0]) == ("listening", "usbip")
@@ -362,7 +363,7 @@ def test_the_command_exports_the_board_and_serves_nothing_that_was_not_asked_for
             assert (await ask(host, "bulk", LIST))[8] == 16  # servos
             program.send_signal(signal.SIGINT)
             assert await host.ended()
-        assert (await program.communicate())[0] == b""
+        assert await program.communicate() == (b"", b"")
         assert program.returncode == 0
 
     in_time(main)
@@ -372,9 +373,8 @@ def test_the_command_exports_the_board_and_serves_nothing_that_was_not_asked_for
 def test_the_stock_tool_lists_the_device() -> None:
     async def main() -> None:
         async with exported() as ((name, port), _):
-            tool = await asyncio.create_subprocess_exec(
-                "usbip", "--tcp-port", str(port), "list", "--parsable", "-r", name, stdout=asyncio.subprocess.PIPE
-            )
+            command = ("usbip", "--tcp-port", str(port), "list", "--parsable", "-r", name)
+            tool = await processes.start_async(*command)
             output, _ = await tool.communicate()
             assert tool.returncode == 0
             assert b"1-1" in output
