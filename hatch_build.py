@@ -15,8 +15,8 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 ROOT = Path(__file__).parent
-SOURCE = "servolink/protocol/_compiled.c"
-MODULE = "servolink.protocol._compiled"
+SOURCE = "servolink/protocol/_speedups.c"
+MODULE = "servolink.protocol._speedups"
 
 
 class NoCompiler(Exception):

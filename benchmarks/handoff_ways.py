@@ -9,8 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from typing import ClassVar
 
-from servolink.transports.device import DeviceTransport
-from servolink.transports.owner import News, OpenDevice, Owner
+from servolink.transports.threaded import DeviceTransport, News, OpenDevice, Owner
 
 
 class Source(ABC):

@@ -16,8 +16,8 @@ from random import Random
 
 from benchmarks.measuring import Result, table
 from servolink.client.board import Board
-from servolink.project.imports.read import Content
-from servolink.project.imports.writes import writes
+from servolink.project.transfer.plan import writes
+from servolink.project.transfer.read import Content
 from servolink.transports.faults import Faults
 from tests.project.cable import Cable
 from tests.project.pulled import (

@@ -12,11 +12,11 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 
-from servolink.protocol import compiled
+from servolink.protocol import speedups as compiled
 from servolink.protocol.layout import layout
 
 _BUILD = Path(__file__).parents[1] / "hatch_build.py"
-_MODULE = "servolink.protocol._compiled"
+_MODULE = "servolink.protocol._speedups"
 
 
 def loops() -> tuple[ModuleType | None, str]:

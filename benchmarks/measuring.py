@@ -13,7 +13,7 @@ from statistics import median
 from time import process_time_ns
 from typing import Any, TypedDict
 
-from servolink.protocol import compiled
+from servolink.protocol import speedups as compiled
 
 Result = dict[str, Any]
 """What a benchmark found, ready for JSON. `wrong` and `slow` list the goals it missed, as sentences; `tables` are

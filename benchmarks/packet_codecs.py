@@ -14,10 +14,9 @@ from struct import Struct
 from typing import Any, ClassVar, get_type_hints
 
 from servolink.protocol.caption import CAPTION_SIZE
-from servolink.protocol.declaration import Value, bare, counted, group, value
+from servolink.protocol.codec import PACKETS
 from servolink.protocol.frame import encode_frame
-from servolink.protocol.packet import Packet
-from servolink.protocol.registry import PACKETS
+from servolink.protocol.packet import Packet, Value, bare, counted, group, value
 
 _Decode = Callable[[bytes], Any]
 _Encode = Callable[[Any], bytes]

@@ -5,9 +5,8 @@ from __future__ import annotations
 from random import Random
 from typing import Any, get_type_hints
 
-from servolink.protocol.declaration import Value, bare, counted, group, value
-from servolink.protocol.packet import Packet
-from servolink.protocol.registry import PACKETS
+from servolink.protocol.codec import PACKETS
+from servolink.protocol.packet import Packet, Value, bare, counted, group, value
 
 RECORDS = 16
 """Servos, steps, buttons, ... in a sample that has any."""

@@ -20,10 +20,9 @@ from typing import Any
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.protocol.editing import Action
-from servolink.protocol.servos import Step
+from servolink.protocol.records import Action, Step
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.serving import serve
+from servolink.virtual.serve import serve
 
 PERIOD = 0.02
 ACTIONS = 1800

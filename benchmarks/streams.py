@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from random import Random
 
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import ActionEntry, QueryActionListResponse
+from servolink.protocol.codec import PACKETS, Codec
+from servolink.protocol.editing import QueryActionListResponse
 from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, OVERHEAD, ByteOrder, encode_frame
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.layout import layout
 from servolink.protocol.packet import Packet
-from servolink.protocol.registry import PACKETS
+from servolink.protocol.records import ActionEntry
 from servolink.protocol.servos import QueryServoResponse, ServoState
 from servolink.protocol.settings import SendDummyDataRequest
 

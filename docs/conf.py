@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # what is documented is what lies here, installed or not
 
+import servolink  # noqa: E402
 from docs import packet_reference  # noqa: E402 - after the path
-from servolink import api  # noqa: E402
 
 if TYPE_CHECKING:
     from sphinx.addnodes import pending_xref
@@ -50,7 +50,7 @@ def setup(app: Sphinx) -> None:
 def resolve_public_name(app: Sphinx, env: BuildEnvironment, node: pending_xref, contents: Any) -> Any:
     """Lead from where a class is defined to where programs import it from."""
     module, _, name = node["reftarget"].rpartition(".")
-    if not module.startswith("servolink.") or name not in api.__all__:
+    if not module.startswith("servolink.") or name not in servolink.__all__:
         return None
     place = node.get("refdoc", env.docname)
     return env.domains.python_domain.resolve_xref(env, place, app.builder, "obj", f"servolink.{name}", node, contents)

@@ -11,10 +11,9 @@ from typing import Any, get_args, get_origin, get_type_hints
 from msgspec import Meta, Struct
 
 from servolink.protocol import editing, joystick, servos, settings
-from servolink.protocol.fields import Counted, Wire
+from servolink.protocol.codec import PACKETS
 from servolink.protocol.layout import layout
-from servolink.protocol.packet import Packet, Query, Request, Response
-from servolink.protocol.registry import PACKETS
+from servolink.protocol.packet import Counted, Packet, Query, Request, Response, Wire
 
 _CHAPTERS = {"3.1": settings, "3.2": servos, "3.3": editing, "3.4": joystick}
 _TYPES = {"B": "u8", "H": "u16", "I": "u32", "h": "i16", "i": "i32", "32s": "caption"}

@@ -10,17 +10,104 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from servolink.api import *  # noqa: F403
+    __all__: list[str]
+    from servolink.client.board import Board as Board
+    from servolink.client.connect import connect as connect
+    from servolink.client.connect import reconnecting as reconnecting
+    from servolink.client.events import ButtonEvent as ButtonEvent
+    from servolink.client.events import ButtonEvents as ButtonEvents
+    from servolink.client.servos import Servo as Servo
+    from servolink.connection.stats import Stats as Stats
+    from servolink.discovery.search import discover as discover
+    from servolink.errors import ConnectionLost as ConnectionLost
+    from servolink.errors import DecodeError as DecodeError
+    from servolink.errors import EncodeError as EncodeError
+    from servolink.errors import NotFound as NotFound
+    from servolink.errors import OpenError as OpenError
+    from servolink.errors import OutcomeUnknown as OutcomeUnknown
+    from servolink.errors import PacketError as PacketError
+    from servolink.errors import ProjectError as ProjectError
+    from servolink.errors import Rejected as Rejected
+    from servolink.errors import RequestError as RequestError
+    from servolink.errors import RequestTimeout as RequestTimeout
+    from servolink.errors import ServolinkError as ServolinkError
+    from servolink.errors import TransportError as TransportError
+    from servolink.errors import TransportUnavailable as TransportUnavailable
+    from servolink.motion import Adc as Adc
+    from servolink.motion import Angle as Angle
+    from servolink.motion import Degrees as Degrees
+    from servolink.project.model import Project as Project
+    from servolink.project.project_file import load_project as load_project
+    from servolink.project.project_file import save_project as save_project
+    from servolink.protocol.codec import Codec as Codec
+    from servolink.protocol.parser import FrameParser as FrameParser
+    from servolink.protocol.records import Action as Action
+    from servolink.protocol.records import ActionEntry as ActionEntry
+    from servolink.protocol.records import Button as Button
+    from servolink.protocol.records import JoystickTable as JoystickTable
+    from servolink.protocol.records import JoystickTableEntry as JoystickTableEntry
+    from servolink.protocol.records import Macro as Macro
+    from servolink.protocol.records import MacroCommand as MacroCommand
+    from servolink.protocol.records import MacroEntry as MacroEntry
+    from servolink.protocol.records import ServoParameter as ServoParameter
+    from servolink.protocol.records import Step as Step
+    from servolink.protocol.servos import ALL_SERVOS as ALL_SERVOS
+    from servolink.transports.device_info import Candidate as Candidate
 else:
-    # Loaded when the first name is used: the command line starts without most of it. `from servolink import api`
-    # would ask `__getattr__` for `api` again.
     from importlib import import_module
 
+    # A module is imported when its first name is used: the command line starts without most of them.
+    _MODULES = {
+        "ALL_SERVOS": "servolink.protocol.servos",
+        "Action": "servolink.protocol.records",
+        "ActionEntry": "servolink.protocol.records",
+        "Adc": "servolink.motion",
+        "Angle": "servolink.motion",
+        "Board": "servolink.client.board",
+        "Button": "servolink.protocol.records",
+        "ButtonEvent": "servolink.client.events",
+        "ButtonEvents": "servolink.client.events",
+        "Candidate": "servolink.transports.device_info",
+        "Codec": "servolink.protocol.codec",
+        "ConnectionLost": "servolink.errors",
+        "DecodeError": "servolink.errors",
+        "Degrees": "servolink.motion",
+        "EncodeError": "servolink.errors",
+        "FrameParser": "servolink.protocol.parser",
+        "JoystickTable": "servolink.protocol.records",
+        "JoystickTableEntry": "servolink.protocol.records",
+        "Macro": "servolink.protocol.records",
+        "MacroCommand": "servolink.protocol.records",
+        "MacroEntry": "servolink.protocol.records",
+        "NotFound": "servolink.errors",
+        "OpenError": "servolink.errors",
+        "OutcomeUnknown": "servolink.errors",
+        "PacketError": "servolink.errors",
+        "Project": "servolink.project.model",
+        "ProjectError": "servolink.errors",
+        "Rejected": "servolink.errors",
+        "RequestError": "servolink.errors",
+        "RequestTimeout": "servolink.errors",
+        "Servo": "servolink.client.servos",
+        "ServoParameter": "servolink.protocol.records",
+        "ServolinkError": "servolink.errors",
+        "Stats": "servolink.connection.stats",
+        "Step": "servolink.protocol.records",
+        "TransportError": "servolink.errors",
+        "TransportUnavailable": "servolink.errors",
+        "connect": "servolink.client.connect",
+        "discover": "servolink.discovery.search",
+        "load_project": "servolink.project.project_file",
+        "reconnecting": "servolink.client.connect",
+        "save_project": "servolink.project.project_file",
+    }
+    __all__ = [*_MODULES]  # noqa: PLE0604 - the keys are strings
+
     def __getattr__(name: str) -> object:
-        api = import_module("servolink.api")
-        if name == "__all__" or name in api.__all__:
-            return getattr(api, name)
-        raise AttributeError(f"module 'servolink' has no attribute {name!r}")
+        if name not in _MODULES:
+            raise AttributeError(f"module 'servolink' has no attribute {name!r}")
+        value = globals()[name] = getattr(import_module(_MODULES[name]), name)
+        return value
 
     def __dir__() -> list[str]:
-        return sorted({*globals(), *import_module("servolink.api").__all__})
+        return [*(name for name in globals() if name.startswith("__")), *__all__]

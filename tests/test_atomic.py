@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from servolink.atomic import write_atomically
+from servolink.files import write_atomically
 
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="permissions and links of POSIX")
 

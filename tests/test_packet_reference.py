@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from docs.packet_reference import packet_reference, write
+from servolink.protocol.codec import PACKETS
 from servolink.protocol.packet import Packet
-from servolink.protocol.registry import PACKETS
 
 PAGE = packet_reference()
 

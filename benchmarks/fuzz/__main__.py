@@ -14,7 +14,7 @@ from pathlib import Path
 
 from benchmarks.fuzz.campaign import Campaign
 from benchmarks.measuring import Result, machine
-from servolink.atomic import write_atomically
+from servolink.files import write_atomically
 
 _NAME = "fuzz"
 

@@ -7,11 +7,12 @@ from typing import Any
 from benchmarks.peers.peer import Peer
 from benchmarks.textbook import TextbookParser
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import ActionEntry, QueryActionListResponse
+from servolink.protocol.editing import QueryActionListResponse
 from servolink.protocol.frame import Frame, encode_frame
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
+from servolink.protocol.records import ActionEntry
 from servolink.protocol.servos import QueryServoResponse, ServoState
 
 

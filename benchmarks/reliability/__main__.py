@@ -18,7 +18,7 @@ from benchmarks.measuring import Result, machine
 from benchmarks.reliability import PARTS, flood, framing, hidden, reopening, simulation, soak, stalls, sums, together
 from benchmarks.reliability.history import STEPS, relive
 from benchmarks.report import FIGURES
-from servolink.printable import printable
+from servolink.escaping import printable
 
 RECORD = FIGURES / "reliability.json"
 

@@ -12,10 +12,10 @@ from benchmarks.reliability.clock import SimulatedLoop
 from benchmarks.reliability.line import STALL, Line
 from servolink.client.board import Board
 from servolink.errors import ConnectionLost, DecodeError, OutcomeUnknown, RequestError, RequestTimeout
-from servolink.protocol import editing, joystick, servos, settings
+from servolink.protocol import editing, joystick, records, servos, settings
 from servolink.protocol.packet import Command, Packet, Request
 
-_STEP = servos.Step(1, 90, 20)
+_STEP = records.Step(1, 90, 20)
 _STOP = servos.SetServoParameterRequest(servos.ALL_SERVOS, 0, 1)
 
 _KINDS: dict[Callable[[Random], Packet], float] = {
@@ -36,7 +36,7 @@ _KINDS: dict[Callable[[Random], Packet], float] = {
     lambda random: editing.WriteProjectIDRequest(random.randrange(1, 1000)): 3,
     lambda random: editing.AddActionRequest(random.randrange(1, 4), "wave", (_STEP,)): 2,
     lambda random: editing.DeleteActionRequest(random.randrange(1, 4)): 1,
-    lambda random: editing.AddServoParameterRequest((editing.ServoParameter(1, 2, "arm"),)): 1,
+    lambda random: editing.AddServoParameterRequest((records.ServoParameter(1, 2, "arm"),)): 1,
     lambda random: joystick.SetActiveJoystickTableRequest(random.randrange(1, 4)): 1,
     lambda random: servos.SetServoParameterRequest(random.randrange(1, 4), 1, 1): 3,
     lambda random: servos.SetAngleUnitRequest(random.randrange(1, 4), 0): 2,

@@ -8,8 +8,8 @@ from benchmarks.measuring import Result, table
 from benchmarks.reliability.clock import SimulatedLoop
 from benchmarks.reliability.process import Held
 from servolink.client.board import Board
-from servolink.client.link import Link
-from servolink.client.motion import MotionLimits
+from servolink.connection.connection import Link
+from servolink.motion import MotionLimits
 from servolink.protocol.codec import Codec
 from servolink.protocol.joystick import ButtonEventResponse, SubscribeButtonEventResponse
 from servolink.transports.base import Receiver

@@ -9,13 +9,14 @@ from random import Random
 from benchmarks.measuring import Result, table
 from benchmarks.reliability.line import LINES, Direction, Line
 from benchmarks.reliability.witness import Witness
-from servolink.client.carrier import Carrier
+from servolink.connection.dispatcher import Carrier
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import ActionEntry, AddActionResponse, QueryActionListResponse, QueryProjectIDResponse
+from servolink.protocol.editing import AddActionResponse, QueryActionListResponse, QueryProjectIDResponse
 from servolink.protocol.frame import HEADER, HEADER_SIZE, Frame
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
+from servolink.protocol.records import ActionEntry
 from servolink.protocol.servos import QueryServoResponse, ServoState, SetServoParameterResponse
 from servolink.protocol.settings import QueryMemorySizeResponse, QueryRemainPowerResponse
 

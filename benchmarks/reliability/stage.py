@@ -14,15 +14,15 @@ from benchmarks.reliability.conversation import Conversation
 from benchmarks.reliability.line import LINES, Line
 from benchmarks.reliability.witness import WitnessedParser
 from servolink.client.board import Board
-from servolink.client.link import Link
-from servolink.client.motion import MotionLimits
+from servolink.connection.connection import Link
 from servolink.errors import DecodeError
+from servolink.motion import MotionLimits
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import Frame
 from servolink.protocol.packet import Packet
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.transports.base import Transport
-from servolink.transports.wrapper import WrappedTransport
+from servolink.transports.lifecycle import WrappedTransport
 
 _TIMEOUT = 0.25
 _QUIET = 30.0

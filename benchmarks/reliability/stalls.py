@@ -21,7 +21,7 @@ from platform import python_version
 
 from benchmarks.measuring import Result, table
 from benchmarks.reliability.clock import SimulatedLoop
-from servolink.client.link import Link
+from servolink.connection.connection import Link
 from servolink.errors import ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse

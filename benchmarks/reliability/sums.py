@@ -14,7 +14,6 @@ from benchmarks.textbook import TextbookParser
 from servolink.errors import DecodeError
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (
-    ActionEntry,
     AddActionRequest,
     AddActionResponse,
     QueryActionListRequest,
@@ -26,12 +25,8 @@ from servolink.protocol.frame import HEADER_SIZE, MAGIC, Frame, checksum
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Packet, Request
 from servolink.protocol.parser import FrameParser
-from servolink.protocol.servos import (
-    QueryServoRequest,
-    QueryServoResponse,
-    ServoState,
-    Step,
-)
+from servolink.protocol.records import ActionEntry, Step
+from servolink.protocol.servos import QueryServoRequest, QueryServoResponse, ServoState
 from servolink.protocol.settings import QueryRemainPowerResponse
 
 LEVELS = ("sum", "and id and length", "and answers the request", "and read twice")

@@ -9,20 +9,19 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 from servolink.cli.arguments import not_empty
-from servolink.cli.backups import backup_named
+from servolink.cli.export import backup_named
+from servolink.cli.live import PHASES, shown_progress
 from servolink.cli.main import FAILED, OK, refuse
 from servolink.cli.output import print_json, print_text
 from servolink.cli.plan import plan_object, print_plan
-from servolink.cli.progress import PHASES, shown_progress
 from servolink.cli.session import Interruption, converse
 from servolink.client.board import Board
 from servolink.errors import ProjectError, ServolinkError
-from servolink.printable import printable
-from servolink.project.files.file import load_project
-from servolink.project.imports.progress import Phase, Progress, Tell
-from servolink.project.imports.results import Applied, Plan
-from servolink.project.imports.rollback import backup_for
-from servolink.project.imports.store import Store
+from servolink.escaping import printable
+from servolink.project.project_file import load_project
+from servolink.project.transfer.apply import backup_for
+from servolink.project.transfer.backups import Store
+from servolink.project.transfer.results import Applied, Phase, Plan, Progress, Tell
 
 _UNTOUCHED = "nothing was changed on the board"
 

@@ -11,12 +11,11 @@ from servolink.cli.arguments import not_empty
 from servolink.cli.main import FAILED, NO_BOARD, OK
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
-from servolink.discovery.resolve import resolved
+from servolink.discovery.names import resolved
 from servolink.discovery.search import search
-from servolink.doctor.examination import Report, examine
-from servolink.doctor.facts import SystemFacts
-from servolink.doctor.nodes import UsbDevice, named_usb_device, usb_device
-from servolink.doctor.udev import rules
+from servolink.doctor.examine import Report, examine
+from servolink.doctor.permissions import rules
+from servolink.doctor.system import SystemFacts, UsbDevice, named_usb_device, usb_device
 from servolink.errors import OpenError
 
 _PERCENTILES = (50, 90, 99)

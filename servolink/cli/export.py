@@ -5,22 +5,23 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from servolink.cli.live import shown_progress
 from servolink.cli.main import OK
-from servolink.cli.output import print_json, print_text
-from servolink.cli.progress import shown_progress
+from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, converse
 from servolink.client.board import Board
 from servolink.errors import ProjectError
-from servolink.printable import printable
-from servolink.project.files.file import load_project, save_project
+from servolink.escaping import printable
+from servolink.project.project_file import load_project, save_project
+from servolink.project.transfer.backups import Store
 
 
-def configure(command: str, parser: argparse.ArgumentParser) -> None:
+def configure_export(command: str, parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink export`."""
     parser.add_argument("file", type=Path, metavar="FILE", help="such as robot.servolink.json")
 
 
-def run(args: argparse.Namespace) -> int:
+def run_export(args: argparse.Namespace) -> int:
     """Read everything and write the file, whole or not at all."""
     _refuse_other_files(args.file)
 
@@ -59,3 +60,41 @@ def _refuse_other_files(path: Path) -> None:
             raise ProjectError(
                 f"{printable(str(path))} is there and is no project file, so it is not overwritten; take another name"
             ) from error
+
+
+def configure_backups(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add nothing: `servolink backups` has no options of its own."""
+
+
+def run_backups(args: argparse.Namespace) -> int:
+    """List all backups, the newest last."""
+    store = Store()
+    backups = store.backups()
+    if args.json:
+        described = [
+            {
+                "number": backup.number,
+                "time": backup.time.isoformat(),
+                "board": backup.board,
+                "file": str(backup.path),
+            }
+            for backup in backups
+        ]
+        print_json({"backups": described})
+    elif backups:
+        rows = [(backup.number, f"{backup.time:%Y-%m-%d %H:%M:%S} UTC", backup.board) for backup in backups]
+        print_table(Table(("number", "made", "board"), rows))
+        print_text(f"in {backups[-1].path.parent}; `servolink rollback NUMBER` restores one")
+    else:
+        print_text(f"there are no backups in {store.folder}; `servolink apply` makes one before it changes a board")
+    return OK
+
+
+def backup_named(name: str) -> Path:
+    """Return the backup with this number, or the file `name`; ProjectError if there is no such number."""
+    if not name.isdecimal() or Path(name).exists():
+        return Path(name)
+    for backup in Store().backups():
+        if str(backup.number) == name.lstrip("0"):
+            return backup.path
+    raise ProjectError(f"there is no backup {name}; `servolink backups` lists all there are")

@@ -7,46 +7,47 @@ import importlib
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 from servolink.cli.arguments import caption_encoding, not_empty
-from servolink.cli.streams import flush_stdout, lost_output, open_missing_stderr, print_error, silence
+from servolink.cli.output import flush_stdout, lost_output, open_missing_stderr, print_error, silence
 from servolink.errors import ServolinkError, TransportError
-from servolink.printable import printable
+from servolink.escaping import printable
 
 OK, FAILED, USAGE, NO_BOARD, INTERRUPTED = 0, 1, 2, 3, 130
 
 COMMANDS = {
     "demo": ("servolink.cli.demo", "show all of it on a virtual board, in about 10 seconds"),
-    "list": ("servolink.cli.list", "list the boards that are here"),
-    "use": ("servolink.cli.use", "give a board a name, for --url and in programs"),
+    "list": ("servolink.cli.boards:list", "list the boards that are here"),
+    "use": ("servolink.cli.boards:use", "give a board a name, for --url and in programs"),
     "doctor": ("servolink.cli.doctor", "find out why a board does not work"),
-    "info": ("servolink.cli.info", "project id, memory, battery and what is stored on the board"),
+    "info": ("servolink.cli.boards:info", "project id, memory, battery and what is stored on the board"),
     "servos": ("servolink.cli.servos", "angle, current and temperature of each servo"),
-    "move": ("servolink.cli.move", "move servos to angles"),
-    "stop": ("servolink.cli.halt", "stop all servos and keep holding them"),
-    "release": ("servolink.cli.halt", "let servos go limp"),
-    "run": ("servolink.cli.run", "run an action or a macro stored on the board"),
-    "actions": ("servolink.cli.stored", "list the actions stored on the board, or show one"),
-    "macros": ("servolink.cli.stored", "list the macros stored on the board, or show one"),
-    "tables": ("servolink.cli.stored", "list the joystick tables stored on the board, or show one"),
-    "export": ("servolink.cli.export", "write everything on the board into a project file"),
+    "move": ("servolink.cli.motion:move", "move servos to angles"),
+    "stop": ("servolink.cli.motion:stop", "stop all servos and keep holding them"),
+    "release": ("servolink.cli.motion:stop", "let servos go limp"),
+    "run": ("servolink.cli.motion:stored", "run an action or a macro stored on the board"),
+    "actions": ("servolink.cli.records", "list the actions stored on the board, or show one"),
+    "macros": ("servolink.cli.records", "list the macros stored on the board, or show one"),
+    "tables": ("servolink.cli.records", "list the joystick tables stored on the board, or show one"),
+    "export": ("servolink.cli.export:export", "write everything on the board into a project file"),
     "plan": ("servolink.cli.plan", "show what a project file would change on the board"),
     "apply": ("servolink.cli.apply", "write a project file to the board, without ever losing what was there"),
     "rollback": ("servolink.cli.apply", "bring back what was on the board before the last import"),
     "project": ("servolink.cli.project", "show, check, edit and play projects in files, without a board"),
     "teach": ("servolink.cli.teach", "take poses of limbs that are moved by hand"),
-    "backups": ("servolink.cli.backups", "list what was on boards before imports"),
+    "backups": ("servolink.cli.export:backups", "list what was on boards before imports"),
     "events": ("servolink.cli.events", "show button events as they come"),
     "decode": ("servolink.cli.packets", "turn frames into readable packets"),
     "encode": ("servolink.cli.packets", "turn packets into frames"),
     "virtual": ("servolink.cli.virtual", "serve a virtual board over a pseudo-terminal or TCP"),
     "bench": ("servolink.cli.bench", "measure round trips to the board"),
 }
-"""Command name to the module that has it, and its help.
+"""Command name to its module and help.
 
-Each module has `configure(command, parser)`, which adds the options, and `run(args)`, which returns the exit code.
+A module has `configure(command, parser)`, which adds the options, and `run(args)`, which returns the exit code. Behind
+a colon stands the suffix of these two names, where one module has several commands: `boards:use` has `configure_use`.
 """
 
 EXIT_CODES = "exit codes: 0 ok, 1 failed, 2 wrong usage, 3 no board, 130 interrupted"
@@ -61,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         try:
             args = _parser().parse_args(argv)
-            return int(importlib.import_module(COMMANDS[args.command][0]).run(args))
+            return int(command_function(COMMANDS[args.command][0], "run")(args))
         finally:
             flush_stdout()
     except KeyboardInterrupt:
@@ -79,6 +80,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return fail(error, FAILED)
     except OSError as error:
         return fail(lost_output(error) or error, FAILED)
+
+
+def command_function(place: str, name: str) -> Callable[..., Any]:
+    """Return `configure` or `run` of the command at `place`, in the form of COMMANDS."""
+    module, _, suffix = place.partition(":")
+    found: Callable[..., Any] = getattr(importlib.import_module(module), f"{name}_{suffix}" if suffix else name)
+    return found
 
 
 def fail(problem: Exception | str, code: int) -> int:
@@ -118,7 +126,7 @@ class _Command(_Parser):
         """Parse, with the options of the module."""
         if self.module:
             module, self.module = self.module, ""
-            importlib.import_module(module).configure(self.prog.rpartition(" ")[2], self)
+            command_function(module, "configure")(self.prog.rpartition(" ")[2], self)
         return super().parse_known_args(args, namespace)
 
 

@@ -1,85 +1,285 @@
-"""Servos on their way: read until they arrive, drawn as bars on a terminal."""
+"""`servolink move`: move servos, and by default wait until they have arrived."""
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
+import argparse
+import re
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 
-from servolink.cli.output import console
+from servolink.cli.arguments import number, speed
+from servolink.cli.live import Draw, follow, live_bars
+from servolink.cli.main import FAILED, OK, refuse
+from servolink.cli.output import Table, is_terminal, print_json, print_table, print_text
+from servolink.cli.records import record_id
+from servolink.cli.servos import print_servos, reported
+from servolink.cli.session import Interruption, converse
 from servolink.client.board import Board
 from servolink.client.servos import Servo
-from servolink.errors import RequestTimeout
+from servolink.errors import RequestError, ServolinkError
+from servolink.motion import Adc, Degrees, MotionLimits, check_limits, intervals_for
+from servolink.protocol.servos import ALL_SERVOS
 
-if TYPE_CHECKING:
-    from rich.table import Table
+DEFAULT_SPEED = 60.0
+"""Degrees per second, when neither time nor speed is given."""
 
-Draw = Callable[[float, Sequence[Servo]], None]
-"""Takes the seconds since the start and what the servos then report."""
-
-_ARRIVED = 2  # degrees, or raw steps, as near as a servo can be expected to come
-_GRACE = 1.0
-_PAUSE = 0.04  # seconds between two readings
-_HALF = 24  # columns for the widest angle to one side
-_BESIDE = 21  # columns for what stands beside a bar, such as "servo 254" and "4095 ADC"
-_WIDEST = 120.0
+_TARGET = re.compile(r"([0-9]{1,3})=([+-]?[0-9]{1,5})", re.ASCII)
+_FINISHING = "and the servos finish it; `servolink stop` stops them"
 
 
-async def follow(board: Board, targets: Mapping[int, int], seconds: float, draw: Draw) -> tuple[Servo, ...]:
-    """Read the servos for `seconds` and until they rest at `targets`; RequestTimeout if a second later they do not."""
-    loop = asyncio.get_running_loop()
-    start, before = loop.time(), dict[int, int]()
-    while True:
-        servos = await board.servos()
-        elapsed = loop.time() - start
-        draw(elapsed, servos)
-        here = {servo.servo_id: servo.angle for servo in servos if servo.servo_id in targets}
-        away = [servo_id for servo_id, angle in here.items() if abs(angle - targets[servo_id]) > _ARRIVED]
-        too_late = elapsed >= seconds + _GRACE
-        if elapsed >= seconds and not away and (here == before or too_late):
-            return servos
-        if too_late:
-            one = away[0]
-            raise RequestTimeout(
-                f"servo {one} is at {here[one]}, not at {targets[one]}, {_GRACE:.0f} s after it should have arrived: "
-                "it may have been stopped or released, or be blocked or overloaded"
-            )
-        before = here
-        await asyncio.sleep(_PAUSE)
+def configure_move(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink move`."""
+    parser.add_argument("targets", nargs="+", type=_target, metavar="SERVO=ANGLE", help="such as 1=90 2=-45")
+    pace = parser.add_mutually_exclusive_group()
+    pace.add_argument(
+        "--duration", type=number(0.01, 327.67, "seconds"), metavar="SECONDS", help="take so long, 0.01 to 327.67"
+    )
+    pace.add_argument("--speed", type=speed, metavar="N", help=f"degrees per second ({DEFAULT_SPEED:g})")
+    parser.add_argument(
+        "--wait", action=argparse.BooleanOptionalAction, default=True, help="wait until all have arrived (default)"
+    )
+    parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
+    parser.add_argument("--adc", action="store_true", help="angles are raw ADC readings; needs --duration")
+    parser.add_argument(
+        "--limit", nargs=2, type=float, metavar=("LOW", "HIGH"), help="refuse angles outside LOW to HIGH degrees"
+    )
+    parser.add_argument("--speed-cap", type=speed, metavar="N", help="refuse more than N degrees per second")
 
 
-@contextmanager
-def live_bars(servo_ids: Container[int] = range(256)) -> Iterator[Draw]:
-    """Draw the servos, or some of them, as bars that move, until the end, where they stay."""
-    from rich.live import Live
+def run_move(args: argparse.Namespace) -> int:
+    """Move: nothing is sent unless every servo is there and would obey."""
+    kind = Adc if args.adc else Degrees
+    targets = {servo_id: kind(angle) for servo_id, angle in args.targets}
+    if len(targets) < len(args.targets):
+        refuse(args, "a servo is given twice")
+    if args.adc and args.duration is None:
+        refuse(args, "--adc needs --duration: speeds are in degrees per second")
+    if args.limit and not args.limit[0] <= args.limit[1]:
+        refuse(args, "--limit takes the lower angle first, as in --limit -90 90")
+    pace = DEFAULT_SPEED if args.speed is None and args.duration is None else args.speed
+    limits = tuple(args.limit) if args.limit else None
 
-    shown = console()
-    block = "█" if shown.encoding.startswith("utf") else "#"
-    with Live(console=shown, auto_refresh=False) as live:
+    async def talk(board: Board, interruption: Interruption) -> int:
+        before = {servo.servo_id: servo for servo in await reported(board, targets)}
+        # The move checks them as well, but no servo shall be started for a move that is then refused.
+        motion_limits = MotionLimits(limits, args.speed_cap)
+        check_limits(targets, board.unit_of, motion_limits)
+        here = {servo_id: int(before[servo_id].angle) for servo_id in targets}
+        intervals_for(targets, here, motion_limits, duration=args.duration, speed=pace)
+        await _ready(board, [before[servo_id] for servo_id in targets], interruption, start=args.start)
+        interruption.state = f"the move may have been sent: if so, it was sent whole, {_FINISHING}"
+        seconds = await board.move(targets, duration=args.duration, speed=pace)
+        interruption.state = f"the move was sent, {_FINISHING}"
+        after: dict[int, Servo] = {}
+        if args.wait:
+            with _bars(targets, shown=not args.json and is_terminal()) as draw:
+                after = {servo.servo_id: servo for servo in await follow(board, targets, seconds, draw)}
+            interruption.state = "all servos have arrived"
+        _print(targets, before, after, seconds, as_json=args.json)
+        return OK
 
-        def draw(elapsed: float, servos: Sequence[Servo]) -> None:
-            wanted = [servo for servo in servos if servo.servo_id in servo_ids]
-            half = max(0, min(_HALF, (shown.width - _BESIDE) // 2))
-            live.update(_bars(elapsed, wanted, block, half), refresh=True)
-
-        yield draw
+    return converse(args, talk, angle_unit=kind.unit, angle_limits=limits, speed_cap=args.speed_cap)
 
 
-def _bars(elapsed: float, servos: Sequence[Servo], block: str, half: int) -> Table:
-    from rich.table import Table
-    from rich.text import Text
-
-    bars = Table.grid(padding=(0, 1))
-    bars.add_column(justify="right")
-    bars.add_column()
-    bars.add_column(justify="right")
-    for servo in servos:
-        length = min(half, round(abs(int(servo.angle)) / _WIDEST * half))
-        bar = (block * length).rjust(half) + "│" if servo.angle < 0 else " " * half + "│" + block * length
-        colour = "red" if not (servo.is_start and servo.is_hold) else "cyan" if servo.angle < 0 else "green"
-        bars.add_row(
-            Text(f"servo {servo.servo_id}"), Text(bar.ljust(2 * half + 1), style=colour), Text(str(servo.angle))
+async def _ready(board: Board, servos: Iterable[Servo], interruption: Interruption, *, start: bool) -> None:
+    """Make sure that `servos` would obey; with `start`, start and hold those that would not."""
+    idle = [servo.servo_id for servo in servos if not (servo.is_start and servo.is_hold)]
+    if idle and not start:
+        raise RequestError(
+            f"{named(idle)} stopped or released and would ignore the movement; nothing was sent. "
+            "Add --start to start and hold first"
         )
-    bars.add_row(Text(f"{elapsed:.1f} s", style="dim"))
-    return bars
+    for servo_id in idle:
+        interruption.state = "no movement was sent; servos may have been started and held"
+        await board.set_servo(servo_id, start=True, hold=True)
+
+
+def named(servo_ids: Sequence[int]) -> str:
+    """Return `servo 3 is` or `servos 3, 4 are`."""
+    listed = ", ".join(map(str, servo_ids))
+    return f"servo {listed} is" if len(servo_ids) == 1 else f"servos {listed} are"
+
+
+def _bars(targets: Mapping[int, int], *, shown: bool) -> AbstractContextManager[Draw]:
+    return live_bars(targets) if shown else nullcontext(lambda elapsed, servos: None)
+
+
+def _print(
+    targets: Mapping[int, int],
+    before: Mapping[int, Servo],
+    after: Mapping[int, Servo],
+    seconds: float,
+    *,
+    as_json: bool,
+) -> None:
+    if as_json:
+        servos = [
+            {
+                "servo_id": servo_id,
+                "from_angle": int(before[servo_id].angle),
+                "target_angle": int(target),
+                "angle": int(after[servo_id].angle) if after else None,
+                "angle_unit": "adc" if isinstance(target, Adc) else "degree",
+            }
+            for servo_id, target in targets.items()
+        ]
+        print_json({"duration_seconds": seconds, "arrived": bool(after), "servos": servos})
+        return
+    rows = [
+        (servo_id, before[servo_id].angle, target, after[servo_id].angle if after else None)
+        for servo_id, target in targets.items()
+    ]
+    columns = ("servo", "from", "target", "now")
+    print_table(Table(columns if after else columns[:3], [row[: 4 if after else 3] for row in rows]))
+
+
+def _target(text: str) -> tuple[int, int]:
+    if (found := _TARGET.fullmatch(text)) is None or int(found[1]) > 0xFE:
+        form = "SERVO=ANGLE, as in 1=90 or 2=-45, with servos 0 to 254 and angles of at most 5 digits"
+        raise argparse.ArgumentTypeError(f"{text!r} is not {form}")
+    if not -(2**15) <= int(found[2]) < 2**15:
+        raise argparse.ArgumentTypeError(f"{text!r}: servo {found[1]} can be sent to -32768 to 32767, not further")
+    return int(found[1]), int(found[2])
+
+
+_WARNING = "released servos are limp, and raised limbs fall"
+
+
+def configure_stop(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `command`."""
+    if command == "release":
+        parser.add_argument("servo_ids", nargs="*", type=servo_id, metavar="SERVO", help="which servos (all)")
+        parser.add_argument("--yes", action="store_true", help=f"do not ask: {_WARNING}")
+
+
+def run_stop(args: argparse.Namespace) -> int:
+    """Stop or release, and say what the servos then report."""
+    return _stop(args) if args.command == "stop" else _release(args)
+
+
+def _stop(args: argparse.Namespace) -> int:
+    async def talk(board: Board, interruption: Interruption) -> int:
+        interruption.state = "the stop was not confirmed; run `servolink stop` again"
+        await board.stop()
+        interruption.state = "all servos report that they are stopped and held"
+        servos = await board.servos()
+        if not args.json:
+            print_text(f"all {len(servos)} servos report that they are stopped and held")
+        print_servos(servos, as_json=args.json)
+        return OK
+
+    return converse(args, talk, greet=False)
+
+
+def _release(args: argparse.Namespace) -> int:
+    which = f"servos {', '.join(map(str, args.servo_ids))}" if args.servo_ids else "all servos"
+    if not args.yes and not may_release(args, which):
+        return FAILED
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        await reported(board, args.servo_ids)
+        interruption.state = f"{which} may have been released; `servolink stop` holds all servos again"
+        await _release_each(board, args.servo_ids or [ALL_SERVOS])
+        interruption.state = f"{which} were released"
+        print_servos(await board.servos(), as_json=args.json)
+        return OK
+
+    return converse(args, talk)
+
+
+async def _release_each(board: Board, servo_ids: Sequence[int]) -> None:
+    for done, servo_id in enumerate(servo_ids):
+        try:
+            await board.release(servo_id)
+        except ServolinkError:
+            if done:
+                limp = ", ".join(map(str, servo_ids[:done]))
+                print(f"servolink: released and limp: {limp}; `servolink stop` holds all servos again", file=sys.stderr)
+            raise
+
+
+def may_release(args: argparse.Namespace, which: str) -> bool:
+    """Ask a person whether servos may go limp; a program has to say --yes."""
+    if args.json or sys.stdin is None or not sys.stdin.isatty():
+        refuse(args, f"{_WARNING}; say --yes if they may")
+    print(f"{_WARNING}. Release {which}? [y/N] ", end="", file=sys.stderr, flush=True)
+    try:
+        answer = sys.stdin.readline()
+    except KeyboardInterrupt:
+        print("\ninterrupted: nothing was sent", file=sys.stderr)
+        raise
+    if answer.strip().lower() in ("y", "yes"):
+        return True
+    print("servolink: nothing was released", file=sys.stderr)
+    return False
+
+
+def servo_id(text: str) -> int:
+    """Read the id of a servo."""
+    if not (text.isascii() and text.isdecimal() and int(text) < ALL_SERVOS):
+        raise argparse.ArgumentTypeError(f"{text!r} is no servo id, 0 to 254")
+    return int(text)
+
+
+def configure_stored(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink run`."""
+    parser.add_argument("kind", choices=("action", "macro"), help="what to run")
+    parser.add_argument("id", type=record_id, metavar="ID", help="its id, as in `servolink actions`")
+    parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
+
+
+def run_stored(args: argparse.Namespace) -> int:
+    """Run it; returns when the board has been told, as the board does not say when it is done."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        if args.kind == "action":
+            return await _run_action(board, interruption, args)
+        return await _run_macro(board, interruption, args)
+
+    return converse(args, talk)
+
+
+async def _run_action(board: Board, interruption: Interruption, args: argparse.Namespace) -> int:
+    action = await board.action(args.id)
+    idle = await _wake(board, interruption, {step.servo_id for step in action.steps}, start=args.start)
+    interruption.state = f"action {action.action_id} may have been started; `servolink stop` stops the servos"
+    await board.run_action(action.action_id)
+    interruption.state = f"action {action.action_id} runs; `servolink stop` stops the servos"
+    seconds = max((step.interval for step in action.steps), default=0) / 100
+    if args.json:
+        described = {"action_id": action.action_id, "action_caption": action.action_caption}
+        print_json({**described, "duration_seconds": seconds, "idle_servos": idle})
+    else:
+        print_text(f"action {action.action_id} '{action.action_caption}' was sent; it takes {seconds:g} s")
+    return OK
+
+
+async def _run_macro(board: Board, interruption: Interruption, args: argparse.Namespace) -> int:
+    macro = await board.macro(args.id)
+    idle = await _wake(board, interruption, None, start=args.start)
+    interruption.state = f"macro {macro.macro_id} may have been started; `servolink stop` ends it"
+    await board.run_macro(macro.macro_id)
+    interruption.state = f"macro {macro.macro_id} runs; `servolink stop` ends it"
+    if args.json:
+        print_json({"macro_id": macro.macro_id, "macro_caption": macro.macro_caption, "idle_servos": idle})
+    else:
+        print_text(f"macro {macro.macro_id} '{macro.macro_caption}' was started")
+    return OK
+
+
+async def _wake(board: Board, interruption: Interruption, wanted: set[int] | None, *, start: bool) -> list[int]:
+    """Start servos that would ignore what is run (None: any servo), or warn of them; return those that stay idle."""
+    idle = [
+        servo.servo_id
+        for servo in await board.servos()
+        if not (servo.is_start and servo.is_hold) and (wanted is None or servo.servo_id in wanted)
+    ]
+    if idle and not start:
+        text = f"{named(idle)} stopped or released and will not move; --start starts and holds first"
+        print(f"servolink: {text}", file=sys.stderr)
+        return idle
+    for servo_id in idle:
+        interruption.state = "nothing was run; servos may have been started and held"
+        await board.set_servo(servo_id, start=True, hold=True)
+    return []

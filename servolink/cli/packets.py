@@ -13,10 +13,10 @@ from typing import Any
 from servolink.cli.arguments import not_empty
 from servolink.cli.main import FAILED, OK
 from servolink.errors import DecodeError, EncodeError, ServolinkError
-from servolink.printable import printable
+from servolink.escaping import printable
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import Frame, encode_frame
-from servolink.protocol.objects import from_object, to_object
+from servolink.protocol.json_form import from_object, to_object
 from servolink.protocol.parser import FrameParser
 
 _BLOCK = 0x10000  # bytes read at once, and the most that one `skipped` object holds

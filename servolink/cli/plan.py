@@ -6,15 +6,15 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from servolink.cli.difference import kind_of, print_changes
+from servolink.cli.live import shown_progress
 from servolink.cli.main import FAILED, OK
 from servolink.cli.output import Table, print_json, print_table, print_text
-from servolink.cli.progress import shown_progress
+from servolink.cli.records import kind_of, print_changes
 from servolink.cli.session import Interruption, converse
 from servolink.client.board import Board
-from servolink.project.files.file import load_project
-from servolink.project.files.file_types import to_file
-from servolink.project.imports.results import Plan
+from servolink.project.project_file import load_project
+from servolink.project.transfer.results import Plan
+from servolink.protocol.json_form import to_file
 
 
 def configure(command: str, parser: argparse.ArgumentParser) -> None:

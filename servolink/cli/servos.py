@@ -9,10 +9,10 @@ from typing import Any
 from servolink.cli.main import OK
 from servolink.cli.output import Table, print_json, print_table
 from servolink.cli.session import Interruption, converse
-from servolink.client.angles import Angle
 from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.errors import NotFound, Rejected
+from servolink.motion import Angle
 
 
 def configure(command: str, parser: argparse.ArgumentParser) -> None:

@@ -13,23 +13,20 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 
 from servolink.cli.arguments import whole_number
-from servolink.cli.keyboard import single_keys
 from servolink.cli.main import OK, refuse
-from servolink.cli.signals import ENDING
-from servolink.discovery.served import announced
+from servolink.cli.terminal import ENDING, single_keys
+from servolink.discovery.announcements import announced
 from servolink.errors import TransportUnavailable
-from servolink.printable import printable
+from servolink.escaping import printable
+from servolink.listeners import AVAILABLE, host_and_port
 from servolink.protocol.codec import Codec
-from servolink.transports.candidate import Candidate
+from servolink.transports.device_info import Candidate
 from servolink.transports.faults import Faults
 from servolink.virtual.board import MEMORY, MOST_SERVOS, VirtualBoard
-from servolink.virtual.keys import HELP, Keys
-from servolink.virtual.network import host_and_port
-from servolink.virtual.script import Deed, Push, parse_script
-from servolink.virtual.serving import serve
-from servolink.virtual.state import load_state, save_state
+from servolink.virtual.script import HELP, Deed, Keys, Push, parse_script
+from servolink.virtual.serve import serve
+from servolink.virtual.state_file import load_state, save_state
 from servolink.virtual.storage import ADDS, CLEARS
-from servolink.virtual.terminal import AVAILABLE
 
 _MOST_MEMORY = 2**31 - 1
 _LONGEST_SCRIPT = 1 << 20

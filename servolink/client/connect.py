@@ -7,21 +7,19 @@ from collections.abc import AsyncGenerator, Generator
 from types import TracebackType
 from typing import Any
 
-from servolink.client.angles import AngleUnit
-from servolink.client.arguments import check_count, check_timeout
 from servolink.client.board import Board
-from servolink.client.link import Link
-from servolink.client.motion import AngleLimits, MotionLimits
-from servolink.client.reconnect import FIRST_PAUSE, LONGEST_PAUSE
-from servolink.client.stats import Stats
-from servolink.discovery.resolve import resolved
+from servolink.client.session import FIRST_PAUSE, LONGEST_PAUSE, check_count, check_timeout
+from servolink.connection.connection import Link
+from servolink.connection.stats import Stats
+from servolink.discovery.names import resolved
 from servolink.errors import ConnectionLost, OpenError, RequestTimeout, TransportUnavailable
-from servolink.printable import shown
+from servolink.escaping import shown
+from servolink.motion import AngleLimits, AngleUnit, MotionLimits
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport
 from servolink.transports.registry import create
-from servolink.transports.whereabouts import Whereabouts
+from servolink.transports.serial_ports import Whereabouts
 
 
 class connect:  # noqa: N801 - reads as the function it stands for

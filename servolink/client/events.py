@@ -8,8 +8,8 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
-from servolink.client.explain import same
-from servolink.client.link import Link
+from servolink.connection.connection import Link
+from servolink.connection.explain import same
 from servolink.errors import ConnectionLost, Rejected, ServolinkError
 from servolink.protocol.joystick import ButtonEventResponse, SubscribeButtonEventRequest
 

@@ -2,13 +2,113 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 
-from servolink.doctor.facts import Node, SystemFacts
-from servolink.doctor.finding import Finding
-from servolink.doctor.nodes import device_nodes, usb_device
-from servolink.doctor.udev import INSTALL, check_order, is_installed
-from servolink.printable import printable
+from servolink.doctor import Finding
+from servolink.doctor.system import Node, SystemFacts, UsbDevice, device_nodes, usb_device
+from servolink.escaping import printable
+
+RULES = "/etc/udev/rules.d/70-servolink.rules"
+INSTALL = f"""servolink doctor --print-udev | sudo tee {RULES}
+sudo udevadm control --reload && sudo udevadm trigger
+unplug the board and plug it in again"""
+ADAPTERS = {
+    (0x0403, 0x6001): "FTDI",
+    (0x0403, 0x6010): "FTDI",
+    (0x0403, 0x6011): "FTDI",
+    (0x0403, 0x6014): "FTDI",
+    (0x0403, 0x6015): "FTDI",
+    (0x067B, 0x2303): "PL2303",
+    (0x10C4, 0xEA60): "CP210x",
+    (0x10C4, 0xEA70): "CP210x",
+    (0x1A86, 0x5523): "CH341",
+    (0x1A86, 0x55D4): "CH9102",
+    (0x1A86, 0x7523): "CH340",
+}
+"""USB ids of chips that are sold as adapters and built into all kinds of devices."""
+SERIAL_GROUPS = ("dialout", "uucp")
+"""The groups to which distributions give serial ports."""
+
+_FOLDERS = ("/etc/udev/rules.d", "/run/udev/rules.d", "/usr/lib/udev/rules.d", "/lib/udev/rules.d")
+_TOO_LATE = "73-seat-late.rules"  # where the system itself acts on the tag `uaccess`
+_PLAIN = re.compile(r"[A-Za-z0-9._:-]{1,126}", re.ASCII)  # nothing that means something in a rule
+_HEAD = f"""\
+# {RULES}: who may use the servo board.
+# To install it:
+#   servolink doctor --print-udev | sudo tee {RULES}
+#   sudo udevadm control --reload && sudo udevadm trigger
+# then unplug the board and plug it in again.
+#
+# `uaccess` gives it to whoever sits at this machine; the group to those who come over the network or to services.
+# ModemManager is told to keep away: it would write to the board when it is plugged in.
+"""
+
+
+def rules(facts: SystemFacts, devices: Iterable[UsbDevice]) -> str:
+    """Return the text of the rules file for `devices`."""
+    group = next((name for name in SERIAL_GROUPS if facts.members(name) is not None), "")
+    access = 'TAG+="uaccess"' + (f', MODE="0660", GROUP="{group}"' if group else "")
+    parts = {_rules_for(device, access) for device in devices}
+    return "\n".join([_HEAD, *sorted(parts)])
+
+
+def is_installed(facts: SystemFacts) -> bool:
+    """Tell whether our rules are there."""
+    return bool(facts.text(RULES))
+
+
+def check_order(facts: SystemFacts, device: UsbDevice | None) -> Iterator[Finding]:
+    """Find rules for `device` that come too late for their tag."""
+    if device is None:
+        return
+    for folder in _FOLDERS[:2]:
+        for name in facts.names(folder):
+            text = facts.text(f"{folder}/{name}")
+            if name > _TOO_LATE and "uaccess" in text and f'"{device.vendor_id:04x}"' in text.lower():
+                path = printable(f"{folder}/{name}")
+                yield Finding(
+                    "udev",
+                    f"{path} tags this board with uaccess",
+                    f"it has no effect: the system acts on that tag in {_TOO_LATE}, which comes before it",
+                    f"sudo mv {path} {RULES}\nsudo udevadm control --reload && sudo udevadm trigger",
+                )
+
+
+def rule_named(facts: SystemFacts, word: str) -> str:
+    """Return the path of the first rules file with `word` in its name; empty if there is none."""
+    paths = (f"{folder}/{name}" for folder in _FOLDERS for name in facts.names(folder) if word in name)
+    return next((path for path in paths if facts.link(path) != "/dev/null"), "")
+
+
+def _rules_for(device: UsbDevice, access: str) -> str:
+    """Return the rules for one device; never the words of its own that could change their meaning."""
+    chip = ADAPTERS.get((device.vendor_id, device.product_id))
+    number = device.serial_number if _PLAIN.fullmatch(device.serial_number) else ""
+    ids = f'ATTRS{{idVendor}}=="{device.vendor_id:04x}", ATTRS{{idProduct}}=="{device.product_id:04x}"'
+    name = re.sub(r"[^A-Za-z0-9 ._()/-]", "?", device.product) or "a board"
+    lines = [f"# {name} ({device.vendor_id:04x}:{device.product_id:04x})"]
+    mark = ""
+    if chip and number:
+        ids += f', ATTRS{{serial}}=="{number}"'
+        lines.append(f"# {chip} adapters are in many devices: this is the one with serial number {number}.")
+    elif chip:
+        lines.append(f"# {chip} adapters are in many devices, and this one has no serial number to tell it by.")
+        lines.append("# Remove the # before the lines below to let all of them be used.")
+        mark = "#"
+    lines.append(f'{mark}SUBSYSTEM=="tty", {ids}, {access}, ENV{{ID_MM_DEVICE_IGNORE}}="1"')
+    lines.append(f'{mark}SUBSYSTEM=="hidraw", {ids}, {access}')
+    own = ids.replace("ATTRS{", "ATTR{")
+    lines.append(
+        f'{mark}SUBSYSTEM=="usb", ENV{{DEVTYPE}}=="usb_device", {own}, {access}, ENV{{ID_MM_DEVICE_IGNORE}}="1"'
+    )
+    if chip == "FTDI":
+        lines.append("# Answers after 1 ms instead of 16.")
+        lines.append(
+            f'{mark}ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", {ids}, ATTR{{latency_timer}}="1"'
+        )
+    return "\n".join(lines) + "\n"
+
 
 _GROUP_MAY = 0o060
 

@@ -8,9 +8,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta, Struct
 
-from servolink.protocol.editing import Action, Macro, ServoParameter
-from servolink.protocol.fields import I32
-from servolink.protocol.joystick import JoystickTable
+from servolink.protocol.packet import I32
+from servolink.protocol.records import Action, JoystickTable, Macro, ServoParameter
 
 UNFINISHED = range(0x7A00_0000, 0x7A10_0000)
 """Project ids that mean "an import is under way"; the number within says which (see `journal`)."""
@@ -48,7 +47,7 @@ class Project(Struct, frozen=True, forbid_unknown_fields=True):
         active: JoystickTable | None = None,
     ) -> Project:
         """Return this project with more in it, as `of` does; what it has already is not added again."""
-        from servolink.project.edits.build import with_parts
+        from servolink.project.build import with_parts
 
         return with_parts(self, parts, captions or {}, active)
 

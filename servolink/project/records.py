@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Callable, Container, Iterator, Mapping
-from itertools import count
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from contextlib import suppress
+from graphlib import CycleError, TopologicalSorter
+from itertools import chain, count
 from typing import Any
 
 import msgspec
 
 from servolink.errors import ProjectError
-from servolink.printable import printable, shown
-from servolink.project.kinds import ACTION, KINDS, MACRO, Kind
-from servolink.project.model import Project
-from servolink.protocol.editing import Macro, MacroCommand, ServoParameter
-from servolink.protocol.joystick import JoystickTable
+from servolink.escaping import printable, shown
+from servolink.project.model import Project, telling
+from servolink.protocol.editing import AddServoParameterRequest
+from servolink.protocol.layout import layout
+from servolink.protocol.packet import Packet
+from servolink.protocol.record_types import ACTION, KINDS, MACRO, Kind, Record
+from servolink.protocol.records import Action, JoystickTable, Macro, MacroCommand, ServoParameter
 
 _BY_TYPE = {0: ACTION, 2: MACRO}
 """What a macro's command calls; type 1 is a delay."""
@@ -97,3 +102,126 @@ def _command(command: MacroCommand, instead: Callable[[Kind, int], int]) -> Macr
     if command.type not in _BY_TYPE:
         return command
     return msgspec.structs.replace(command, command_id=instead(_BY_TYPE[command.type], command.command_id))
+
+
+def stored_size(record: Record | ServoParameter) -> int:
+    """Return the bytes that `record` has on the wire, which is what a board is taken to store: 38 + 5n for an action.
+
+    Boards may keep a little more or less for it; none says.
+    """
+    if isinstance(record, ServoParameter):
+        return layout(AddServoParameterRequest, "little").rule.unit
+    adding: type[Packet] = next(kind.adding for kind in KINDS if isinstance(record, kind.record))
+    rule = layout(adding, "little").rule
+    return rule.base + rule.unit * len(getattr(record, record.__struct_fields__[-1]))
+
+
+def total_size(project: Project) -> int:
+    """Return the bytes of everything in `project` that is stored, ids and the choice of a table left out."""
+    records: Iterable[Record | ServoParameter] = chain(
+        telling(project.servo_parameters), project.actions, project.macros, project.joystick_tables
+    )
+    return sum(stored_size(record) for record in records)
+
+
+LONGEST = 0x7FFF_FFFF
+"""Milliseconds that `total_interval` can say, nearly 25 days."""
+
+
+def callees_first(macros: Mapping[int, Macro]) -> list[int]:
+    """Return the ids of macros, each behind those that it calls; without those that never end."""
+    sorter = TopologicalSorter(
+        {
+            macro_id: {called for kind, called in calls(macro) if kind is MACRO and called in macros}
+            for macro_id, macro in macros.items()
+        }
+    )
+    with suppress(CycleError):  # what leads to no cycle is given all the same
+        sorter.prepare()
+    found: list[int] = []
+    while ready := sorter.get_ready():
+        found += ready
+        sorter.done(*ready)
+    return found
+
+
+def times(project: Project) -> dict[int, tuple[int | None, ...]]:
+    """Return, by macro, how many milliseconds each command takes with its ratio and loops: its `total_interval`.
+
+    None: it cannot be known, because it calls what is not there or never ends, or is longer than `LONGEST`.
+    """
+    actions, macros = ACTION.of(project), MACRO.of(project)
+    found: dict[int, tuple[int | None, ...]] = {
+        macro_id: (None,) * len(macro.commands) for macro_id, macro in macros.items()
+    }
+    whole: dict[int, int | None] = {}
+    for macro_id in callees_first(macros):
+        each = tuple(_time(command, actions, whole) for command in macros[macro_id].commands)
+        found[macro_id] = each
+        known = [time for time in each if time is not None]
+        whole[macro_id] = sum(known) if len(known) == len(each) else None
+    return found
+
+
+def wrong_times(project: Project) -> Iterator[tuple[int, int, int]]:
+    """Yield which macro and which of its commands, both from 0, says another time than it takes, and what it takes.
+
+    Another is one that is more than 10 ms and more than 1 % off: programs differ in how they round.
+    """
+    found, macros = times(project), MACRO.of(project)
+    for at, macro in enumerate(project.macros):
+        if macros[macro.macro_id] is not macro:
+            continue  # its id is there twice, so nobody knows which one is called
+        for number, (command, takes) in enumerate(zip(macro.commands, found[macro.macro_id], strict=True)):
+            if takes is not None and abs(command.total_interval - takes) > max(10, takes // 100):
+                yield at, number, takes
+
+
+def _time(command: MacroCommand, actions: Mapping[int, Action], macros: Mapping[int, int | None]) -> int | None:
+    once = _once(command, actions, macros)
+    if once is None or once < 0 or command.loop < 0 or command.ratio <= 0:
+        return None
+    half_up = (once * command.loop * 200 + command.ratio) // (2 * command.ratio)
+    return half_up if half_up <= LONGEST else None
+
+
+def _once(command: MacroCommand, actions: Mapping[int, Action], macros: Mapping[int, int | None]) -> int | None:
+    """Return the milliseconds at full speed."""
+    match command.type:
+        case 0:
+            action = actions.get(command.command_id)
+            return None if action is None else 10 * max((step.interval for step in action.steps), default=0)
+        case 1:
+            return command.command_id
+        case 2:
+            return macros.get(command.command_id)
+        case _:
+            return None
+
+
+_NUMBERED = re.compile(r"(?:([a-z]+):)?([0-9]{1,10})", re.ASCII)
+
+
+def find(project: Project, name: str, kinds: Iterable[Kind]) -> Any:
+    """Return the record that `name` means: a caption, an id, or an id behind its kind, as in `action:3`.
+
+    ProjectError if there is none, or more than one.
+    """
+    kinds = tuple(kinds)
+    numbered = _NUMBERED.fullmatch(name)
+    word, number = (numbered[1] or "", int(numbered[2])) if numbered else ("", -1)
+    records = [(kind, record) for kind in kinds for record in getattr(project, kind.plural)]
+    found = [
+        record
+        for kind, record in records
+        if kind.caption_of(record) == name or (kind.id_of(record) == number and word in ("", kind.word.split()[-1]))
+    ]
+    if not found:
+        found = [record for kind, record in records if kind.caption_of(record).casefold() == name.casefold()]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise ProjectError(f"'{printable(name)}' may be {' or '.join(map(named, found))}: write it as in action:3")
+    words = " or ".join(kind.word for kind in kinds)
+    there = ", ".join(named(record) for _, record in records[:10]) + (", ..." if len(records) > 10 else "")
+    raise ProjectError(f"there is no {words} '{printable(name)}'; there is {there or 'none at all'}")

@@ -8,7 +8,7 @@ import unicodedata
 from collections.abc import Sequence
 
 from servolink.errors import EncodeError
-from servolink.printable import printable, shown
+from servolink.escaping import printable, shown
 from servolink.protocol.frame import MAGIC
 
 CAPTION_SIZE = 32

@@ -2,12 +2,30 @@
 
 from __future__ import annotations
 
+import msgspec
+
 from servolink.errors import DecodeError
+from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.caption import check_encoding
 from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, OVERHEAD, ByteOrder, checksum, encode_frame
 from servolink.protocol.layout import Decoder, layout
-from servolink.protocol.packet import Packet
-from servolink.protocol.registry import PACKETS
+from servolink.protocol.packet import Packet, Request, Response
+
+PACKETS: dict[int, type[Packet]] = {
+    declared.packet_id: declared
+    for chapter in (settings, servos, editing, joystick)
+    for declared in vars(chapter).values()
+    if isinstance(declared, type) and issubclass(declared, Packet) and hasattr(declared, "packet_id")
+}
+"""Every packet class of the document, by packet id."""
+
+PACKETS_BY_NAME: dict[str, type[Packet]] = {declared.__name__: declared for declared in PACKETS.values()}
+"""Every packet class of the document, by its name there."""
+
+
+def response_class(request: Request[Response]) -> type[Packet]:
+    """Return the class of the answer to `request`: the packet whose id is one higher."""
+    return PACKETS[request.packet_id + 1]
 
 
 class Codec:
@@ -60,3 +78,12 @@ class Codec:
             return self.decode(packet_id, data[HEADER_SIZE:-1])
         except DecodeError as error:
             raise DecodeError(str(error), data) from None
+
+
+def in_range(packet: Packet) -> bool:
+    """Tell whether all values of `packet` are allowed by its declaration; decoding lets everything pass."""
+    try:
+        msgspec.convert(msgspec.to_builtins(packet), type(packet))
+    except msgspec.ValidationError:
+        return False
+    return True

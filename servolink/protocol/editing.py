@@ -2,95 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated, ClassVar
 
-from msgspec import Meta, Struct
-
-from servolink.errors import EncodeError
-from servolink.printable import shown
-from servolink.protocol.called import Called
-from servolink.protocol.fields import I16, I32, U8, U16_COUNT, Caption, CommandType, Natural16, Natural32, Percent
-from servolink.protocol.packet import Query, Request, Response, Result
-from servolink.protocol.servos import Step
-
-
-class ActionEntry(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """An action in the list of actions."""
-
-    action_id: I32
-    action_caption: Caption
-
-
-class Action(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """A stored pose: all steps start together, the action lasts as long as its longest step."""
-
-    action_id: Annotated[I32, Meta(description="0 in an answer: no such action")]
-    action_caption: Caption = ""
-    steps: Annotated[tuple[Step, ...], U16_COUNT] = ()
-
-    @staticmethod
-    def pose(caption: str, degrees: Mapping[int, int], *, seconds: float = 1.0, action_id: int = 0) -> Action:
-        """Return the action that brings servos to angles, all in `seconds` (0 to 327.67, to 0.01 s).
-
-        Without an id it gets one in a `Project.of`. EncodeError for a time that is not possible.
-        """
-        interval = _whole(seconds, 100, 0x7FFF)
-        return Action(action_id, caption, tuple(Step(servo_id, angle, interval) for servo_id, angle in degrees.items()))
-
-
-class MacroEntry(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """A macro in the list of macros."""
-
-    macro_id: I32
-    macro_caption: Caption
-
-
-class MacroCommand(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """One command of a macro: run an action, wait, or run another macro."""
-
-    command_id: Annotated[I32, Meta(description="action id, delay in ms, or macro id, as `type` says")]
-    type: Annotated[CommandType, Meta(description="0 action, 1 delay, 2 macro")] = 0
-    ratio: Annotated[Percent, Meta(description="speed in percent; at 50 it takes twice as long")] = 100
-    loop: Annotated[Natural16, Meta(description="how many times")] = 1
-    total_interval: Annotated[Natural32, Meta(description="time of the whole command with its loops, ms")] = 0
-
-    @staticmethod
-    def of(part: Action | Macro | float, *, ratio: int = 100, loop: int = 1) -> MacroCommand:
-        """Return the command that runs an action or a macro, or waits for so many seconds (to 0.001 s).
-
-        Its `total_interval` is filled in by `Project.of`. EncodeError for a pause that is not possible.
-        """
-        if isinstance(part, Action):
-            return MacroCommand(Called.of(part), 0, ratio, loop)
-        if isinstance(part, Macro):
-            return MacroCommand(Called.of(part), 2, ratio, loop)
-        return MacroCommand(_whole(part, 1000, 0x7FFF_FFFF), 1, ratio, loop)
-
-
-class Macro(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """A stored sequence of commands, run one after the other."""
-
-    macro_id: Annotated[I32, Meta(description="0 in an answer: no such macro")]
-    macro_caption: Caption = ""
-    commands: Annotated[tuple[MacroCommand, ...], U16_COUNT] = ()
-
-    @staticmethod
-    def of(caption: str, *parts: Action | Macro | MacroCommand | float, loop: int = 1, macro_id: int = 0) -> Macro:
-        """Return the macro that does `parts` one after the other, a number being a pause in seconds, `loop` times.
-
-        Without an id it gets one in a `Project.of`. EncodeError for a pause that is not possible.
-        """
-        commands = tuple(part if isinstance(part, MacroCommand) else MacroCommand.of(part) for part in parts)
-        return Macro(macro_id, caption, commands * loop)
-
-
-class ServoParameter(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """The name and the angle correction stored for one servo."""
-
-    servo_id: U8
-    adjusted_degree: Annotated[I16, Meta(description="angle correction, degrees")] = 0
-    servo_caption: Caption = ""
+from servolink.protocol.packet import (
+    I32,
+    U16_COUNT,
+    Query,
+    Request,
+    Response,
+    Result,
+)
+from servolink.protocol.records import Action, ActionEntry, Macro, MacroEntry, ServoParameter
 
 
 class QueryActionListResponse(Response, frozen=True, gc=False):
@@ -286,10 +208,3 @@ class QueryProjectIDRequest(Query[QueryProjectIDResponse], frozen=True, gc=False
 
     packet_id: ClassVar[int] = 30130
     section: ClassVar[str] = "3.3.13.1"
-
-
-def _whole(seconds: float, units: int, most: int) -> int:
-    """Return a time in units of which a second has so many."""
-    if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 <= seconds * units <= most:
-        raise EncodeError(f"{shown(seconds)} is no time of 0..{most / units:g} s")
-    return round(seconds * units)

@@ -6,7 +6,60 @@ from struct import Struct
 from typing import Literal
 from zlib import adler32
 
-from servolink.protocol.sums import content_sum, piecewise
+_MOST_BLOCKS = 4096  # of which running sums are kept: 1 MiB of stream
+
+
+def content_sum(content: bytes, pieces: Struct | None) -> int:
+    """Return the sum of `content`, right in its low 8 bits, eight times as fast as `sum`.
+
+    The low half of an Adler-32 is one plus the sum of the bytes, exact up to 256 bytes; longer content is
+    cut by `pieces`, the struct of `piecewise`. The high halves are multiples of 65,536 and fall away.
+    """
+    if pieces is None:
+        return adler32(content) - 1
+    cut = pieces.unpack(content)
+    return sum(map(adler32, cut)) - len(cut)
+
+
+def piecewise(size: int) -> Struct | None:
+    """Return the struct that cuts `size` bytes into pieces of 256, None where one piece is enough."""
+    if size <= 256:
+        return None
+    whole, rest = divmod(size, 256)
+    return Struct("256s" * whole + (f"{rest}s" if rest else ""))
+
+
+class BlockSums:
+    """Sums of long spans of a moving buffer, from running sums of 256-byte blocks that are taken once."""
+
+    def __init__(self) -> None:
+        """Begin at the start of a stream."""
+        self._origin = 0  # stream offset of the buffer's first byte
+        self._first = 0  # the block at which the running sums begin
+        self._running = [0]
+
+    def move(self, by: int) -> None:
+        """Note that the buffer now begins `by` bytes further on in the stream."""
+        self._origin += by
+
+    def sum(self, data: bytes, start: int, end: int) -> int:
+        """Return the sum of `data[start:end]`, right in its low 8 bits."""
+        first = -(-(self._origin + start) // 256)
+        last = (self._origin + end) // 256
+        head = adler32(data[start : first * 256 - self._origin]) - 1
+        tail = adler32(data[last * 256 - self._origin : end]) - 1
+        return head + self._blocks(data, first, last) + tail
+
+    def _blocks(self, data: bytes, first: int, last: int) -> int:
+        running = self._running
+        if not 0 <= first - self._first < len(running) or len(running) > _MOST_BLOCKS:
+            running = self._running = [0]
+            self._first = first
+        for block in range(self._first + len(running) - 1, last):
+            offset = block * 256 - self._origin
+            running.append(running[-1] + adler32(data[offset : offset + 256]) - 1)
+        return running[last - self._first] - running[first - self._first]
+
 
 ByteOrder = Literal["little", "big"]
 Frame = tuple[int, bytes]

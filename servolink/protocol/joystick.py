@@ -4,69 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar
 
-from msgspec import Meta, Struct
+from msgspec import Meta
 
-from servolink.errors import EncodeError
-from servolink.printable import shown
-from servolink.protocol.called import Called
-from servolink.protocol.editing import Macro
-from servolink.protocol.fields import I32, U8, U16_COUNT, U32, Caption, Flag
-from servolink.protocol.packet import Query, Request, Response, Result
-
-_NO_MACRO = Meta(description="macro id; 0 for none")
-
-
-class JoystickTableEntry(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """A table in the list of joystick tables."""
-
-    table_id: I32
-    table_caption: Caption
-
-
-class Button(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """What one button starts."""
-
-    button_id: U32
-    button_caption: Caption = ""
-    button_press_macro: Annotated[I32, _NO_MACRO] = 0
-    button_long_press_macro: Annotated[I32, _NO_MACRO] = 0
-    button_up_macro: Annotated[I32, _NO_MACRO] = 0
-    uninterruptible: Annotated[
-        Flag, Meta(description="1: the long-press macro runs to its end before the button-up macro")
-    ] = 0
-
-    @staticmethod
-    def of(
-        button_id: int,
-        caption: str = "",
-        *,
-        press: Macro | None = None,
-        long_press: Macro | None = None,
-        up: Macro | None = None,
-        uninterruptible: bool = False,
-    ) -> Button:
-        """Return the button that starts these macros; EncodeError for what is no macro."""
-        return Button(
-            button_id,
-            caption,
-            _started(press, "press"),
-            _started(long_press, "long_press"),
-            _started(up, "up"),
-            int(uninterruptible),
-        )
-
-
-class JoystickTable(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """A stored assignment of macros to buttons."""
-
-    table_id: Annotated[I32, Meta(description="0 in an answer: no such table")]
-    table_caption: Caption = ""
-    buttons: Annotated[tuple[Button, ...], U16_COUNT] = ()
-
-    @staticmethod
-    def of(caption: str, *buttons: Button, table_id: int = 0) -> JoystickTable:
-        """Return the table of `buttons`; without an id it gets one in a `Project.of`."""
-        return JoystickTable(table_id, caption, buttons)
+from servolink.protocol.packet import I32, U8, U16_COUNT, U32, Flag, Query, Request, Response, Result
+from servolink.protocol.records import JoystickTable, JoystickTableEntry
 
 
 class QueryJoystickTableListResponse(Response, frozen=True, gc=False):
@@ -190,11 +131,3 @@ class ButtonEventResponse(Response, frozen=True, gc=False):
     def kind(self) -> str:
         """The event in words: `press`, `long_press`, `up`, or `event N` for a number the document does not name."""
         return {PRESS: "press", LONG_PRESS: "long_press", UP: "up"}.get(self.event, f"event {self.event}")
-
-
-def _started(macro: object, name: str) -> int:
-    if macro is None:
-        return 0
-    if not isinstance(macro, Macro):
-        raise EncodeError(f"{name}: buttons start macros, and {shown(macro)} is none; Macro.of(caption, ...) makes one")
-    return Called.of(macro)

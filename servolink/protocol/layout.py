@@ -16,10 +16,8 @@ from msgspec import Struct as Record
 from msgspec.structs import astuple
 
 from servolink.errors import DecodeError, EncodeError
-from servolink.protocol.declaration import bare, counted, group, value, wire_range
-from servolink.protocol.fields import Counted
 from servolink.protocol.frame import MAX_CONTENT, ByteOrder
-from servolink.protocol.packet import Packet, Response
+from servolink.protocol.packet import Counted, Packet, Response, bare, counted, group, value, wire_range
 from servolink.protocol.row import Row, Writing
 
 Decoder = Callable[[bytes, str], Packet]

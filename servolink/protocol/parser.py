@@ -18,20 +18,21 @@ from struct import Struct
 from typing import Literal, cast
 from zlib import adler32
 
-from servolink.protocol import compiled
+from servolink.protocol import speedups as compiled
+from servolink.protocol.codec import PACKETS
 from servolink.protocol.frame import (
     HEADER,
     HEADER_SIZE,
     MAGIC,
     MAX_CONTENT,
     OVERHEAD,
+    BlockSums,
     ByteOrder,
     Frame,
     encode_frame,
+    piecewise,
 )
 from servolink.protocol.layout import layout
-from servolink.protocol.registry import PACKETS
-from servolink.protocol.sums import BlockSums, piecewise
 
 REASONS = ("padding", "noise", "unknown id", "length", "checksum", "incomplete")
 PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE = REASONS

@@ -14,9 +14,9 @@ from msgspec import Struct as Record
 from msgspec.structs import astuple
 
 from servolink.errors import EncodeError
-from servolink.protocol import compiled
+from servolink.protocol import speedups as compiled
 from servolink.protocol.caption import decode_caption, decode_captions, encode_caption, encode_captions
-from servolink.protocol.declaration import Value
+from servolink.protocol.packet import Value
 
 Reader = Callable[[bytes, int, str], tuple[Any, ...]]
 """Content, where its rows begin, and the encoding of captions to a group."""

@@ -6,8 +6,8 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta, Struct
 
-from servolink.protocol.fields import I16, I32, U8, U8_COUNT, Flag, Natural16
-from servolink.protocol.packet import Command, Query, Request, Response
+from servolink.protocol.packet import I16, I32, U8, U8_COUNT, Command, Flag, Query, Request, Response
+from servolink.protocol.records import Step
 
 ALL_SERVOS = 0xFF
 """The servo id that means every servo, in requests that allow it."""
@@ -23,14 +23,6 @@ class ServoState(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     servo_type: Annotated[I16, Meta(description="kind of servo, numbered by the board")]
     is_start: Annotated[U8, Meta(description="0 stopped, 1 may move")]
     is_hold: Annotated[U8, Meta(description="0 released, 1 held")]
-
-
-class Step(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """One servo's part of a movement: where it goes and how long it takes."""
-
-    servo_id: U8
-    degree: Annotated[I16, Meta(description="target, degrees or raw ADC, as set for this servo")]
-    interval: Annotated[Natural16, Meta(description="time, in units of 10 ms")]
 
 
 class QueryServoListResponse(Response, frozen=True, gc=False):

@@ -6,8 +6,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from servolink.protocol.fields import U8, Data, Flag, Natural16, Natural32
-from servolink.protocol.packet import Command, Query, Request, Response, Result
+from servolink.protocol.packet import U8, Command, Data, Flag, Natural16, Natural32, Query, Request, Response, Result
 
 
 class TransmissionModeSettingResponse(Response, frozen=True, gc=False):

@@ -9,13 +9,29 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 
 from servolink.errors import OpenError
-from servolink.printable import printable
+from servolink.escaping import printable
 from servolink.transports.address import Address
-from servolink.transports.device import DeviceTransport
-from servolink.transports.hid_devices import LIBRARY_LOCK, Handle, HidApi, HidInterface, boards, load
-from servolink.transports.permission import UDEV_CURE
-from servolink.transports.reports import VENDOR_PAGES, Report, Way, cut, declared
-from servolink.transports.usb_id import UsbId, only
+from servolink.transports.device_info import UDEV_CURE, UsbId, only
+from servolink.transports.hid_devices import (
+    LIBRARY_LOCK,
+    VENDOR_PAGES,
+    Handle,
+    HidApi,
+    HidInterface,
+    Report,
+    Way,
+    boards,
+    declared,
+    load,
+)
+from servolink.transports.threaded import DeviceTransport
+
+
+def cut(frame: bytes, report_id: int, size: int) -> Iterator[bytes]:
+    """Yield the reports that carry `frame`: each with its id in front, also when that is 0, and filled with zeros."""
+    for start in range(0, len(frame), size):
+        yield bytes([report_id]) + frame[start : start + size].ljust(size, b"\0")
+
 
 _READ_LIMIT = 100  # milliseconds; without a limit nothing but the device ends a read
 _USUAL_SIZE = 64

@@ -7,7 +7,7 @@ from collections import deque
 from weakref import WeakKeyDictionary
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.printable import printable
+from servolink.escaping import printable
 from servolink.transports.address import Address
 from servolink.transports.base import Receiver
 

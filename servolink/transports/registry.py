@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
 
 from servolink.errors import TransportError, TransportUnavailable
-from servolink.printable import printable
+from servolink.escaping import printable
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
 
@@ -28,11 +28,11 @@ class _Kind(NamedTuple):
 
 _KINDS = {
     "serial": _Kind("servolink.transports.serial", "from_address", "pyserial-asyncio"),
-    "tcp": _Kind("servolink.transports.tcp", "from_address"),
+    "tcp": _Kind("servolink.transports.stream", "from_address"),
     "hid": _Kind("servolink.transports.hid", "from_address", "hidapi"),
     "usb": _Kind("servolink.transports.usb", "from_address", "pyusb libusb-package"),
     "memory": _Kind("servolink.transports.memory", "from_address"),
-    "replay": _Kind("servolink.transports.replay", "from_address"),
+    "replay": _Kind("servolink.transports.recording", "from_address"),
     "virtual": _Kind("servolink.virtual.transport", "from_address"),
 }
 

@@ -14,7 +14,7 @@ import serial  # type: ignore[import-untyped]
 import serial_asyncio  # type: ignore[import-untyped]
 
 from servolink.errors import OpenError
-from servolink.printable import printable
+from servolink.escaping import printable
 from servolink.transports.address import Address
 from servolink.transports.serial_ports import present
 from servolink.transports.stream import StreamTransport

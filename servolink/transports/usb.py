@@ -12,12 +12,11 @@ import usb.core  # type: ignore[import-untyped]
 import usb.util  # type: ignore[import-untyped]
 
 from servolink.errors import OpenError
-from servolink.printable import printable
+from servolink.escaping import printable
 from servolink.transports.address import Address
-from servolink.transports.device import DeviceTransport
-from servolink.transports.permission import UDEV_CURE
+from servolink.transports.device_info import UDEV_CURE, UsbId, only
+from servolink.transports.threaded import DeviceTransport
 from servolink.transports.usb_devices import Endpoints, UsbInterface, backend, boards
-from servolink.transports.usb_id import UsbId, only
 
 _TRANSFER_LIMIT = 250  # milliseconds; transfers that are broken off sooner have lost packets on some systems
 _WRITE_SIZE = 16384

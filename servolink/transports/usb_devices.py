@@ -12,10 +12,8 @@ import usb.core  # type: ignore[import-untyped]
 import usb.util  # type: ignore[import-untyped]
 
 from servolink.errors import TransportUnavailable
-from servolink.printable import printable
-from servolink.transports.candidate import Candidate
-from servolink.transports.permission import UDEV_CURE, may_use
-from servolink.transports.usb_id import UsbId, url_of
+from servolink.escaping import printable
+from servolink.transports.device_info import UDEV_CURE, Candidate, UsbId, may_use, url_of
 
 _DESCRIPTIONS = Path("/sys/bus/usb/devices")
 _NODES = Path("/dev/bus/usb")

@@ -15,12 +15,11 @@ from servolink.protocol.frame import encode_frame
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.settings import TransmissionModeSettingRequest
-from servolink.virtual.answers import ANSWERS, Asked
 from servolink.virtual.buttons import Buttons
+from servolink.virtual.handlers import ANSWERS, Asked
 from servolink.virtual.player import Player
 from servolink.virtual.servo import Servo
-from servolink.virtual.storage import Add, Clear, Contents, Storage
-from servolink.virtual.tearing import tear
+from servolink.virtual.storage import Add, Clear, Contents, Storage, tear
 
 MEMORY = 64 * 1024
 MOST_SERVOS = 254

@@ -6,15 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from servolink.protocol.codec import Codec
-from servolink.protocol.joystick import (
-    LONG_PRESS,
-    PRESS,
-    UP,
-    AddJoystickTableRequest,
-    Button,
-    ButtonEventResponse,
-    JoystickTable,
-)
+from servolink.protocol.joystick import LONG_PRESS, PRESS, UP, AddJoystickTableRequest, ButtonEventResponse
+from servolink.protocol.records import Button, JoystickTable
 from servolink.virtual.player import Player
 from servolink.virtual.storage import Kind, Storage
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field
 
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import Action, AddActionRequest, AddMacroRequest, Macro, MacroCommand
-from servolink.protocol.servos import Step
-from servolink.virtual.ranges import in_range
+from servolink.protocol.codec import Codec, in_range
+from servolink.protocol.editing import AddActionRequest, AddMacroRequest
+from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from servolink.virtual.servo import Servo
 from servolink.virtual.storage import Kind, Storage
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from servolink.printable import printable
+from servolink.escaping import printable
 from servolink.virtual.buttons import LONG_PRESS_AFTER
 
 SHORT = 0.1
@@ -81,3 +81,23 @@ def _deeds(words: list[str]) -> tuple[Sequence[Deed], int]:
         return [Push(float(at), int(servo_id), int(degree))], _MOST_SERVOS
     at, word, button = words
     return presses(float(at), word, int(button)), _HIGHEST_ID
+
+
+HELP = "keys: 0-9 press that button, l then 0-9 hold it for a long press, Ctrl-C ends"
+
+
+class Keys:
+    """Turns typed characters into button changes."""
+
+    def __init__(self) -> None:
+        """Begin with no `l` typed."""
+        self._word = "press"
+
+    def typed(self, text: str) -> list[ButtonChange]:
+        """Return what `text` does, in seconds from now; other keys do nothing."""
+        changes: list[ButtonChange] = []
+        for key in text:
+            if key in "0123456789":
+                changes += presses(0.0, self._word, int(key))
+            self._word = "long" if key == "l" else "press"
+        return changes

@@ -7,16 +7,51 @@ from pathlib import Path
 from typing import cast
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.printable import printable
+from servolink.escaping import printable
 from servolink.protocol.codec import Codec
 from servolink.transports.address import Address
 from servolink.transports.base import Receiver
-from servolink.transports.faults import Faults
-from servolink.transports.faulty import FaultyTransport
+from servolink.transports.faults import Faults, FaultyTransport
 from servolink.virtual.board import MEMORY, MOST_SERVOS, Session, VirtualBoard
-from servolink.virtual.pacemaker import Pacemaker
-from servolink.virtual.state import load_state, save_state
+from servolink.virtual.state_file import load_state, save_state
 from servolink.virtual.storage import ADDS, CLEARS, Add, Clear
+
+
+class Pacemaker:
+    """Wakes a board whenever it has something to do by itself; several for one board do no harm."""
+
+    def __init__(self, board: VirtualBoard) -> None:
+        """Begin at once, on the running loop, until `stop`."""
+        self._board = board
+        self._loop = asyncio.get_running_loop()
+        self._timer: asyncio.TimerHandle | None = None
+        board.advance(self._loop.time())
+        board.watch(self._set)
+        self._set()
+
+    def stop(self) -> None:
+        """Leave the board to itself."""
+        self._board.unwatch(self._set)
+        self._clear()
+
+    def _set(self) -> None:
+        due = self._board.next_due(self._loop.time())
+        if self._timer is not None and self._timer.when() == due:
+            return
+        self._clear()
+        if due is not None:
+            self._timer = self._loop.call_at(due, self._beat, due)
+
+    def _beat(self, due: float) -> None:
+        self._timer = None
+        # Timers may fire a little early; the board must not find that nothing is due yet.
+        self._board.advance(max(due, self._loop.time()))
+        self._set()
+
+    def _clear(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
 
 def from_address(address: Address) -> VirtualTransport | FaultyVirtualTransport:

@@ -10,9 +10,7 @@ import pytest
 from servolink.client.board import Board as ClientBoard
 from servolink.client.connect import connect
 from servolink.errors import OutcomeUnknown
-from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
-from servolink.protocol.joystick import Button, JoystickTable
-from servolink.protocol.servos import Step
+from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from tests.cli.conftest import Addresses
 from tests.cli.programs import Said, call, in_terminal, program, started
 

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from servolink.cli import demo
-from servolink.cli.demo import stage
-from servolink.cli.demo.line import FaultyLine
-from servolink.cli.demo.steps import STEPS
+from servolink.cli import demo_stage as stage
+from servolink.cli.demo import STEPS
+from servolink.cli.demo_stage import FaultyLine
 from servolink.transports.memory import MemoryTransport
 from tests import processes
 from tests.cli.programs import Said, call, environment, in_terminal, program

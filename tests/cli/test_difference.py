@@ -7,15 +7,13 @@ from typing import Any
 
 import pytest
 
-from servolink.cli import difference
-from servolink.cli.difference import lines_of
+from servolink.cli import records as difference
 from servolink.cli.plan import plan_object, print_plan
-from servolink.project.imports.compare import compare
-from servolink.project.imports.results import Change, Plan
+from servolink.cli.records import lines_of
 from servolink.project.model import UNFINISHED, Project
-from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
-from servolink.protocol.joystick import Button, JoystickTable
-from servolink.protocol.servos import Step
+from servolink.project.transfer.plan import compare
+from servolink.project.transfer.results import Change, Plan
+from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 
 OLD = Project(
     UNFINISHED.start + 7,

@@ -10,11 +10,9 @@ from pathlib import Path
 import pytest
 
 from servolink.client.connect import connect
-from servolink.project.files.file import load_project, save_project
 from servolink.project.model import UNFINISHED, Project
-from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
-from servolink.protocol.joystick import Button, JoystickTable
-from servolink.protocol.servos import Step
+from servolink.project.project_file import load_project, save_project
+from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from tests.cli.conftest import Addresses
 from tests.cli.programs import Said, call, finished, in_terminal, started
 

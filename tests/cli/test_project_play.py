@@ -9,12 +9,11 @@ import pytest
 
 from servolink.cli.output import text_width
 from servolink.cli.project import play
-from servolink.cli.project.chart import chart
-from servolink.project.files.file import save_project
+from servolink.cli.project.play import chart
 from servolink.project.model import Project
-from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
-from servolink.protocol.servos import Step
-from servolink.virtual.rehearsal import Move, Timeline
+from servolink.project.project_file import save_project
+from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
+from servolink.virtual.dry_run import Move, Timeline
 from tests.cli.programs import call, in_terminal
 from tests.project.projects import HUMANOID
 

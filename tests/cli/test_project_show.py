@@ -8,12 +8,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from servolink.project.files.file import save_project
 from servolink.project.model import Project
-from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
-from servolink.protocol.joystick import Button, JoystickTable
+from servolink.project.project_file import save_project
+from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.state import save_state
+from servolink.virtual.state_file import save_state
 from servolink.virtual.storage import Kind
 from tests.cli.programs import call, in_terminal
 from tests.project.projects import HUMANOID

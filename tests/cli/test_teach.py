@@ -16,8 +16,8 @@ from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.teach import _gentle
 from servolink.client.connect import connect
 from servolink.client.servos import Servo
-from servolink.project.files.file import load_project
-from servolink.protocol.editing import Action, Macro
+from servolink.project.project_file import load_project
+from servolink.protocol.records import Action, Macro
 from tests.cli.programs import Said, finished, in_terminal, program, started
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and terminals are those of Unix")

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from servolink.protocol import editing, joystick, servos, settings
+from servolink.protocol import editing, joystick, records, servos, settings
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet, Response, Result
 from servolink.protocol.parser import FrameParser
@@ -110,27 +110,27 @@ _ANSWERS: dict[type[Packet], Callable[[Any, int], Response]] = {
     ),
     servos.SetAngleUnitRequest: lambda request, n: servos.SetAngleUnitResponse(request.servo_id, n % 251),
     editing.QueryActionListRequest: lambda request, n: editing.QueryActionListResponse(
-        tuple(editing.ActionEntry(n + at, "action") for at in range(10))
+        tuple(records.ActionEntry(n + at, "action") for at in range(10))
     ),
     editing.QueryActionRequest: lambda request, n: editing.QueryActionResponse(request.action_id, str(n)),
     editing.AddActionRequest: _result(editing.AddActionResponse),
     editing.DeleteActionRequest: _result(editing.DeleteActionResponse),
-    editing.QueryMacroListRequest: lambda request, n: editing.QueryMacroListResponse((editing.MacroEntry(n, ""),)),
+    editing.QueryMacroListRequest: lambda request, n: editing.QueryMacroListResponse((records.MacroEntry(n, ""),)),
     editing.QueryMacroRequest: lambda request, n: editing.QueryMacroResponse(request.macro_id, str(n)),
     editing.AddMacroRequest: _result(editing.AddMacroResponse),
     editing.DeleteMacroRequest: _result(editing.DeleteMacroResponse),
     editing.ExecuteMacroRequest: _result(editing.ExecuteMacroResponse),
     editing.QueryServoParameterRequest: lambda request, n: editing.QueryServoParameterResponse(
-        (editing.ServoParameter(1, n % 32749, str(n)),)
+        (records.ServoParameter(1, n % 32749, str(n)),)
     ),
     editing.AddServoParameterRequest: _result(editing.AddServoParameterResponse),
     editing.WriteProjectIDRequest: _result(editing.WriteProjectIDResponse),
     editing.QueryProjectIDRequest: lambda request, n: editing.QueryProjectIDResponse(n),
     joystick.QueryJoystickTableListRequest: lambda request, n: joystick.QueryJoystickTableListResponse(
-        (joystick.JoystickTableEntry(n, ""),)
+        (records.JoystickTableEntry(n, ""),)
     ),
     joystick.QueryJoystickTableRequest: lambda request, n: joystick.QueryJoystickTableResponse(
-        request.table_id, str(n), (joystick.Button(n, "fire"),)
+        request.table_id, str(n), (records.Button(n, "fire"),)
     ),
     joystick.AddJoystickTableRequest: _result(joystick.AddJoystickTableResponse),
     joystick.DeleteJoystickTableRequest: _result(joystick.DeleteJoystickTableResponse),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from servolink.errors import OpenError
 from servolink.transports.base import Receiver
-from servolink.transports.wrapper import WrappedTransport
+from servolink.transports.lifecycle import WrappedTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from servolink.client.link import Link
+from servolink.connection.connection import Link
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.frame import HEADER

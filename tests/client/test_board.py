@@ -9,29 +9,23 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.errors import (
-    EncodeError,
-    NotFound,
-    Rejected,
-)
-from servolink.protocol.editing import (
+from servolink.errors import EncodeError, NotFound, Rejected
+from servolink.protocol.codec import PACKETS
+from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
+from servolink.protocol.packet import Command, Packet, Request
+from servolink.protocol.records import (
     Action,
     ActionEntry,
-    Macro,
-    MacroCommand,
-    MacroEntry,
-    QueryProjectIDRequest,
-    QueryProjectIDResponse,
-    ServoParameter,
-)
-from servolink.protocol.joystick import (
     Button,
     JoystickTable,
     JoystickTableEntry,
+    Macro,
+    MacroCommand,
+    MacroEntry,
+    ServoParameter,
+    Step,
 )
-from servolink.protocol.packet import Command, Packet, Request
-from servolink.protocol.registry import PACKETS
-from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest, QueryServoRequest, Step
+from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest, QueryServoRequest
 from servolink.protocol.settings import (
     QueryMemorySizeRequest,
     QueryMemorySizeResponse,

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from servolink.client.carrier import Carrier
+from servolink.connection.dispatcher import Carrier
 from servolink.errors import RequestTimeout
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (

@@ -17,12 +17,8 @@ from servolink.errors import (
     ServolinkError,
     TransportUnavailable,
 )
-from servolink.protocol.editing import (
-    Action,
-)
-from servolink.protocol.joystick import (
-    SubscribeButtonEventRequest,
-)
+from servolink.protocol.joystick import SubscribeButtonEventRequest
+from servolink.protocol.records import Action
 from servolink.virtual.storage import Kind
 from tests.client.fake_board import LOST, FakeBoard, Fate, now
 from tests.virtual_time import run

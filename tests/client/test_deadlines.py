@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from servolink.client.deadlines import Deadlines
+from servolink.connection.dispatcher import Deadlines
 from tests.client.fake_board import now, turns_of_the_loop
 from tests.virtual_time import VirtualTimeLoop, run
 

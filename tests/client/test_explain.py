@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 
 from servolink.client.connect import connect
-from servolink.client.explain import described, lost, outcome_unknown, overtaken, same, timed_out
-from servolink.client.stats import Stats
+from servolink.connection.explain import described, lost, outcome_unknown, overtaken, same, timed_out
+from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, Rejected
-from servolink.protocol.editing import Action, AddActionRequest, AddActionResponse, QueryProjectIDRequest
+from servolink.protocol.editing import AddActionRequest, AddActionResponse, QueryProjectIDRequest
+from servolink.protocol.records import Action
 from tests.client.fake_board import FakeBoard, lie
 from tests.virtual_time import run
 

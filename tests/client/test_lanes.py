@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 
-from servolink.client.lanes import Lanes, Pending
+from servolink.connection.lanes import Lanes, Pending
+from servolink.protocol.codec import PACKETS
 from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.packet import Request, Response
-from servolink.protocol.registry import PACKETS
 from servolink.protocol.settings import QueryMemorySizeRequest, QueryRemainPowerRequest
 from tests.virtual_time import run
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from servolink.client.link import Link
+from servolink.connection.connection import Link
 from servolink.errors import OutcomeUnknown, RequestTimeout
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionRequest, QueryProjectIDRequest, WriteProjectIDRequest

@@ -9,11 +9,12 @@ from contextlib import suppress
 
 import pytest
 
-from servolink.client.link import Link
+from servolink.connection.connection import Link
 from servolink.errors import ConnectionLost
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import WriteProjectIDRequest
-from servolink.protocol.servos import ExecuteActionRequest, SetServoParameterRequest, Step
+from servolink.protocol.records import Step
+from servolink.protocol.servos import ExecuteActionRequest, SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
 from tests.client.fake_board import FakeBoard, linked, turns_of_the_loop
 from tests.virtual_time import run

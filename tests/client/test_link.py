@@ -19,17 +19,9 @@ from servolink.protocol.editing import (
     WriteProjectIDRequest,
 )
 from servolink.protocol.packet import Request
-from servolink.protocol.servos import (
-    ExecuteActionRequest,
-    QueryServoListRequest,
-    QueryServoRequest,
-    Step,
-)
-from servolink.protocol.settings import (
-    QueryMemorySizeRequest,
-    QueryRemainPowerRequest,
-    QueryRemainPowerResponse,
-)
+from servolink.protocol.records import Step
+from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, QueryServoRequest
+from servolink.protocol.settings import QueryMemorySizeRequest, QueryRemainPowerRequest, QueryRemainPowerResponse
 from tests.client.fake_board import LATENCY, FakeBoard, Fate, lie, linked
 from tests.virtual_time import run
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from servolink.client.link import FENCES, MORE_FENCES, Link
+from servolink.connection.connection import FENCES, MORE_FENCES, Link
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
 from servolink.protocol.editing import (
     QueryProjectIDRequest,

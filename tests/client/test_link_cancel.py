@@ -10,7 +10,7 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.client.link import Link
+from servolink.connection.connection import Link
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
 from servolink.protocol.editing import (
     AddActionRequest,
@@ -20,7 +20,8 @@ from servolink.protocol.editing import (
     WriteProjectIDRequest,
     WriteProjectIDResponse,
 )
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, SetServoParameterRequest, Step
+from servolink.protocol.records import Step
+from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
 from tests.client.fake_board import LATENCY, LOST, FakeBoard, Fate, late, linked, now, turns_of_the_loop
 from tests.virtual_time import run

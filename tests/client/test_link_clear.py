@@ -7,14 +7,12 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from servolink.client.link import FENCES, Link
+from servolink.connection.connection import FENCES, Link
 from servolink.errors import OutcomeUnknown, RequestTimeout
-from servolink.protocol.editing import (
-    QueryProjectIDRequest,
-    WriteProjectIDRequest,
-)
+from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.packet import Packet
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, Step
+from servolink.protocol.records import Step
+from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest
 from servolink.protocol.settings import ClearAllDataRequest
 from tests.client.fake_board import SWALLOWED, FakeBoard, late, linked, now
 from tests.virtual_time import run

@@ -14,13 +14,8 @@ from servolink.protocol.editing import (
     WriteProjectIDRequest,
     WriteProjectIDResponse,
 )
-from servolink.protocol.servos import (
-    QueryServoListRequest,
-)
-from servolink.protocol.settings import (
-    QueryRemainPowerRequest,
-    SendDummyDataRequest,
-)
+from servolink.protocol.servos import QueryServoListRequest
+from servolink.protocol.settings import QueryRemainPowerRequest, SendDummyDataRequest
 from tests.client.fake_board import LATENCY, LOST, FakeBoard, Fate, lie, linked, now, turns_of_the_loop
 from tests.virtual_time import run
 

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from servolink.client.link import FENCES, Link
+from servolink.connection.connection import FENCES, Link
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
 from servolink.protocol.editing import (
     QueryActionRequest,

@@ -9,7 +9,8 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.protocol.servos import ExecuteActionRequest, Step
+from servolink.protocol.records import Step
+from servolink.protocol.servos import ExecuteActionRequest
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 

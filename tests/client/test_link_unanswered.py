@@ -16,6 +16,7 @@ from servolink.protocol.editing import (
     WriteProjectIDRequest,
 )
 from servolink.protocol.packet import Request
+from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ALL_SERVOS,
     ExecuteActionExRequest,
@@ -23,11 +24,8 @@ from servolink.protocol.servos import (
     QueryServoListRequest,
     QueryServoRequest,
     SetServoParameterRequest,
-    Step,
 )
-from servolink.protocol.settings import (
-    ClearAllDataRequest,
-)
+from servolink.protocol.settings import ClearAllDataRequest
 from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, Fate, late, linked, now
 from tests.virtual_time import run
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.client.motion import MotionLimits, check_limits, checked_targets, intervals_for, seconds_for, wire_angles
 from servolink.errors import EncodeError
+from servolink.motion import MotionLimits, check_limits, checked_targets, intervals_for, seconds_for, wire_angles
 
 FREE = MotionLimits()
 

@@ -15,18 +15,16 @@ from servolink.protocol.editing import (
     DeleteActionRequest,
     DeleteMacroRequest,
     ExecuteMacroRequest,
-    MacroCommand,
-    ServoParameter,
     WriteProjectIDRequest,
 )
 from servolink.protocol.joystick import (
     AddJoystickTableRequest,
-    Button,
     DeleteJoystickTableRequest,
     SetActiveJoystickTableRequest,
     SubscribeButtonEventRequest,
 )
 from servolink.protocol.packet import Packet, Request
+from servolink.protocol.records import Button, MacroCommand, ServoParameter, Step
 from servolink.protocol.servos import (
     ALL_SERVOS,
     ExecuteActionRequest,
@@ -34,7 +32,6 @@ from servolink.protocol.servos import (
     QueryServoResponse,
     SetAngleUnitRequest,
     SetServoParameterRequest,
-    Step,
 )
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, lie

@@ -23,11 +23,11 @@ from servolink import (
     reconnecting,
 )
 from servolink.client import connect as connecting
-from servolink.client.link import Link
-from servolink.client.reconnect import LONGEST_PAUSE
+from servolink.client.session import LONGEST_PAUSE
+from servolink.connection.connection import Link
 from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
-from servolink.transports.whereabouts import Whereabouts
+from servolink.transports.serial_ports import Whereabouts
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import FakeBoard, lie

@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
-from servolink.client.angles import Adc, Degrees
 from servolink.client.connect import connect
 from servolink.errors import EncodeError, NotFound, OutcomeUnknown, Rejected, RequestTimeout
+from servolink.motion import Adc, Degrees
+from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ExecuteActionRequest,
     QueryServoRequest,
@@ -19,7 +20,6 @@ from servolink.protocol.servos import (
     SetAngleUnitResponse,
     SetServoParameterRequest,
     SetServoParameterResponse,
-    Step,
 )
 from tests.client.fake_board import LOST, FakeBoard, late, lie, now, turns_of_the_loop
 from tests.virtual_time import run

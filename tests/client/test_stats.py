@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from servolink.client.stats import Stats
+from servolink.connection.stats import Stats
 
 
 def test_a_round_trip_percentile_is_the_time_within_which_so_many_came() -> None:

@@ -9,16 +9,16 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.client.link import FENCES
+from servolink.connection.connection import FENCES
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestError, RequestTimeout
 from servolink.protocol.editing import (
     AddMacroRequest,
     ExecuteMacroRequest,
-    Macro,
     QueryActionListRequest,
     QueryProjectIDRequest,
     WriteProjectIDRequest,
 )
+from servolink.protocol.records import Macro
 from servolink.protocol.servos import (
     ALL_SERVOS,
     ExecuteActionExRequest,

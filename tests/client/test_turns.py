@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from servolink.client.lanes import Lane
-from servolink.client.turns import Turns
+from servolink.connection.lanes import Lane
+from servolink.connection.scheduler import Turns
 from tests.client.fake_board import turns_of_the_loop
 from tests.virtual_time import run
 

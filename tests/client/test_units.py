@@ -7,16 +7,16 @@ import asyncio
 import pytest
 
 from servolink.client import connect as connecting
-from servolink.client.angles import Adc, Degrees
 from servolink.client.connect import connect
 from servolink.errors import EncodeError, OutcomeUnknown, Rejected
+from servolink.motion import Adc, Degrees
+from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ExecuteActionRequest,
     QueryServoListRequest,
     QueryServoRequest,
     SetAngleUnitRequest,
     SetAngleUnitResponse,
-    Step,
 )
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.servo import to_adc

@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.discovery.aliases import Alias, _toml, aliases_path, is_name, load_aliases, save_alias
-from servolink.discovery.resolve import resolved
+from servolink.discovery.names import Alias, _toml, aliases_path, is_name, load_aliases, resolved, save_alias
 from servolink.errors import TransportUnavailable
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]))

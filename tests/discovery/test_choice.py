@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from servolink.discovery.choice import boards, only
+from servolink.discovery.search import boards, only
 from servolink.errors import OpenError
-from servolink.transports.candidate import Candidate
+from servolink.transports.device_info import Candidate
 
 SERIAL = Candidate("serial:///dev/ttyACM0", "board", "A1")
 HID = Candidate("hid://1234:5678/A1", "board", "A1")

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from servolink.cli import choosing, use
-from servolink.cli import list as list_command
-from servolink.transports.candidate import Candidate
+from servolink.cli import boards as list_command
+from servolink.cli import boards as use
+from servolink.cli import session as choosing
+from servolink.transports.device_info import Candidate
 from tests.cli.programs import call, finished, in_terminal, program, started
 
 BOARD = Candidate("virtual://?servos=3", "toy board", "A1")

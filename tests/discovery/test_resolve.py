@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 import servolink
-from servolink.discovery import resolve, search
-from servolink.discovery.aliases import Alias, save_alias
-from servolink.discovery.resolve import alias_for, current_url, resolved
+from servolink.discovery import names as resolve
+from servolink.discovery import search
+from servolink.discovery.names import Alias, alias_for, current_url, resolved, save_alias
 from servolink.errors import OpenError, TransportUnavailable
-from servolink.transports.candidate import Candidate
+from servolink.transports.device_info import Candidate
 
 BOARD = Candidate("serial:///dev/ttyACM0", "board", "A1")
 MOVED = Candidate("serial:///dev/ttyACM7", "board", "A1")

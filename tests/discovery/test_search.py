@@ -11,9 +11,9 @@ import serial  # type: ignore[import-untyped]
 from serial.tools import list_ports, list_ports_common  # type: ignore[import-untyped]
 
 from servolink.discovery import search
-from servolink.discovery.served import announced
+from servolink.discovery.announcements import announced
 from servolink.transports import serial_ports
-from servolink.transports.candidate import Candidate
+from servolink.transports.device_info import Candidate
 
 
 def port(device: str, vid: int | None = None, product: str | None = None, number: str | None = None) -> object:

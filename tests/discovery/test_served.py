@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from servolink.discovery.served import announced, candidates
-from servolink.transports.candidate import Candidate
+from servolink.discovery.announcements import announced, candidates
+from servolink.transports.device_info import Candidate
 from tests.cli.programs import finished, started
 
 BOARD = Candidate("tcp://127.0.0.1:9000", "virtual board")

@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from servolink.doctor.facts import Node, SystemFacts
+from servolink.doctor.system import Node, SystemFacts
 
 SYSTEMS = Path(__file__).parent / "systems"
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from servolink.doctor import probe as probing
-from servolink.doctor.line import QUESTIONS, Line, check_line, measure
-from servolink.doctor.probe import PATIENCE, Heard, probe
+from servolink.connection import probe as probing
+from servolink.connection.probe import PATIENCE, Heard, probe
+from servolink.doctor.line_quality import QUESTIONS, Line, check_line, measure
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Receiver, Transport
-from servolink.transports.faults import Faults
-from servolink.transports.faulty import FaultyTransport
+from servolink.transports.faults import Faults, FaultyTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.virtual_time import run

@@ -7,15 +7,21 @@ from typing import Any
 
 import pytest
 
-from servolink.doctor.daemons import check_brltty, check_modem_manager
-from servolink.doctor.examination import _before_opening
-from servolink.doctor.facts import SystemFacts
-from servolink.doctor.finding import Finding
-from servolink.doctor.holders import check_holders
-from servolink.doctor.latency import check_latency_timer, check_round_trips
-from servolink.doctor.libraries import check_hid, check_libusb
+from servolink.doctor import Finding
+from servolink.doctor.environment import (
+    check_address,
+    check_brltty,
+    check_hid,
+    check_holders,
+    check_latency_timer,
+    check_libusb,
+    check_modem_manager,
+    check_round_trips,
+    check_surroundings,
+)
+from servolink.doctor.examine import _before_opening
 from servolink.doctor.permissions import check_permissions
-from servolink.doctor.surroundings import check_address, check_surroundings
+from servolink.doctor.system import SystemFacts
 from tests.doctor.recorded import SYSTEMS, RecordedFacts
 
 ACM, FTDI = "serial:///dev/ttyACM0", "serial:///dev/ttyUSB0"

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.cli import doctor
-from servolink.doctor.nodes import UsbDevice, usb_device
-from servolink.doctor.udev import rules
-from servolink.transports.candidate import Candidate
+from servolink.doctor.permissions import rules
+from servolink.doctor.system import UsbDevice, usb_device
+from servolink.transports.device_info import Candidate
 from tests.cli.programs import call
 from tests.doctor.recorded import RecordedFacts
 

@@ -9,12 +9,12 @@ from types import ModuleType
 
 from benchmarks import loading
 from servolink.errors import DecodeError
-from servolink.protocol import compiled
+from servolink.protocol import speedups as compiled
+from servolink.protocol.codec import PACKETS
 from servolink.protocol.frame import ByteOrder
 from servolink.protocol.layout import Layout
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
-from servolink.protocol.registry import PACKETS
 from tests.fuzz.recipes import IDS, Cursor, content_for, made
 
 _ORDERS: tuple[ByteOrder, ...] = ("little", "big")

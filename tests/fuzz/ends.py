@@ -11,7 +11,7 @@ from typing import Any
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.client.link import Link
+from servolink.connection.connection import Link
 from servolink.errors import ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from servolink.errors import DecodeError
-from servolink.printable import printable
+from servolink.escaping import printable
 
 _LONGEST = 2000
 

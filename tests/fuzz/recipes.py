@@ -10,11 +10,10 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import get_type_hints
 
-from servolink.protocol.declaration import counted
+from servolink.protocol.codec import PACKETS
 from servolink.protocol.frame import HEADER, MAGIC, ByteOrder, Frame, encode_frame
 from servolink.protocol.layout import LengthRule, layout
-from servolink.protocol.packet import Response
-from servolink.protocol.registry import PACKETS
+from servolink.protocol.packet import Response, counted
 from servolink.protocol.settings import SendDummyDataRequest
 
 IDS = tuple(sorted(PACKETS))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
-from servolink.project.files.file import format_project
+from servolink.project.project_file import format_project
 from tests.fuzz import both_loops, ends, texts, usb, wire
 from tests.fuzz.recipes import IDS
 from tests.hostile.calls import PROJECT

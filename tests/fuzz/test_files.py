@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from servolink.project.model import UNFINISHED
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddActionRequest, AddServoParameterRequest, ServoParameter, WriteProjectIDRequest
-from servolink.protocol.servos import Step
+from servolink.protocol.editing import AddActionRequest, AddServoParameterRequest, WriteProjectIDRequest
+from servolink.protocol.records import ServoParameter, Step
 from tests.fuzz import texts
 from tests.fuzz.amounts import examples
 from tests.hostile.corpus import PAYLOADS

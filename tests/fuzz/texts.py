@@ -5,21 +5,21 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
-from servolink.discovery.aliases import Alias, aliases_path, is_name, load_aliases, save_alias
-from servolink.discovery.served import candidates
+from servolink.discovery.announcements import candidates
+from servolink.discovery.names import Alias, aliases_path, is_name, load_aliases, save_alias
 from servolink.errors import OpenError, ProjectError, TransportUnavailable
-from servolink.printable import printable
-from servolink.project.files.file import format_project, parse_project
-from servolink.project.imports.store import Store
+from servolink.escaping import printable
+from servolink.listeners import host_and_port
+from servolink.project.project_file import format_project, parse_project
+from servolink.project.transfer.backups import Store
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
 from servolink.transports.faults import Faults, LineFaults
+from servolink.transports.recording import ReplayTransport
 from servolink.transports.registry import create
-from servolink.transports.replay import ReplayTransport
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.network import host_and_port
 from servolink.virtual.script import parse_script
-from servolink.virtual.state import load_state, save_state
+from servolink.virtual.state_file import load_state, save_state
 from tests.fuzz.errors import check
 
 STARTS = (

@@ -6,12 +6,11 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from servolink.errors import DecodeError
+from servolink.usbip import messages
+from servolink.usbip.device import MOST_WAITING, UsbDevice
+from servolink.usbip.endpoint import Urb
+from servolink.usbip.messages import COMMAND_SIZE, OPENING_SIZE
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.usbip import messages
-from servolink.virtual.usbip.device import UsbDevice
-from servolink.virtual.usbip.endpoint import Urb
-from servolink.virtual.usbip.messages import COMMAND_SIZE, OPENING_SIZE
-from servolink.virtual.usbip.pipe import MOST_WAITING
 from tests.fuzz.recipes import Cursor, made
 
 _ENDPOINTS = (0x00, 0x80, 0x01, 0x81, 0x82, 0x02, 0x83, 0x03, 0x84, 0x04, 0x85)

@@ -7,14 +7,12 @@ from typing import Any
 
 from servolink.errors import DecodeError, EncodeError
 from servolink.protocol.caption import check_encoding
-from servolink.protocol.codec import Codec
+from servolink.protocol.codec import PACKETS, Codec, in_range
 from servolink.protocol.frame import HEADER_SIZE, OVERHEAD, ByteOrder, Frame, encode_frame
+from servolink.protocol.json_form import from_object, to_object
 from servolink.protocol.layout import layout
-from servolink.protocol.objects import from_object, to_object
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import _MAX_KNOWN_HEADERS, FrameParser
-from servolink.protocol.registry import PACKETS
-from servolink.virtual.ranges import in_range
 from tests.fuzz.errors import check, check_kept
 from tests.fuzz.recipes import IDS, Cursor, content_for, made
 

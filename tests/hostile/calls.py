@@ -9,15 +9,9 @@ from typing import Any
 
 from servolink.client.board import Board
 from servolink.project.model import Project
-from servolink.protocol.editing import (
-    Action,
-    AddActionRequest,
-    Macro,
-    MacroCommand,
-    ServoParameter,
-)
-from servolink.protocol.joystick import Button, JoystickTable
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoRequest, Step
+from servolink.protocol.editing import AddActionRequest
+from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.protocol.servos import ExecuteActionRequest, QueryServoRequest
 
 Call = Callable[[Board], Awaitable[Any]]
 

@@ -10,8 +10,6 @@ from random import Random
 
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (
-    ActionEntry,
-    MacroEntry,
     QueryActionListRequest,
     QueryActionListResponse,
     QueryMacroListRequest,
@@ -22,11 +20,11 @@ from servolink.protocol.editing import (
 from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, ByteOrder, encode_frame
 from servolink.protocol.joystick import (
     ButtonEventResponse,
-    JoystickTableEntry,
     QueryJoystickTableListRequest,
     QueryJoystickTableListResponse,
 )
 from servolink.protocol.packet import Packet
+from servolink.protocol.records import ActionEntry, JoystickTableEntry, MacroEntry
 from servolink.protocol.servos import SetServoParameterResponse
 from tests.fuzz.recipes import RESPONSE_IDS, shape
 from tests.hostile.lying_board import LATENCY, Lie, Speech, truth

@@ -10,7 +10,7 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost
-from servolink.project.files.file import load_project
+from servolink.project.project_file import load_project
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest
 from servolink.protocol.frame import HEADER_SIZE

@@ -11,20 +11,21 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.errors import ServolinkError
-from servolink.project.edits.find import find
-from servolink.project.files.file import load_project, parse_project, save_project
-from servolink.project.kinds import KINDS
+from servolink.listeners import host_and_port
 from servolink.project.model import Project
+from servolink.project.project_file import load_project, parse_project, save_project
+from servolink.project.records import find
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import Action, AddActionRequest, QueryActionResponse
-from servolink.protocol.objects import from_object
+from servolink.protocol.editing import AddActionRequest, QueryActionResponse
+from servolink.protocol.json_form import from_object
+from servolink.protocol.record_types import KINDS
+from servolink.protocol.records import Action
 from servolink.transports.address import Address
 from servolink.transports.faults import Faults
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.network import host_and_port
 from servolink.virtual.script import parse_script
-from servolink.virtual.state import load_state
+from servolink.virtual.state_file import load_state
 from servolink.virtual.transport import VirtualTransport
 from tests.hostile.calls import PROJECT
 from tests.hostile.corpus import PAYLOADS, controls

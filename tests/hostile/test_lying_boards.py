@@ -13,7 +13,7 @@ import pytest
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
-from servolink.project.imports.results import Plan
+from servolink.project.transfer.results import Plan
 from servolink.protocol.codec import Codec
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.virtual.board import VirtualBoard

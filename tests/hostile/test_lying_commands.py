@@ -11,9 +11,9 @@ import pytest
 
 from servolink.cli.main import COMMANDS, FAILED, NO_BOARD, OK
 from servolink.client import connect
-from servolink.doctor import probe
-from servolink.project.files.file import save_project
-from servolink.transports.candidate import Candidate
+from servolink.connection import probe
+from servolink.project.project_file import save_project
+from servolink.transports.device_info import Candidate
 from tests.hostile.calls import PROJECT
 from tests.hostile.corpus import controls
 from tests.hostile.lies import LIES
@@ -82,8 +82,8 @@ def test_every_command_is_tried() -> None:
 def test_a_command_ends(name: str, seconds: list[float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (connect, probe):
         monkeypatch.setattr(module, "create", lambda url: lying(LIES[name]))
-    monkeypatch.setattr("servolink.cli.list.discover", _one_board)
-    monkeypatch.setattr("servolink.doctor.examination.discover", _one_board)
+    monkeypatch.setattr("servolink.cli.boards.discover", _one_board)
+    monkeypatch.setattr("servolink.doctor.examine.discover", _one_board)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     files = {"file": str(tmp_path / "file"), "new": str(tmp_path / "new")}
     save_project(tmp_path / "file", PROJECT)

@@ -13,28 +13,20 @@ from urllib.parse import quote
 
 import pytest
 
-from servolink.discovery.served import announced
+from servolink.discovery.announcements import announced
 from servolink.errors import EncodeError
-from servolink.project.files.file import format_project
 from servolink.project.model import Project
+from servolink.project.project_file import format_project
 from servolink.protocol.caption import decode_caption
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import (
-    Action,
-    AddActionRequest,
-    AddMacroRequest,
-    AddServoParameterRequest,
-    Macro,
-    MacroCommand,
-    ServoParameter,
-)
+from servolink.protocol.editing import AddActionRequest, AddMacroRequest, AddServoParameterRequest
 from servolink.protocol.frame import HEADER_SIZE, encode_frame
-from servolink.protocol.joystick import AddJoystickTableRequest, Button, JoystickTable
+from servolink.protocol.joystick import AddJoystickTableRequest
 from servolink.protocol.packet import Packet
-from servolink.protocol.servos import Step
-from servolink.transports.candidate import Candidate
+from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.transports.device_info import Candidate
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.state import save_state
+from servolink.virtual.state_file import save_state
 from servolink.virtual.storage import Kind
 from tests.hostile.corpus import ONE_OF_EACH, PAYLOADS, Payload
 

@@ -13,8 +13,8 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.project.imports.progress import Progress, Tell
 from servolink.project.model import UNFINISHED
+from servolink.project.transfer.results import Progress, Tell
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.storage import Contents
 from servolink.virtual.transport import VirtualTransport

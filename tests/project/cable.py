@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from servolink.errors import ConnectionLost
-from servolink.transports.wrapper import WrappedTransport
+from servolink.transports.lifecycle import WrappedTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 

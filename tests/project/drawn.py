@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 from msgspec import inspect
 from msgspec.structs import replace
 
-from servolink.project.kinds import KINDS, Kind
 from servolink.project.model import Project
 from servolink.protocol.editing import QueryActionResponse, QueryMacroResponse, QueryServoParameterResponse
 from servolink.protocol.joystick import QueryJoystickTableResponse
 from servolink.protocol.layout import layout
 from servolink.protocol.packet import Packet
+from servolink.protocol.record_types import KINDS, Kind
 from servolink.protocol.servos import ALL_SERVOS
 from tests.protocol.declared import plain_captions, values_of
 

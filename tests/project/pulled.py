@@ -13,19 +13,16 @@ from unittest.mock import patch
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import ProjectError, ServolinkError
-from servolink.project.files.file import load_project
-from servolink.project.imports.read import Content
-from servolink.project.imports.store import Store
-from servolink.project.imports.writes import writes
 from servolink.project.model import Project
+from servolink.project.project_file import load_project
+from servolink.project.transfer.backups import Store
+from servolink.project.transfer.plan import writes
+from servolink.project.transfer.read import Content
 from servolink.protocol.caption import CAPTION_SIZE
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
-from servolink.protocol.joystick import Button, JoystickTable
-from servolink.protocol.servos import Step
+from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from servolink.transports.base import Transport
-from servolink.transports.faults import Faults
-from servolink.transports.faulty import FaultyTransport
+from servolink.transports.faults import Faults, FaultyTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.storage import Add, Clear, Contents, Kind
 from tests.project.cable import Cable
@@ -159,7 +156,7 @@ class History:
     async def judge(self, folder: Path) -> Verdict:
         """Let it happen, and see what becomes of both projects; `folder` is a new one."""
         with patch(
-            "servolink.project.imports.store.choice", Random(self.seed).choice
+            "servolink.project.transfer.backups.choice", Random(self.seed).choice
         ):  # so that it happens again exactly
             return await self._judged(folder)
 

@@ -10,10 +10,9 @@ import pytest
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import ProjectError
-from servolink.project.imports.store import Store
 from servolink.project.model import Project
-from servolink.protocol.editing import Action
-from servolink.protocol.servos import Step
+from servolink.project.transfer.backups import Store
+from servolink.protocol.records import Action, Step
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.project.boards import on_board, stopped, stopped_import, writing

@@ -9,16 +9,14 @@ from hypothesis import given
 from msgspec.structs import replace
 
 from servolink.errors import EncodeError
-from servolink.project.checks.check import problems
-from servolink.project.checks.problem import Problem
-from servolink.project.files.file import format_project, parse_project
-from servolink.project.kinds import KINDS
 from servolink.project.model import UNFINISHED, Project
+from servolink.project.project_file import format_project, parse_project
+from servolink.project.validate import Problem, problems
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import Action, AddServoParameterRequest, Macro, MacroCommand, ServoParameter
-from servolink.protocol.joystick import Button, JoystickTable
+from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.packet import Packet
-from servolink.protocol.servos import Step
+from servolink.protocol.record_types import KINDS
+from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from tests.project.drawn import projects, said_projects, storable_projects
 
 STEP = Step(1, 30, 50)

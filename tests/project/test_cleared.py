@@ -9,8 +9,8 @@ import msgspec
 import pytest
 
 from servolink.client.connect import connect
-from servolink.project.imports.store import Store
 from servolink.project.model import Project
+from servolink.project.transfer.backups import Store
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.project.boards import (

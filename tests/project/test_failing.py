@@ -11,10 +11,9 @@ import pytest
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, ProjectError
 from servolink.project.model import Project
-from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
-from servolink.protocol.servos import Step
+from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
 from servolink.transports.base import Transport
-from servolink.transports.wrapper import WrappedTransport
+from servolink.transports.lifecycle import WrappedTransport
 from servolink.virtual.storage import Contents
 from servolink.virtual.transport import VirtualTransport
 from tests.project.disk import Disk

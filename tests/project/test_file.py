@@ -12,13 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from servolink.errors import ProjectError
-from servolink.printable import printable
-from servolink.project.files.file import format_project, load_project, parse_project, save_project
-from servolink.project.files.text import MAX_SIZE
+from servolink.escaping import printable
+from servolink.json_text import MAX_SIZE
 from servolink.project.model import Project
-from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
-from servolink.protocol.joystick import Button, JoystickTable
-from servolink.protocol.servos import Step
+from servolink.project.project_file import format_project, load_project, parse_project, save_project
+from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from tests.project.drawn import projects, said_projects
 
 ROBOT = Project(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from servolink.project.files.file_types import to_file
-from servolink.project.files.schema import SHIPPED, schema_text
+from servolink.project.project_file import SHIPPED, schema_text
+from servolink.protocol.json_form import to_file
 from tests.project.test_file import ROBOT
 
 

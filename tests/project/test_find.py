@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from servolink.errors import ProjectError
-from servolink.project.edits.find import find
-from servolink.project.kinds import ACTION, KINDS, MACRO, TABLE, Kind
 from servolink.project.model import Project
-from servolink.protocol.editing import Action, Macro
+from servolink.project.records import find
+from servolink.protocol.record_types import ACTION, KINDS, MACRO, TABLE, Kind
+from servolink.protocol.records import Action, Macro
 from tests.project.projects import HUMANOID, NOD, PAD, RAISE, SHOW, WAVE
 
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from hypothesis import given
 
-from servolink.project.checks.check import problems
-from servolink.project.checks.fix import fixed
+from servolink.project.fix import fixed
 from servolink.project.model import Project
-from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
-from servolink.protocol.joystick import Button, JoystickTable
-from servolink.protocol.servos import Step
+from servolink.project.validate import problems
+from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from tests.project.drawn import projects, said_projects
 
 STEP, OTHER = Step(1, 30, 100), Step(1, 0, 100)

@@ -13,15 +13,12 @@ import pytest
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import ProjectError
-from servolink.project.imports.progress import Progress
-from servolink.project.imports.store import Store
 from servolink.project.model import UNFINISHED, Project
-from servolink.protocol.editing import (
-    Action,
-    AddActionRequest,
-    WriteProjectIDRequest,
-)
-from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest, Step
+from servolink.project.transfer.backups import Store
+from servolink.project.transfer.results import Progress
+from servolink.protocol.editing import AddActionRequest, WriteProjectIDRequest
+from servolink.protocol.records import Action, Step
+from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.virtual.storage import Contents, Kind
 from servolink.virtual.transport import VirtualTransport

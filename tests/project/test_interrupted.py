@@ -13,11 +13,11 @@ import pytest
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, ProjectError, RequestTimeout
-from servolink.project.imports.journal import Journal
-from servolink.project.imports.progress import Progress
-from servolink.project.imports.store import Store
 from servolink.project.model import UNFINISHED, Project
-from servolink.protocol.editing import Action, AddActionRequest
+from servolink.project.transfer.backups import Journal, Store
+from servolink.project.transfer.results import Progress
+from servolink.protocol.editing import AddActionRequest
+from servolink.protocol.records import Action
 from servolink.virtual.storage import Kind
 from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import SWALLOWED, FakeBoard
@@ -216,7 +216,7 @@ def test_imports_of_the_same_project_by_two_computers_have_different_markers(
     assert len(markers) > 1
     assert all(marker in UNFINISHED for marker in markers)
     drawn = iter((UNFINISHED[3], UNFINISHED[3], UNFINISHED[4]))
-    monkeypatch.setattr("servolink.project.imports.store.choice", lambda _: next(drawn))
+    monkeypatch.setattr("servolink.project.transfer.backups.choice", lambda _: next(drawn))
     store = Store(tmp_path)
     store.write(Journal(store.new_marker(), HERE, 1, None))
     assert store.new_marker() == UNFINISHED[4]

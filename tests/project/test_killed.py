@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from servolink.client.connect import connect
-from servolink.virtual.serving import serve
+from servolink.virtual.serve import serve
 from servolink.virtual.transport import VirtualTransport
 from tests import processes
 from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, Make, has_backup, same, undo

@@ -5,10 +5,9 @@ from __future__ import annotations
 import pytest
 
 from servolink.errors import ProjectError
-from servolink.project.edits.lesson import LONGEST, SHORTEST, Lesson
 from servolink.project.model import Project
-from servolink.protocol.editing import Action, Macro
-from servolink.protocol.servos import Step
+from servolink.project.teaching import LONGEST, SHORTEST, Lesson
+from servolink.protocol.records import Action, Macro, Step
 
 
 def lesson(seconds: float | None = None) -> Lesson:

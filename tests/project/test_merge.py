@@ -8,13 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.errors import ProjectError
-from servolink.project.edits.merge import merged
-from servolink.project.kinds import ACTION, MACRO, TABLE
+from servolink.project.merge import merged
 from servolink.project.model import Project
 from servolink.project.records import calls
-from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
-from servolink.protocol.joystick import Button, JoystickTable
-from servolink.protocol.servos import Step
+from servolink.protocol.record_types import ACTION, MACRO, TABLE
+from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from tests.project.projects import HUMANOID, NOD, PAD, RAISE, SHOW, WAVE
 
 

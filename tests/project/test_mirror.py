@@ -8,11 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.errors import ProjectError
-from servolink.project.edits.mirror import Mirror, mirror_by_captions, mirrored
-from servolink.project.edits.sides import other_side
+from servolink.project.mirror import Mirror, mirror_by_captions, mirrored, other_side
 from servolink.project.model import Project
-from servolink.protocol.editing import Action, Macro, MacroCommand, ServoParameter
-from servolink.protocol.servos import Step
+from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
 from tests.project.projects import HUMANOID, NOD, RAISE, SHOW, WAVE
 
 ARMS = Mirror({1: 2, 2: 1, 3: 4, 4: 3})

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from servolink.project.checks.preflight import preflight
 from servolink.project.model import Project
-from servolink.protocol.editing import Action, Macro, MacroCommand
-from servolink.protocol.servos import Step
+from servolink.project.preflight import preflight
+from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from tests.project.projects import HUMANOID, NOD, RAISE
 
 LEFT = Action.pose("Left", {3: -62}, seconds=0.5)

@@ -13,16 +13,12 @@ from msgspec.structs import replace
 
 from servolink.client.board import Board
 from servolink.errors import ProjectError
-from servolink.project.imports.apply import apply_project
-from servolink.project.imports.compare import compare
-from servolink.project.imports.plan import plan_project
-from servolink.project.imports.progress import Progress, tell_nobody
-from servolink.project.imports.read import Content, Listed
-from servolink.project.imports.results import Change
-from servolink.project.imports.store import Store
-from servolink.project.imports.writes import writes
-from servolink.project.kinds import KINDS
 from servolink.project.model import Project
+from servolink.project.transfer.apply import apply_project
+from servolink.project.transfer.backups import Store
+from servolink.project.transfer.plan import compare, plan_project, writes
+from servolink.project.transfer.read import Content, Listed
+from servolink.project.transfer.results import Change, Progress, tell_nobody
 from servolink.protocol.editing import (
     QueryActionRequest,
     QueryActionResponse,
@@ -30,10 +26,10 @@ from servolink.protocol.editing import (
     QueryProjectIDResponse,
     QueryServoParameterRequest,
     QueryServoParameterResponse,
-    ServoParameter,
 )
 from servolink.protocol.frame import encode_frame
-from servolink.protocol.servos import Step
+from servolink.protocol.record_types import KINDS
+from servolink.protocol.records import ServoParameter, Step
 from servolink.virtual.storage import Kind
 from tests.client.fake_board import FakeBoard, Fate, lie
 from tests.project.boards import on_board, on_fake

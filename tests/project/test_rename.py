@@ -6,10 +6,10 @@ import msgspec
 import pytest
 
 from servolink.errors import ProjectError
-from servolink.project.edits.rename import renamed, renamed_servo
-from servolink.project.kinds import ACTION, MACRO, TABLE, Kind
+from servolink.project.adjust import renamed, renamed_servo
 from servolink.project.model import Project
-from servolink.protocol.editing import ServoParameter
+from servolink.protocol.record_types import ACTION, MACRO, TABLE, Kind
+from servolink.protocol.records import ServoParameter
 from tests.project.projects import HUMANOID, PAD, RAISE, WAVE
 
 

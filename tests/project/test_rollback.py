@@ -11,14 +11,11 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.errors import ConnectionLost, ProjectError
-from servolink.project.files.file import load_project
-from servolink.project.imports.progress import Progress
-from servolink.project.imports.store import Store
-from servolink.protocol.editing import (
-    Macro,
-    QueryActionRequest,
-    QueryActionResponse,
-)
+from servolink.project.project_file import load_project
+from servolink.project.transfer.backups import Store
+from servolink.project.transfer.results import Progress
+from servolink.protocol.editing import QueryActionRequest, QueryActionResponse
+from servolink.protocol.records import Macro
 from tests.client.fake_board import FakeBoard, lie
 from tests.project.boards import OTHER, OTHER_CONTENTS, on_board, on_fake
 from tests.project.cable import Cable

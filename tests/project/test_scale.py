@@ -7,10 +7,9 @@ import math
 import pytest
 
 from servolink.errors import ProjectError
-from servolink.project.edits.scale import scaled
+from servolink.project.adjust import scaled
 from servolink.project.model import Project
-from servolink.protocol.editing import Action, Macro, MacroCommand
-from servolink.protocol.servos import Step
+from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from tests.project.projects import HUMANOID, NOD, PAD
 
 

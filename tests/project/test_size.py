@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from servolink.project.kinds import KINDS, Record
 from servolink.project.model import Project
-from servolink.project.size import stored_size, total_size
+from servolink.project.records import stored_size, total_size
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import Action, AddServoParameterRequest, Macro, MacroCommand, ServoParameter
+from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.frame import OVERHEAD
-from servolink.protocol.joystick import Button, JoystickTable
-from servolink.protocol.servos import Step
+from servolink.protocol.record_types import KINDS, Record
+from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 
 WAVE = Action(1, "wave", (Step(1, 30, 50), Step(2, -30, 50)))
 SHOW = Macro(1, "show", (MacroCommand(1), MacroCommand(500, 1), MacroCommand(1)))

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 
-from servolink.project.checks.speed import Turn, turns
 from servolink.project.model import Project
-from servolink.protocol.editing import Action, Macro, MacroCommand
-from servolink.protocol.servos import Step
+from servolink.project.speed import Turn, turns
+from servolink.protocol.records import Action, Macro, MacroCommand, Step
 
 UP = Action(1, "up", (Step(1, 90, 50), Step(2, 45, 100)))
 DOWN = Action(2, "down", (Step(1, -90, 100),))

@@ -13,10 +13,9 @@ import platformdirs
 import pytest
 
 from servolink.errors import ProjectError
-from servolink.project.files.file import load_project
-from servolink.project.imports.journal import Journal
-from servolink.project.imports.store import Store
 from servolink.project.model import UNFINISHED, Project
+from servolink.project.project_file import load_project
+from servolink.project.transfer.backups import Journal, Store
 from tests.project.pulled import NEW, OLD
 
 URL = "serial:///dev/ttyACM0?baudrate=115200"
@@ -62,7 +61,7 @@ def test_an_address_of_any_kind_makes_a_file_name_that_is_found_again(url: str, 
 def test_a_backup_that_does_not_read_back_as_it_was_written_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("servolink.project.imports.store.load_project", lambda *_, **__: NEW)
+    monkeypatch.setattr("servolink.project.transfer.backups.load_project", lambda *_, **__: NEW)
     with pytest.raises(ProjectError, match="the backup does not read back as it was written"):
         Store(tmp_path).keep(OLD, URL, "utf-8")
 

@@ -9,13 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from servolink.project.kinds import ACTION, MACRO
 from servolink.project.model import Project
-from servolink.project.times import LONGEST, callees_first, times
+from servolink.project.records import LONGEST, callees_first, times
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import Action, Macro, MacroCommand
 from servolink.protocol.frame import HEADER_SIZE
-from servolink.protocol.servos import Step
+from servolink.protocol.record_types import ACTION, MACRO
+from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from servolink.virtual.player import Player
 from servolink.virtual.storage import Kind, Storage
 

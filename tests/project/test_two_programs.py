@@ -11,8 +11,8 @@ import pytest
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import ProjectError
-from servolink.project.imports.progress import Progress
 from servolink.project.model import UNFINISHED
+from servolink.project.transfer.results import Progress
 from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
 from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import FakeBoard, lie

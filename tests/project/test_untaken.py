@@ -11,8 +11,8 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.errors import ProjectError
-from servolink.project.imports.store import Store
 from servolink.project.model import Project
+from servolink.project.transfer.backups import Store
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.storage import Kind, Storage
 from servolink.virtual.transport import VirtualTransport

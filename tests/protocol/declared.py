@@ -12,9 +12,9 @@ import msgspec
 from hypothesis import strategies as st
 from msgspec import inspect
 
+from servolink.protocol.codec import PACKETS
 from servolink.protocol.frame import MAGIC, ByteOrder
 from servolink.protocol.packet import Packet, Response
-from servolink.protocol.registry import PACKETS
 
 DATA = Path(__file__).parent.parent / "data"
 DOCUMENT: dict[str, Any] = json.loads((DATA / "protocol.json").read_text())

@@ -13,7 +13,8 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, QueryActionResponse
 from servolink.protocol.frame import ByteOrder, encode_frame
 from servolink.protocol.packet import Packet
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoRequest, Step
+from servolink.protocol.records import Step
+from servolink.protocol.servos import ExecuteActionRequest, QueryServoRequest
 from tests.protocol.declared import VECTORS, Vector, any_packet, packet_of
 
 byte_orders: st.SearchStrategy[ByteOrder] = st.sampled_from(["little", "big"])

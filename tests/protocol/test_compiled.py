@@ -19,14 +19,13 @@ from benchmarks import loading
 from benchmarks.samples import samples
 from benchmarks.streams import damaged_line, hostile
 from servolink.errors import DecodeError
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, ByteOrder, Frame, encode_frame
+from servolink.protocol.codec import PACKETS, Codec
+from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, BlockSums, ByteOrder, Frame, encode_frame
 from servolink.protocol.layout import Layout
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
-from servolink.protocol.registry import PACKETS
-from servolink.protocol.servos import ServoState, Step
-from servolink.protocol.sums import BlockSums
+from servolink.protocol.records import Step
+from servolink.protocol.servos import ServoState
 from tests import processes
 from tests.protocol import uncompiled
 from tests.protocol.test_parser import streams

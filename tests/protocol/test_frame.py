@@ -12,9 +12,10 @@ from servolink.protocol.frame import (
     OVERHEAD,
     ByteOrder,
     checksum,
+    content_sum,
     encode_frame,
+    piecewise,
 )
-from servolink.protocol.sums import content_sum, piecewise
 
 
 @pytest.mark.parametrize(

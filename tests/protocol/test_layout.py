@@ -11,27 +11,24 @@ from hypothesis import strategies as st
 from msgspec import Meta
 
 from servolink.errors import DecodeError, EncodeError
-from servolink.protocol import fields
+from servolink.protocol import packet as fields
 from servolink.protocol.editing import (
     AddActionRequest,
     AddMacroRequest,
     AddServoParameterRequest,
-    MacroCommand,
     QueryActionListResponse,
-    ServoParameter,
     WriteProjectIDRequest,
 )
-from servolink.protocol.fields import Caption
-from servolink.protocol.joystick import AddJoystickTableRequest, Button, ButtonEventResponse
+from servolink.protocol.joystick import AddJoystickTableRequest, ButtonEventResponse
 from servolink.protocol.layout import LengthRule, layout
-from servolink.protocol.packet import Command, Packet
+from servolink.protocol.packet import Caption, Command, Packet
+from servolink.protocol.records import Button, MacroCommand, ServoParameter, Step
 from servolink.protocol.servos import (
     ExecuteActionRequest,
     QueryServoListResponse,
     QueryServoRequest,
     SetAngleUnitRequest,
     SetServoParameterRequest,
-    Step,
 )
 from servolink.protocol.settings import QueryMemorySizeResponse, QueryRemainPowerResponse, SendDummyDataRequest
 

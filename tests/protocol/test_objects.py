@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from servolink.errors import EncodeError
 from servolink.protocol.codec import Codec
-from servolink.protocol.objects import from_object, to_object
+from servolink.protocol.json_form import from_object, to_object
 from servolink.protocol.packet import Packet
-from servolink.protocol.servos import ExecuteActionRequest, Step
+from servolink.protocol.records import Step
+from servolink.protocol.servos import ExecuteActionRequest
 from servolink.protocol.settings import SendDummyDataRequest
 from tests.protocol.declared import VECTORS, Vector, any_packet, packet_of
 

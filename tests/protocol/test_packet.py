@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from servolink.protocol.codec import PACKETS
 from servolink.protocol.editing import QueryActionRequest, QueryActionResponse
 from servolink.protocol.joystick import LONG_PRESS, PRESS, UP, ButtonEventResponse
 from servolink.protocol.packet import Request, Response
-from servolink.protocol.registry import PACKETS
 from servolink.protocol.servos import (
     ALL_SERVOS,
     QueryServoRequest,

@@ -10,11 +10,10 @@ from zlib import adler32
 import pytest
 
 from benchmarks.streams import chunks, hostile
+from servolink.protocol import frame as sums_module
 from servolink.protocol import parser as parser_module
-from servolink.protocol import sums as sums_module
-from servolink.protocol.frame import Frame, encode_frame
+from servolink.protocol.frame import _MOST_BLOCKS, BlockSums, Frame, encode_frame
 from servolink.protocol.parser import _MAX_KNOWN_HEADERS, FrameParser
-from servolink.protocol.sums import _MOST_BLOCKS, BlockSums
 
 _LARGEST_FRAME = 65_544
 _NAMES = [name for name, _ in hostile(0)]

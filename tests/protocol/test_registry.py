@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from servolink.protocol.codec import PACKETS, PACKETS_BY_NAME, response_class
 from servolink.protocol.packet import Request
-from servolink.protocol.registry import PACKETS, PACKETS_BY_NAME, response_class
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
 
 

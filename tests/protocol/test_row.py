@@ -11,12 +11,10 @@ from msgspec import inspect
 
 from servolink.errors import EncodeError
 from servolink.protocol.codec import Codec
-from servolink.protocol.declaration import group, value
-from servolink.protocol.editing import MacroCommand, ServoParameter
-from servolink.protocol.fields import Flag
-from servolink.protocol.joystick import Button
+from servolink.protocol.packet import Flag, group, value
+from servolink.protocol.records import Button, MacroCommand, ServoParameter, Step
 from servolink.protocol.row import Row, Writing
-from servolink.protocol.servos import ExecuteActionRequest, ServoState, Step
+from servolink.protocol.servos import ExecuteActionRequest, ServoState
 from tests.protocol.declared import values_of
 
 RECORDS = [ServoState, Step, MacroCommand, ServoParameter, Button]

@@ -9,10 +9,9 @@ import msgspec
 import pytest
 
 from servolink.protocol import editing, joystick, servos, settings
-from servolink.protocol.fields import Caption, Counted, Wire
+from servolink.protocol.codec import PACKETS
 from servolink.protocol.layout import layout
-from servolink.protocol.packet import Command, Packet, Query, Request, Response
-from servolink.protocol.registry import PACKETS
+from servolink.protocol.packet import Caption, Command, Counted, Packet, Query, Request, Response, Wire
 from tests.protocol.declared import DOCUMENT, snake_case
 
 DOCUMENTED: list[dict[str, Any]] = DOCUMENT["packets"]

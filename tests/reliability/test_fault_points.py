@@ -14,9 +14,8 @@ from servolink.client import connect as connecting
 from servolink.errors import ConnectionLost, OpenError, ServolinkError
 from servolink.protocol.editing import WriteProjectIDRequest
 from servolink.transports.base import Receiver, Transport
-from servolink.transports.faults import Faults
-from servolink.transports.faulty import FaultyTransport
-from servolink.transports.wrapper import WrappedTransport
+from servolink.transports.faults import Faults, FaultyTransport
+from servolink.transports.lifecycle import WrappedTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.virtual_time import VirtualTimeLoop, run

@@ -11,9 +11,10 @@ import pytest
 
 from benchmarks.reliability.history import History, relive
 from benchmarks.reliability.stage import Scene
-from servolink.client import answers, link
-from servolink.client.deadlines import Deadlines
-from servolink.client.lanes import Lanes
+from servolink.connection import connection as link
+from servolink.connection import dispatcher as answers
+from servolink.connection.dispatcher import Deadlines
+from servolink.connection.lanes import Lanes
 from servolink.protocol.packet import Request
 from tests import processes
 

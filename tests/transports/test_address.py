@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.errors import TransportUnavailable
-from servolink.printable import printable
+from servolink.escaping import printable
 from servolink.transports.address import Address
 
 

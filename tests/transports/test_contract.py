@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.transports import stall
+from servolink.transports import lifecycle as stall
 from servolink.transports.base import Transport
 from servolink.transports.registry import create
 from tests.transports.wires import FLOOD, WIRES, Ear, Wire, on_loop

@@ -6,8 +6,7 @@ import threading
 import pytest
 
 from servolink.errors import OpenError, TransportUnavailable
-from servolink.transports.device import DeviceTransport
-from servolink.transports.owner import OpenDevice
+from servolink.transports.threaded import DeviceTransport, OpenDevice
 from tests.transports.wires import LIMIT, Ear, on_loop
 
 URL = "test://device"

@@ -7,8 +7,7 @@ from typing import Self
 import pytest
 
 from servolink.errors import ConnectionLost, ServolinkError
-from servolink.transports.faults import Faults
-from servolink.transports.faulty import FaultyTransport
+from servolink.transports.faults import Faults, FaultyTransport
 from servolink.transports.memory import MemoryTransport
 from tests.transports.wires import Ear
 from tests.virtual_time import VirtualTimeLoop, run

@@ -13,7 +13,7 @@ import pytest
 from servolink.errors import ConnectionLost, OpenError, TransportUnavailable
 from servolink.transports import hid_devices
 from servolink.transports.base import Transport
-from servolink.transports.candidate import Candidate
+from servolink.transports.device_info import Candidate
 from servolink.transports.registry import create
 from tests.transports.fake_hid import FakeHandle, FakeHid
 from tests.transports.rights import not_root

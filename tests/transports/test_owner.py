@@ -12,12 +12,11 @@ from pathlib import Path
 import pytest
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.transports import device
-from servolink.transports.device import DeviceTransport
+from servolink.transports import threaded as device
+from servolink.transports.device_info import UsbId
 from servolink.transports.hid import HidDevice, OpenHid
-from servolink.transports.owner import OpenDevice
+from servolink.transports.threaded import DeviceTransport, OpenDevice
 from servolink.transports.usb import OpenUsb, UsbDevice
-from servolink.transports.usb_id import UsbId
 from tests import processes
 from tests.transports.fake_hid import FakeHid
 from tests.transports.fake_usb import FakeUsb
@@ -341,9 +340,9 @@ async def test_a_device_whose_writer_cannot_start_is_closed_again(
 
 FORGETFUL = """
 import asyncio, pathlib, sys
-from servolink.transports.device import DeviceTransport
+from servolink.transports.threaded import DeviceTransport
 from servolink.transports.hid import HidDevice
-from servolink.transports.usb_id import UsbId
+from servolink.transports.device_info import UsbId
 from tests.transports.fake_hid import FakeHandle, FakeHid
 from tests.transports.wires import Ear
 

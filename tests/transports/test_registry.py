@@ -10,7 +10,7 @@ from servolink.transports.base import Transport
 from servolink.transports.memory import MemoryTransport
 from servolink.transports.registry import create
 from servolink.transports.serial import SerialTransport
-from servolink.transports.tcp import TcpTransport
+from servolink.transports.stream import TcpTransport
 
 PLUG_IN = """
 from servolink.transports.memory import MemoryTransport

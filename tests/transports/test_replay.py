@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.transports.memory import MemoryTransport
-from servolink.transports.recording import RecordingTransport
+from servolink.transports.recording import RecordingTransport, ReplayTransport
 from servolink.transports.registry import create
-from servolink.transports.replay import ReplayTransport
 from tests.transports.wires import Ear
 from tests.virtual_time import run
 

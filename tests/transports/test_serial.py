@@ -16,8 +16,8 @@ import serial  # type: ignore[import-untyped]
 from serial.tools import list_ports  # type: ignore[import-untyped]
 
 from servolink.errors import ConnectionLost, OpenError
+from servolink.transports import lifecycle as stall
 from servolink.transports import serial as kind
-from servolink.transports import stall
 from servolink.transports.registry import create
 from servolink.transports.serial import SerialTransport
 from tests import processes

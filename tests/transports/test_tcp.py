@@ -7,7 +7,7 @@ import pytest
 
 from servolink.errors import OpenError
 from servolink.transports.registry import create
-from servolink.transports.tcp import TcpTransport
+from servolink.transports.stream import TcpTransport
 from tests.transports.wires import Ear, TcpWire, on_loop
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from servolink.errors import OpenError, TransportUnavailable
 from servolink.transports import usb_devices
-from servolink.transports.candidate import Candidate
+from servolink.transports.device_info import Candidate
 from servolink.transports.registry import create
 from tests.transports.fake_usb import FakeUsb, bulk_pair, endpoint, failure, plugged_in
 from tests.transports.rights import not_root

@@ -18,16 +18,14 @@ from types import TracebackType
 from typing import Any, ParamSpec, Self
 
 from servolink.transports.base import Transport
-from servolink.transports.device import DeviceTransport
-from servolink.transports.faults import Faults
-from servolink.transports.faulty import FaultyTransport
+from servolink.transports.device_info import UsbId
+from servolink.transports.faults import Faults, FaultyTransport
 from servolink.transports.hid import HidDevice
 from servolink.transports.memory import MemoryTransport
-from servolink.transports.owner import Device
 from servolink.transports.recording import RecordingTransport
 from servolink.transports.registry import create
+from servolink.transports.threaded import Device, DeviceTransport
 from servolink.transports.usb import UsbDevice
-from servolink.transports.usb_id import UsbId
 from tests.transports.fake_hid import KERNEL_QUEUE, FakeHid
 from tests.transports.fake_usb import PACKET, FakeUsb
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import TypeVar, cast
 
-from servolink.protocol.editing import AddActionRequest, AddMacroRequest, MacroCommand
+from servolink.protocol.editing import AddActionRequest, AddMacroRequest
 from servolink.protocol.packet import Packet, Request, Response
 from servolink.protocol.parser import FrameParser
-from servolink.protocol.servos import QueryServoRequest, ServoState, Step
+from servolink.protocol.records import MacroCommand, Step
+from servolink.protocol.servos import QueryServoRequest, ServoState
 from servolink.virtual.board import VirtualBoard
 
 R = TypeVar("R", bound=Response)

@@ -6,13 +6,12 @@ import struct
 
 import pytest
 
-from servolink.protocol import editing, joystick, servos, settings
-from servolink.protocol.codec import Codec
+from servolink.protocol import editing, joystick, records, servos, settings
+from servolink.protocol.codec import PACKETS, Codec
 from servolink.protocol.frame import MAGIC, OVERHEAD, ByteOrder, encode_frame
 from servolink.protocol.packet import Command, Packet, Request, Response
-from servolink.protocol.registry import PACKETS
-from servolink.virtual.answers import ANSWERS
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.handlers import ANSWERS
 from tests.virtual.host import START, Host
 
 HOSTILE = b"\x1b[2J" + MAGIC + b"\xff\xfe\0after the end\x80\r\n".ljust(24, b"\x01")
@@ -88,7 +87,7 @@ def test_clearing_forgets_all_that_is_stored(host: Host) -> None:
     host.store_macro(1)
     host.ask(joystick.AddJoystickTableRequest(1))
     host.ask(joystick.SetActiveJoystickTableRequest(1))
-    host.ask(editing.AddServoParameterRequest((editing.ServoParameter(1),)))
+    host.ask(editing.AddServoParameterRequest((records.ServoParameter(1),)))
     host.ask(editing.WriteProjectIDRequest(9))
     assert host.ask(settings.ClearAllDataRequest()).result == 1
     assert host.ask(editing.QueryActionListRequest()).actions == ()
@@ -106,7 +105,7 @@ def test_the_battery_drains_with_time_and_faster_with_motion() -> None:
         return host.ask(settings.QueryRemainPowerRequest(), START + 3600 * hours).permil
 
     released = servos.SetServoParameterRequest(255, 1, 0)
-    moved = servos.ExecuteActionRequest(tuple(servos.Step(servo_id, 180, 32767) for servo_id in range(1, 17)))
+    moved = servos.ExecuteActionRequest(tuple(records.Step(servo_id, 180, 32767) for servo_id in range(1, 17)))
     assert after(released, 0) == 1000
     assert after(moved, 0.09) < after(servos.SetServoParameterRequest(255, 1, 1), 0.09) < after(released, 0.09) < 1000
     assert after(released, 1000) == 0
@@ -149,10 +148,10 @@ def test_flags_and_units_out_of_range_change_nothing(host: Host) -> None:
 
 
 def test_each_servo_has_its_own_unit(host: Host) -> None:
-    host.tell(servos.ExecuteActionRequest((servos.Step(1, 90, 0), servos.Step(2, 90, 0))))
+    host.tell(servos.ExecuteActionRequest((records.Step(1, 90, 0), records.Step(2, 90, 0))))
     assert host.ask(servos.SetAngleUnitRequest(2, 1)) == servos.SetAngleUnitResponse(2, 1)
     assert (host.angle(1, START), host.angle(2, START)) == (90, 3072)
-    host.tell(servos.ExecuteActionRequest((servos.Step(2, 1024, 0),)))
+    host.tell(servos.ExecuteActionRequest((records.Step(2, 1024, 0),)))
     assert host.ask(servos.SetAngleUnitRequest(255, 0)) == servos.SetAngleUnitResponse(255, 0)
     assert host.angle(2, START) == -90
 
@@ -171,8 +170,8 @@ def test_records_are_listed_read_replaced_and_deleted(host: Host) -> None:
     host.store_action(-3)
     host.store_action(5, (2, 30, 40))
     entries = host.ask(editing.QueryActionListRequest()).actions
-    assert entries == (editing.ActionEntry(5, "action 5"), editing.ActionEntry(-3, "action -3"))
-    assert host.ask(editing.QueryActionRequest(5)).steps == (servos.Step(2, 30, 40),)
+    assert entries == (records.ActionEntry(5, "action 5"), records.ActionEntry(-3, "action -3"))
+    assert host.ask(editing.QueryActionRequest(5)).steps == (records.Step(2, 30, 40),)
     assert host.ask(editing.DeleteActionRequest(5)).result == 1
     assert host.ask(editing.DeleteActionRequest(5)).result == 0
     assert host.ask(editing.QueryActionListRequest()).actions == entries[1:]
@@ -182,7 +181,7 @@ def test_a_board_that_appends_lists_an_id_twice_and_gives_and_deletes_the_first(
     host = Host(VirtualBoard(add="append"))
     for caption in ("one", "two"):
         assert host.ask(editing.AddActionRequest(7, caption)).result == 1
-    entries = (editing.ActionEntry(7, "one"), editing.ActionEntry(7, "two"))
+    entries = (records.ActionEntry(7, "one"), records.ActionEntry(7, "two"))
     assert host.ask(editing.QueryActionListRequest()).actions == entries
     assert host.ask(editing.QueryActionRequest(7)).action_caption == "one"
     assert host.ask(editing.DeleteActionRequest(7)).result == 1
@@ -194,15 +193,15 @@ def test_a_board_that_rejects_keeps_what_it_has() -> None:
     host = Host(VirtualBoard(add="reject"))
     results = [host.ask(joystick.AddJoystickTableRequest(7, caption)).result for caption in ("one", "two")]
     assert results == [1, 0]
-    assert host.ask(joystick.QueryJoystickTableListRequest()).tables == (joystick.JoystickTableEntry(7, "one"),)
+    assert host.ask(joystick.QueryJoystickTableListRequest()).tables == (records.JoystickTableEntry(7, "one"),)
 
 
 def test_clearing_the_records_ends_the_macro_and_leaves_project_id_and_parameters() -> None:
     host = Host(VirtualBoard(clear="records"))
     host.ask(editing.WriteProjectIDRequest(5))
-    parameters = (editing.ServoParameter(1, 2, "hip"),)
+    parameters = (records.ServoParameter(1, 2, "hip"),)
     host.ask(editing.AddServoParameterRequest(parameters))
-    host.store_macro(1, editing.MacroCommand(100, 1))
+    host.store_macro(1, records.MacroCommand(100, 1))
     host.ask(editing.ExecuteMacroRequest(1))
     assert host.ask(settings.ClearAllDataRequest()).result == 1
     assert host.board.next_due(START) is None
@@ -228,14 +227,14 @@ def test_id_0_cannot_be_stored(host: Host) -> None:
 
 
 def test_macros_and_tables_come_back_as_they_were_sent(host: Host) -> None:
-    commands = (editing.MacroCommand(1, 2, 50, 3, 9000), editing.MacroCommand(500, 1))
+    commands = (records.MacroCommand(1, 2, 50, 3, 9000), records.MacroCommand(500, 1))
     assert host.ask(editing.AddMacroRequest(8, "walk", commands)).result == 1
     assert host.ask(editing.QueryMacroRequest(8)) == editing.QueryMacroResponse(8, "walk", commands)
-    assert host.ask(editing.QueryMacroListRequest()).macros == (editing.MacroEntry(8, "walk"),)
-    buttons = (joystick.Button(0xFFFF_FFFF, "fire", 1, 2, 3, 1),)
+    assert host.ask(editing.QueryMacroListRequest()).macros == (records.MacroEntry(8, "walk"),)
+    buttons = (records.Button(0xFFFF_FFFF, "fire", 1, 2, 3, 1),)
     assert host.ask(joystick.AddJoystickTableRequest(9, "pad", buttons)).result == 1
     assert host.ask(joystick.QueryJoystickTableRequest(9)) == joystick.QueryJoystickTableResponse(9, "pad", buttons)
-    assert host.ask(joystick.QueryJoystickTableListRequest()).tables == (joystick.JoystickTableEntry(9, "pad"),)
+    assert host.ask(joystick.QueryJoystickTableListRequest()).tables == (records.JoystickTableEntry(9, "pad"),)
     assert host.ask(joystick.QueryActiveJoystickTableRequest()).table_id == 9
 
 
@@ -267,15 +266,15 @@ def test_captions_of_tables_and_servos_come_back_byte_for_byte(host: Host) -> No
 
 
 def test_servo_parameters_are_kept_for_each_servo(host: Host) -> None:
-    one, two = editing.ServoParameter(1, 5, "hip"), editing.ServoParameter(2, -5, "knee")
+    one, two = records.ServoParameter(1, 5, "hip"), records.ServoParameter(2, -5, "knee")
     assert host.ask(editing.AddServoParameterRequest((two, one))).result == 1
-    better = editing.ServoParameter(2, 0, "knee")
+    better = records.ServoParameter(2, 0, "knee")
     assert host.ask(editing.AddServoParameterRequest((better,))).result == 1
     assert set(host.ask(editing.QueryServoParameterRequest()).servos) == {one, better}
 
 
 def test_parameters_of_an_unknown_servo_are_refused_with_the_others(host: Host) -> None:
-    parameters = (editing.ServoParameter(1), editing.ServoParameter(4))
+    parameters = (records.ServoParameter(1), records.ServoParameter(4))
     assert host.ask(editing.AddServoParameterRequest(parameters)).result == 0
     assert host.ask(editing.QueryServoParameterRequest()).servos == ()
 
@@ -283,13 +282,13 @@ def test_parameters_of_an_unknown_servo_are_refused_with_the_others(host: Host) 
 def test_a_full_memory_refuses_and_keeps_what_it_has() -> None:
     host = Host(VirtualBoard(memory=100))
     host.store_action(1, (1, 90, 100))
-    assert host.ask(editing.AddActionRequest(2, "", (servos.Step(1, 0, 0),) * 5)).result == 0
-    assert host.ask(editing.AddMacroRequest(1, "", (editing.MacroCommand(1),) * 2)).result == 0
-    assert host.ask(joystick.AddJoystickTableRequest(1, "", (joystick.Button(1),))).result == 0
+    assert host.ask(editing.AddActionRequest(2, "", (records.Step(1, 0, 0),) * 5)).result == 0
+    assert host.ask(editing.AddMacroRequest(1, "", (records.MacroCommand(1),) * 2)).result == 0
+    assert host.ask(joystick.AddJoystickTableRequest(1, "", (records.Button(1),))).result == 0
     assert (
-        host.ask(editing.AddServoParameterRequest((editing.ServoParameter(1), editing.ServoParameter(2)))).result == 0
+        host.ask(editing.AddServoParameterRequest((records.ServoParameter(1), records.ServoParameter(2)))).result == 0
     )
-    assert host.ask(editing.QueryActionRequest(1)).steps == (servos.Step(1, 90, 100),)
+    assert host.ask(editing.QueryActionRequest(1)).steps == (records.Step(1, 90, 100),)
     assert host.ask(settings.QueryMemorySizeRequest()) == settings.QueryMemorySizeResponse(57, 100)
 
 
@@ -311,7 +310,7 @@ def test_lists_longer_than_a_frame_show_what_fits() -> None:
 @pytest.mark.parametrize("byte_order", ["little", "big"])
 def test_the_largest_action_that_fits_a_frame_comes_back(byte_order: ByteOrder) -> None:
     host = Host(VirtualBoard(codec=Codec(byte_order), memory=10**6))
-    steps = tuple(servos.Step(at % 256, at, at) for at in range(13099))
+    steps = tuple(records.Step(at % 256, at, at) for at in range(13099))
     assert host.ask(editing.AddActionRequest(1, "long", steps)).result == 1
     assert host.ask(editing.QueryActionRequest(1)).steps == steps
 

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import ExecuteMacroRequest, MacroCommand
+from servolink.protocol.codec import PACKETS, Codec
+from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.frame import encode_frame
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
-from servolink.protocol.registry import PACKETS
+from servolink.protocol.records import MacroCommand
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
 from servolink.protocol.settings import (
     QueryMemorySizeRequest,

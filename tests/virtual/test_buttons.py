@@ -5,18 +5,18 @@ from __future__ import annotations
 import pytest
 
 from servolink.errors import EncodeError
-from servolink.protocol.editing import ExecuteMacroRequest, MacroCommand
+from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.joystick import (
     LONG_PRESS,
     PRESS,
     UP,
     AddJoystickTableRequest,
-    Button,
     ButtonEventResponse,
     SetActiveJoystickTableRequest,
     SubscribeButtonEventRequest,
 )
-from servolink.protocol.servos import ExecuteActionRequest, Step
+from servolink.protocol.records import Button, MacroCommand, Step
+from servolink.protocol.servos import ExecuteActionRequest
 from servolink.protocol.settings import TransmissionModeSettingRequest
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.buttons import LONG_PRESS_AFTER

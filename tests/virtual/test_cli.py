@@ -15,11 +15,10 @@ import pytest
 
 from servolink.cli import virtual
 from servolink.cli.main import main as servolink
-from servolink.cli.signals import ENDING
+from servolink.cli.terminal import ENDING
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (
     AddMacroRequest,
-    MacroEntry,
     QueryMacroListRequest,
     QueryMacroListResponse,
     QueryProjectIDRequest,
@@ -28,12 +27,13 @@ from servolink.protocol.editing import (
 )
 from servolink.protocol.joystick import LONG_PRESS, PRESS, UP, ButtonEventResponse, SubscribeButtonEventRequest
 from servolink.protocol.packet import Packet
+from servolink.protocol.records import MacroEntry
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.script import Push
-from servolink.virtual.state import load_state, save_state
+from servolink.virtual.state_file import load_state, save_state
 from tests import processes
 from tests.virtual.receiving import GUARD, Heard, ask
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from servolink.virtual.keys import Keys
-from servolink.virtual.script import presses
+from servolink.virtual.script import Keys, presses
 
 
 def test_a_digit_presses_its_button() -> None:

@@ -9,7 +9,7 @@ from typing import TypeVarTuple
 
 from servolink.protocol.joystick import LONG_PRESS, PRESS, ButtonEventResponse
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.pacemaker import Pacemaker
+from servolink.virtual.transport import Pacemaker
 from tests.virtual.host import Host
 from tests.virtual_time import VirtualTimeLoop
 

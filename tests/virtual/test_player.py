@@ -12,10 +12,10 @@ from servolink.protocol.editing import (
     DeleteActionRequest,
     DeleteMacroRequest,
     ExecuteMacroRequest,
-    MacroCommand,
     QueryMacroRequest,
 )
 from servolink.protocol.frame import encode_frame
+from servolink.protocol.records import MacroCommand
 from servolink.protocol.servos import ExecuteActionExRequest, SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.virtual.board import VirtualBoard

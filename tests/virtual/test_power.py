@@ -7,22 +7,16 @@ from collections.abc import Callable
 import pytest
 
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import (
-    AddActionRequest,
-    DeleteActionRequest,
-    ExecuteMacroRequest,
-    MacroCommand,
-    WriteProjectIDRequest,
-)
+from servolink.protocol.editing import AddActionRequest, DeleteActionRequest, ExecuteMacroRequest, WriteProjectIDRequest
 from servolink.protocol.joystick import SubscribeButtonEventRequest
 from servolink.protocol.packet import Packet
+from servolink.protocol.records import MacroCommand, Step
 from servolink.protocol.servos import (
     ExecuteActionRequest,
     QueryServoListRequest,
     QueryServoListResponse,
     SetAngleUnitRequest,
     SetServoParameterRequest,
-    Step,
 )
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 from servolink.virtual.board import Session, VirtualBoard

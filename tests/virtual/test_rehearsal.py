@@ -5,10 +5,9 @@ from __future__ import annotations
 import pytest
 
 from servolink.errors import EncodeError, ProjectError
-from servolink.protocol.editing import Action, Macro, MacroCommand
-from servolink.protocol.servos import Step
-from servolink.virtual import rehearsal
-from servolink.virtual.rehearsal import LONGEST, Move, Rehearsal, Timeline
+from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.virtual import dry_run as rehearsal
+from servolink.virtual.dry_run import LONGEST, Move, Rehearsal, Timeline
 
 UP = Action(1, "up", (Step(1, 60, 50), Step(2, -30, 25)))
 DOWN = Action(2, "down", (Step(1, 0, 10),))

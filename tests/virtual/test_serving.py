@@ -10,16 +10,16 @@ from typing import Any
 
 import pytest
 
+from servolink import listeners as bridge
 from servolink.errors import OpenError, TransportUnavailable
+from servolink.listeners import host_and_port
 from servolink.protocol.codec import Codec
 from servolink.protocol.joystick import PRESS, UP, ButtonEventResponse, SubscribeButtonEventRequest
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
 from servolink.transports.faults import Faults
 from servolink.transports.registry import create
-from servolink.virtual import bridge
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.network import host_and_port
-from servolink.virtual.serving import serve
+from servolink.virtual.serve import serve
 from tests.virtual.receiving import GUARD, Heard, ask
 
 LIST = QueryServoListRequest()

@@ -15,15 +15,14 @@ from servolink.protocol.editing import (
     AddMacroRequest,
     AddServoParameterRequest,
     ExecuteMacroRequest,
-    MacroCommand,
-    ServoParameter,
     WriteProjectIDRequest,
 )
 from servolink.protocol.frame import encode_frame
-from servolink.protocol.joystick import AddJoystickTableRequest, Button, SetActiveJoystickTableRequest
-from servolink.protocol.servos import ExecuteActionRequest, Step
+from servolink.protocol.joystick import AddJoystickTableRequest, SetActiveJoystickTableRequest
+from servolink.protocol.records import Button, MacroCommand, ServoParameter, Step
+from servolink.protocol.servos import ExecuteActionRequest
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.state import load_state, save_state
+from servolink.virtual.state_file import load_state, save_state
 from servolink.virtual.storage import ADDS, Add, Kind
 from tests.virtual.host import START, Host
 

@@ -8,14 +8,13 @@ from random import Random
 import pytest
 
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddActionRequest, AddMacroRequest, AddServoParameterRequest, MacroCommand
-from servolink.protocol.editing import ServoParameter as Parameter
+from servolink.protocol.editing import AddActionRequest, AddMacroRequest, AddServoParameterRequest
 from servolink.protocol.frame import HEADER_SIZE
-from servolink.protocol.joystick import AddJoystickTableRequest, Button
+from servolink.protocol.joystick import AddJoystickTableRequest
 from servolink.protocol.packet import Packet
-from servolink.protocol.servos import Step
-from servolink.virtual.storage import Contents, Kind, Record, Storage
-from servolink.virtual.tearing import tear
+from servolink.protocol.records import Button, MacroCommand, Step
+from servolink.protocol.records import ServoParameter as Parameter
+from servolink.virtual.storage import Contents, Kind, Record, Storage, tear
 
 TRIES = 600
 """So many seeds that each state of a write is met."""

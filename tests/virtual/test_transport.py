@@ -14,16 +14,16 @@ from servolink.protocol.editing import (
     AddMacroRequest,
     AddMacroResponse,
     ExecuteMacroRequest,
-    MacroCommand,
     WriteProjectIDRequest,
     WriteProjectIDResponse,
 )
 from servolink.protocol.joystick import LONG_PRESS, PRESS, ButtonEventResponse, SubscribeButtonEventRequest
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, QueryServoListResponse, Step
+from servolink.protocol.records import MacroCommand, Step
+from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, QueryServoListResponse
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest, QueryMemorySizeResponse
 from servolink.transports.address import Address
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.state import load_state
+from servolink.virtual.state_file import load_state
 from servolink.virtual.storage import Kind
 from servolink.virtual.transport import FaultyVirtualTransport, VirtualTransport, from_address
 from tests.virtual.receiving import Heard, ask

@@ -16,24 +16,17 @@ from typing import Any
 
 import pytest
 
+from servolink.listeners import host_and_port
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import WriteProjectIDRequest
 from servolink.protocol.joystick import PRESS, ButtonEventResponse, SubscribeButtonEventRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
+from servolink.usbip import messages, server
+from servolink.usbip.descriptors import BULK_IN, BULK_OUT, HID_IN, HID_OUT, SERIAL_IN, SERIAL_OUT
+from servolink.usbip.server import UsbIpServer, serve_usbip
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.network import host_and_port
-from servolink.virtual.serving import serve
-from servolink.virtual.usbip import messages, server
-from servolink.virtual.usbip.descriptors import (
-    BULK_IN,
-    BULK_OUT,
-    HID_IN,
-    HID_OUT,
-    SERIAL_IN,
-    SERIAL_OUT,
-)
-from servolink.virtual.usbip.server import UsbIpServer, serve_usbip
+from servolink.virtual.serve import serve
 from tests import processes
 from tests.virtual.receiving import GUARD
 from tests.virtual.usbip_host import IMPORT, UNLINKED, UsbHost, attached, submit, unlink

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import pytest
 
 from servolink.errors import DecodeError
-from servolink.virtual.usbip.descriptors import (
+from servolink.usbip.descriptors import (
     BULK_IN,
     BULK_OUT,
     HID_IN,
@@ -19,9 +19,8 @@ from servolink.virtual.usbip.descriptors import (
     SERIAL_NOTIFICATION,
     SERIAL_OUT,
 )
-from servolink.virtual.usbip.device import UsbDevice
-from servolink.virtual.usbip.endpoint import DONE, NO_ANSWER, OVERFLOW, STALLED, UNLINKED, Urb
-from servolink.virtual.usbip.pipe import ENOUGH, MOST_WAITING, reports, transfers
+from servolink.usbip.device import ENOUGH, MOST_WAITING, UsbDevice, reports, transfers
+from servolink.usbip.endpoint import DONE, NO_ANSWER, OVERFLOW, STALLED, UNLINKED, Urb
 
 BOTH = pytest.mark.parametrize(
     ("name", "out", "into"), [("serial", SERIAL_OUT, SERIAL_IN), ("bulk", BULK_OUT, BULK_IN)]

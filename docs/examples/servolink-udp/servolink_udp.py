@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.printable import printable
+from servolink.escaping import printable
 from servolink.transports.address import Address
 from servolink.transports.base import Receiver
 

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 from typing import Any
 
-from servolink.cli.main import EXIT_CODES, common_options
+from servolink.cli.main import EXIT_CODES, command_function, common_options
 
 COMMANDS = {
     "show": ("servolink.cli.project.show", "show what is in a project, or some of it whole"),
-    "new": ("servolink.cli.project.new", "write a small project to begin with"),
-    "check": ("servolink.cli.project.check", "find what is wrong with a project, and repair it"),
-    "preflight": ("servolink.cli.project.preflight", "find movements that are too fast or go too far"),
+    "new": ("servolink.cli.project.edit:new", "write a small project to begin with"),
+    "check": ("servolink.cli.project.check:check", "find what is wrong with a project, and repair it"),
+    "preflight": ("servolink.cli.project.check:preflight", "find movements that are too fast or go too far"),
     "play": ("servolink.cli.project.play", "play an action or a macro on a virtual board, with a chart of its times"),
-    "mirror": ("servolink.cli.project.mirror", "add actions and macros with left and right exchanged"),
-    "scale-time": ("servolink.cli.project.edits", "make actions, or everything, slower or faster"),
-    "merge": ("servolink.cli.project.edits", "put two projects into one"),
-    "rename": ("servolink.cli.project.edits", "give an action, a macro, a table or a servo another caption"),
-    "schema": ("servolink.cli.project.schema", "print the JSON Schema of project files"),
+    "mirror": ("servolink.cli.project.edit:mirror", "add actions and macros with left and right exchanged"),
+    "scale-time": ("servolink.cli.project.edit:edits", "make actions, or everything, slower or faster"),
+    "merge": ("servolink.cli.project.edit:edits", "put two projects into one"),
+    "rename": ("servolink.cli.project.edit:edits", "give an action, a macro, a table or a servo another caption"),
+    "schema": ("servolink.cli.project.edit:schema", "print the JSON Schema of project files"),
 }
 """As `servolink.cli.main.COMMANDS`."""
 
@@ -40,4 +39,4 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command that was given."""
-    return int(importlib.import_module(COMMANDS[args.project_command][0]).run(args))
+    return int(command_function(COMMANDS[args.project_command][0], "run")(args))

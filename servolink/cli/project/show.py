@@ -9,13 +9,11 @@ from typing import Any
 from servolink.cli.main import OK
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.project.source import add_source, with_project
-from servolink.cli.stored import described, whole_table
-from servolink.project.edits.find import find
-from servolink.project.kinds import ACTION, KINDS, MACRO, TABLE, Kind
+from servolink.cli.records import described, whole_table
 from servolink.project.model import Project
-from servolink.project.size import total_size
-from servolink.project.times import times
-from servolink.protocol.editing import Action, MacroCommand
+from servolink.project.records import find, times, total_size
+from servolink.protocol.record_types import ACTION, KINDS, MACRO, TABLE, Kind
+from servolink.protocol.records import Action, MacroCommand
 
 _COMMANDS = {ACTION.plural: "actions", MACRO.plural: "macros", TABLE.plural: "tables"}
 _ACTION, _DELAY, _MACRO = 0, 1, 2

@@ -5,10 +5,15 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from servolink.cli.main import OK, refuse
-from servolink.project.files.file import load_project
+from servolink.cli.output import print_json, print_text
+from servolink.errors import ProjectError
+from servolink.escaping import printable
 from servolink.project.model import Project
+from servolink.project.project_file import load_project, save_project
+from servolink.project.validate import problems
 
 
 def add_source(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +34,7 @@ def with_project(args: argparse.Namespace, then: Callable[[Project], int]) -> in
     if getattr(args, "in_place", False):
         refuse(args, "--in-place is for files; write into one with -o, and `servolink apply` writes it to a board")
 
-    from servolink.cli.progress import shown_progress
+    from servolink.cli.live import shown_progress
     from servolink.cli.session import Interruption, converse
     from servolink.client.board import Board
 
@@ -43,3 +48,48 @@ def with_project(args: argparse.Namespace, then: Callable[[Project], int]) -> in
     args.url = args.source
     ended = converse(args, talk, state="the board was only read")
     return then(*read) if ended == OK else ended
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument("-o", "--output", type=Path, metavar="OUT", help="write the result into this file")
+    where.add_argument("--in-place", action="store_true", help="write the result into FILE itself")
+    add_force(parser)
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """Add the option that lets files be replaced."""
+    parser.add_argument("--force", action="store_true", help="replace a file that is there already")
+
+
+def write_edited(args: argparse.Namespace, before: Project, after: Project, changes: list[str], **more: Any) -> int:
+    """Write `after` where `args` says, whole or not at all, and print what was changed.
+
+    ProjectError if a board could not store it; nothing is written then.
+    """
+    target: Path = Path(args.source) if args.in_place else args.output
+    is_new = not args.in_place or after != before
+    if is_new:
+        write_new(args, target, after)
+    if args.json:
+        print_json({"file": str(target), "written": is_new, "changes": changes, **more})
+        return OK
+    for change in changes:
+        print_text(change)
+    print_text(f"{target}: {'written' if is_new else 'nothing to change, left as it is'}")
+    return OK
+
+
+def write_new(args: argparse.Namespace, target: Path, project: Project) -> None:
+    """Write `project` to a file that is not there yet, or that `args` let it replace.
+
+    ProjectError if no board could store it, with captions in the encoding of `args`.
+    """
+    found = problems(project, caption_encoding=args.caption_encoding)
+    if errors := [str(problem) for problem in found if problem.severity == "error"]:
+        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+        raise ProjectError(f"the result would be no valid project, and nothing was written: {errors[0]}{more}")
+    if target.exists() and not (args.force or getattr(args, "in_place", False)):
+        raise ProjectError(f"{printable(str(target))}: is there already; --force replaces it")
+    save_project(target, project)

@@ -14,11 +14,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, TypeVar
 
+from servolink.usbip.descriptors import FULL_SPEED
+from servolink.usbip.device import UsbDevice
+from servolink.usbip.server import Conversation, plugged
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.pacemaker import Pacemaker
-from servolink.virtual.usbip.descriptors import FULL_SPEED
-from servolink.virtual.usbip.device import UsbDevice
-from servolink.virtual.usbip.server import Conversation, plugged
+from servolink.virtual.transport import Pacemaker
 
 T = TypeVar("T")
 Use = Callable[[UsbDevice], AbstractContextManager[None]]

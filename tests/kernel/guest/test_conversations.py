@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 import servolink
-from servolink.protocol.editing import Action, ActionEntry
+from servolink.protocol.records import Action, ActionEntry
 from servolink.virtual.board import VirtualBoard
 from tests.client.test_board import CHAPTERS
 from tests.kernel.guest.plug import Plug, board_use

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import servolink
-from servolink.project.imports.progress import Progress
+from servolink.project.transfer.results import Progress
 from servolink.virtual.board import VirtualBoard
 from tests.kernel.guest.plug import Plug, board_use
 from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, same

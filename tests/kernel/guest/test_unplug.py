@@ -21,8 +21,8 @@ import pytest
 
 import servolink
 from servolink.protocol.settings import QueryMemorySizeRequest
+from servolink.usbip.device import Pipe
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.usbip.pipe import Pipe
 from tests.kernel.guest.plug import LIMIT, Plug, board_use, until
 
 pytestmark = pytest.mark.timeout(180)

@@ -10,13 +10,12 @@ from types import TracebackType
 
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
+from servolink.transports.device_info import UsbId
 from servolink.transports.hid import HidDevice
 from servolink.transports.hid_devices import load
 from servolink.transports.registry import create
-from servolink.transports.usb_id import UsbId
-from servolink.virtual.usbip.descriptors import PACKET
-from servolink.virtual.usbip.device import UsbDevice
-from servolink.virtual.usbip.pipe import Pipe, reports, transfers
+from servolink.usbip.descriptors import PACKET
+from servolink.usbip.device import Pipe, UsbDevice, reports, transfers
 from tests.kernel.guest.plug import Plug
 from tests.transports.wires import Ear, Measuring, Wire
 

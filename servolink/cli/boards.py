@@ -1,0 +1,160 @@
+"""`servolink list`: the boards that are here."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from servolink.cli.main import NO_BOARD, OK, fail, refuse
+from servolink.cli.output import Table, print_json, print_table, print_text
+from servolink.cli.session import Interruption, converse, run_interruptible
+from servolink.client.board import Board
+from servolink.connection.probe import Heard, probe
+from servolink.discovery.names import Alias, alias_for, aliases_path, current_url, is_name, load_aliases, save_alias
+from servolink.discovery.search import NONE_HERE, discover, search
+from servolink.errors import OpenError
+from servolink.protocol.servos import ALL_SERVOS
+from servolink.transports.device_info import Candidate
+
+
+def configure_list(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink list`."""
+    parser.add_argument("--probe", action="store_true", help="open each and ask whether it is a board")
+
+
+def run_list(args: argparse.Namespace) -> int:
+    """Print what may be a board; nothing is opened but with --probe."""
+
+    async def main(interruption: Interruption) -> int:
+        candidates = await discover()
+        names = _names(load_aliases(), candidates)
+        heard = await asyncio.gather(*(probe(candidate.url) for candidate in candidates)) if args.probe else []
+        if args.json:
+            boards = [asdict(candidate) | {"name": names.get(candidate.url)} for candidate in candidates]
+            if heard:
+                boards = [board | _described(sound) for board, sound in zip(boards, heard, strict=True)]
+            print_json({"boards": boards})
+        elif candidates:
+            print_table(_table(candidates, names, heard))
+        if candidates:
+            return OK
+        return NO_BOARD if args.json else fail(OpenError(NONE_HERE), NO_BOARD)
+
+    return run_interruptible(main, "nothing was changed")
+
+
+def _names(aliases: Mapping[str, Alias], candidates: list[Candidate]) -> dict[str, str]:
+    """Return the names of the boards that are here, by address."""
+    names: dict[str, str] = {}
+    for name, alias in aliases.items():
+        try:
+            url = current_url(name, alias, candidates)
+        except OpenError:  # it is not here
+            continue
+        names[url.partition("?")[0]] = name
+    bare = {candidate.url: candidate.url.partition("?")[0] for candidate in candidates}
+    return {url: names[place] for url, place in bare.items() if place in names}
+
+
+def _described(heard: Heard) -> dict[str, Any]:
+    return {"answer": heard.answer and asdict(heard.answer), "problem": heard.problem}
+
+
+def _table(candidates: list[Candidate], names: Mapping[str, str], heard: list[Heard]) -> Table:
+    columns = ["address", "name", "product", "serial number", "problem"]
+    rows: list[list[object]] = [
+        [each.url, names.get(each.url), each.product, each.serial_number, each.problem] for each in candidates
+    ]
+    if heard:
+        columns.insert(4, "answer")
+        for row, sound in zip(rows, heard, strict=True):
+            row[4:] = [_answer(sound), sound.problem]
+    return Table(columns, rows)
+
+
+def _answer(heard: Heard) -> str:
+    if heard.answer is None:
+        return "" if heard.problem else "none"
+    mode = "" if heard.answer.transmission_mode == 1 else ", was in the old transmission mode"
+    return f"project id {heard.answer.project_id}, {heard.answer.byte_order} byte order{mode}"
+
+
+def configure_use(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink use`."""
+    parser.add_argument("name", metavar="NAME", help="of letters, digits, - and _")
+    parser.add_argument("address", metavar="URL", help="the board's address, as `servolink list` shows it")
+
+
+def run_use(args: argparse.Namespace) -> int:
+    """Keep the name; nothing is opened."""
+    if not is_name(args.name):
+        refuse(args, f"{args.name!r} cannot be a name: up to 64 letters, digits, - and _, and no port")
+    alias = alias_for(args.address, search())
+    save_alias(args.name, alias)
+    if args.json:
+        print_json({"name": args.name, "url": alias.url, "serial_number": alias.serial_number})
+    else:
+        board = (
+            f"the board with serial number {alias.serial_number}, on whatever port"
+            if alias.serial_number
+            else alias.url
+        )
+        print_text(f"{args.name} is {board}; kept in {aliases_path()}")
+    return OK
+
+
+def configure_info(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add nothing: `servolink info` has no options of its own."""
+
+
+def run_info(args: argparse.Namespace) -> int:
+    """Ask for everything and print it."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        memory = await board.memory()
+        described = {
+            "url": board.url,
+            "project_id": await board.project_id(),
+            "has_unfinished_import": await board.has_unfinished_import(),
+            "memory": {"size_bytes": memory.size, "total_size_bytes": memory.total_size},
+            "battery_percent": await board.battery(),
+            "servos": len(await board.servo_ids()),
+            "actions": len(await board.actions()),
+            "macros": len(await board.macros()),
+            "joystick_tables": len(await board.joystick_tables()),
+            "active_joystick_table": await board.active_joystick_table(),
+            "angle_unit": board.unit_of(ALL_SERVOS),
+            "round_trip_seconds": board.stats.round_trip(50),
+        }
+        if args.json:
+            print_json(described)
+        else:
+            print_table(_facts(described, memory.size, memory.total_size))
+        return OK
+
+    return converse(args, talk)
+
+
+def _facts(described: dict[str, object], free: int, total: int | None) -> Table:
+    active, round_trip = described["active_joystick_table"], described["round_trip_seconds"]
+    project_id = described["project_id"] or "none"
+    if described["has_unfinished_import"]:
+        project_id = "none: an import is unfinished"
+    return Table(
+        (),
+        [
+            ("board", described["url"]),
+            ("project id", project_id),
+            ("memory", f"{free:,} bytes free" + ("" if total is None else f" of {total:,}")),
+            ("battery", f"{described['battery_percent']} %"),
+            ("servos", described["servos"]),
+            ("actions", described["actions"]),
+            ("macros", described["macros"]),
+            ("joystick tables", f"{described['joystick_tables']}, active: {'none' if active is None else active}"),
+            ("angle unit", f"{described['angle_unit']}, which servolink sets before it reads or moves servos"),
+            ("round trip", f"{round_trip * 1000:.1f} ms" if isinstance(round_trip, float) else "unknown"),
+        ],
+    )

@@ -1,0 +1,152 @@
+"""Servos on their way: read until they arrive, drawn as bars on a terminal."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from servolink.cli.output import console
+from servolink.client.board import Board
+from servolink.client.servos import Servo
+from servolink.errors import RequestTimeout
+from servolink.escaping import printable
+from servolink.project.transfer.results import Phase, Progress, Tell
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+Draw = Callable[[float, Sequence[Servo]], None]
+"""Takes the seconds since the start and what the servos then report."""
+
+_ARRIVED = 2  # degrees, or raw steps, as near as a servo can be expected to come
+_GRACE = 1.0
+_PAUSE = 0.04  # seconds between two readings
+_HALF = 24  # columns for the widest angle to one side
+_BESIDE = 21  # columns for what stands beside a bar, such as "servo 254" and "4095 ADC"
+_WIDEST = 120.0
+
+
+async def follow(board: Board, targets: Mapping[int, int], seconds: float, draw: Draw) -> tuple[Servo, ...]:
+    """Read the servos for `seconds` and until they rest at `targets`; RequestTimeout if a second later they do not."""
+    loop = asyncio.get_running_loop()
+    start, before = loop.time(), dict[int, int]()
+    while True:
+        servos = await board.servos()
+        elapsed = loop.time() - start
+        draw(elapsed, servos)
+        here = {servo.servo_id: servo.angle for servo in servos if servo.servo_id in targets}
+        away = [servo_id for servo_id, angle in here.items() if abs(angle - targets[servo_id]) > _ARRIVED]
+        too_late = elapsed >= seconds + _GRACE
+        if elapsed >= seconds and not away and (here == before or too_late):
+            return servos
+        if too_late:
+            one = away[0]
+            raise RequestTimeout(
+                f"servo {one} is at {here[one]}, not at {targets[one]}, {_GRACE:.0f} s after it should have arrived: "
+                "it may have been stopped or released, or be blocked or overloaded"
+            )
+        before = here
+        await asyncio.sleep(_PAUSE)
+
+
+@contextmanager
+def live_bars(servo_ids: Container[int] = range(256)) -> Iterator[Draw]:
+    """Draw the servos, or some of them, as bars that move, until the end, where they stay."""
+    from rich.live import Live
+
+    shown = console()
+    block = "█" if shown.encoding.startswith("utf") else "#"
+    with Live(console=shown, auto_refresh=False) as live:
+
+        def draw(elapsed: float, servos: Sequence[Servo]) -> None:
+            wanted = [servo for servo in servos if servo.servo_id in servo_ids]
+            half = max(0, min(_HALF, (shown.width - _BESIDE) // 2))
+            live.update(_bars(elapsed, wanted, block, half), refresh=True)
+
+        yield draw
+
+
+def _bars(elapsed: float, servos: Sequence[Servo], block: str, half: int) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    bars = Table.grid(padding=(0, 1))
+    bars.add_column(justify="right")
+    bars.add_column()
+    bars.add_column(justify="right")
+    for servo in servos:
+        length = min(half, round(abs(int(servo.angle)) / _WIDEST * half))
+        bar = (block * length).rjust(half) + "│" if servo.angle < 0 else " " * half + "│" + block * length
+        colour = "red" if not (servo.is_start and servo.is_hold) else "cyan" if servo.angle < 0 else "green"
+        bars.add_row(
+            Text(f"servo {servo.servo_id}"), Text(bar.ljust(2 * half + 1), style=colour), Text(str(servo.angle))
+        )
+    bars.add_row(Text(f"{elapsed:.1f} s", style="dim"))
+    return bars
+
+
+PHASES: dict[Phase, str] = {
+    "reading": "reading the board",
+    "saving": "keeping a backup",
+    "marking": "marking the import on the board",
+    "clearing": "deleting all data",
+    "writing": "writing",
+    "verifying": "verifying",
+    "finishing": "finishing",
+}
+
+
+@contextmanager
+def shown_progress(board: Board, *, quiet: bool) -> Iterator[Tell]:
+    """Yield what takes the progress and shows it on standard error, not at all if `quiet`."""
+    if quiet:
+        yield lambda progress: None
+    elif sys.stderr is not None and sys.stderr.isatty():
+        with _bar(board) as tell:
+            yield tell
+    else:
+        yield _lines()
+
+
+@contextmanager
+def _bar(board: Board) -> Iterator[Tell]:
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[size]}", markup=False),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[item]}", markup=False),
+    )
+    phase: Phase | None = None
+    with Bar(*columns, console=console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", item="", size="")
+
+        def tell(progress: Progress) -> None:
+            nonlocal phase, task
+            if progress.phase != phase:
+                phase = progress.phase
+                bar.remove_task(task)
+                task = bar.add_task(PHASES[phase], item="", size="")
+            size = f"{board.stats.bytes_sent + board.stats.bytes_received:,} bytes"
+            bar.update(task, completed=progress.done, total=progress.total, item=printable(progress.item), size=size)
+
+        yield tell
+
+
+def _lines() -> Callable[[Progress], None]:
+    phase: Phase | None = None
+
+    def tell(progress: Progress) -> None:
+        nonlocal phase
+        if progress.phase != phase:
+            phase = progress.phase
+            print(f"{PHASES[phase]} ...", file=sys.stderr, flush=True)
+
+    return tell

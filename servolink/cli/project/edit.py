@@ -1,0 +1,179 @@
+"""`servolink project scale-time`, `merge` and `rename`."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+from servolink.cli.arguments import number, whole_number
+from servolink.cli.main import OK, refuse
+from servolink.cli.output import print_json, print_text
+from servolink.cli.project.source import add_force, add_output, add_source, with_project, write_edited, write_new
+from servolink.project.adjust import renamed, renamed_servo, scaled
+from servolink.project.fix import fixed
+from servolink.project.merge import merged
+from servolink.project.mirror import Mirror, mirror_by_captions, mirrored
+from servolink.project.model import Project
+from servolink.project.project_file import load_project, schema_text
+from servolink.project.records import find
+from servolink.protocol.record_types import ACTION, KINDS, MACRO
+from servolink.protocol.records import Action
+
+_TABLE = {"table": "joystick table"}
+
+
+def configure_edits(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `command`."""
+    if command == "merge":
+        parser.description = f"{parser.description} Where an id means two things, those of OTHER get new ids."
+    add_source(parser)
+    if command == "scale-time":
+        parser.add_argument(
+            "factor", type=number(1e-6, 1e6, "times"), metavar="FACTOR", help="2 takes twice as long, 0.5 half as long"
+        )
+        parser.add_argument(
+            "actions", nargs="*", metavar="ACTION", help="caption or id; without any, everything and all pauses"
+        )
+    elif command == "merge":
+        parser.add_argument("other", type=Path, metavar="OTHER", help="the project file that is added to it")
+    else:
+        parser.add_argument("kind", choices=("action", "macro", "table", "servo"), help="what to rename")
+        parser.add_argument(
+            "id",
+            type=whole_number(-(2**31), 2**31 - 1),
+            metavar="ID",
+            help="its id, as `project show` shows it",
+        )
+        parser.add_argument("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")
+    add_output(parser)
+
+
+def run_edits(args: argparse.Namespace) -> int:
+    """Write the edited project."""
+    edit = {"scale-time": _scaled, "merge": _merged, "rename": _renamed}[args.project_command]
+
+    def write(project: Project) -> int:
+        result, changes = edit(args, project)
+        return write_edited(args, project, result, changes)
+
+    return with_project(args, write)
+
+
+def _scaled(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
+    actions = [find(project, name, (ACTION,)).action_id for name in args.actions]
+    result, changes = scaled(project, args.factor, actions or None)
+    result, fixes = fixed(result)
+    return result, changes + fixes
+
+
+def _merged(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
+    return merged(project, load_project(args.other, exact=True))
+
+
+def _renamed(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
+    if args.kind == "servo":
+        return renamed_servo(project, args.id, args.caption)
+    kind = next(kind for kind in KINDS if kind.word == _TABLE.get(args.kind, args.kind))
+    return renamed(project, kind, args.id, args.caption)
+
+
+_PAIR = re.compile(r"([0-9]{1,3})=([0-9]{1,3})", re.ASCII)
+_HOW = """A servo that is built in as the mirror image of another turns the other way round, so each one takes the
+opposite of its partner's angle, unless it is named in --same-sign. Servos without a partner stay as they are. The
+partner of 'left knee' is 'right knee', of 'L knee' 'R knee', of 'l_knee' 'r_knee'; Chinese works too."""
+
+
+def configure_mirror(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink project mirror`."""
+    parser.description = f"{parser.description} {_HOW}"
+    add_source(parser)
+    parser.add_argument("records", nargs="+", metavar="NAME", help="caption or id of an action or a macro, action:3")
+    parser.add_argument(
+        "--map", type=_pairs, metavar="1=2,3=4", help="these pairs, not the captions; 5=5 for one that turns about"
+    )
+    parser.add_argument(
+        "--same-sign", type=_servos, default=(), metavar="5,6", help="servos that take their partner's angle as it is"
+    )
+    add_output(parser)
+
+
+def run_mirror(args: argparse.Namespace) -> int:
+    """Write the project with the mirror images."""
+    return with_project(args, lambda project: _mirror(args, project))
+
+
+def _mirror(args: argparse.Namespace, project: Project) -> int:
+    records = [find(project, name, (ACTION, MACRO)) for name in args.records]
+    if args.map is None:
+        mirror = mirror_by_captions(project, records, args.same_sign)
+    else:
+        mirror = Mirror(args.map, args.same_sign)
+        if not any(step.servo_id in args.map for action in project.actions for step in action.steps):
+            refuse(args, "no action moves a servo of --map")
+    if strangers := [servo_id for servo_id in args.same_sign if servo_id not in mirror.partners]:
+        refuse(args, f"servo {strangers[0]} of --same-sign has no partner")
+    result, changes = mirrored(project, records, mirror)
+    pairs = sorted((one, other) for one, other in mirror.partners.items() if one <= other)
+    said = [f"pairs: {', '.join(f'{one}={other}' for one, other in pairs)}", *changes]
+    return write_edited(args, project, result, said, pairs=pairs)
+
+
+def _pairs(text: str) -> dict[int, int]:
+    """Read pairs, and return them in both directions."""
+    partners: dict[int, int] = {}
+    for part in text.split(","):
+        if (found := _PAIR.fullmatch(part.strip())) is None or max(map(int, found.groups())) > 0xFE:
+            raise argparse.ArgumentTypeError(f"{part!r} is no pair of servos 0 to 254, as in 1=2")
+        one, other = map(int, found.groups())
+        for servo_id, partner in ((one, other), (other, one)):
+            if partners.setdefault(servo_id, partner) != partner:
+                raise argparse.ArgumentTypeError(f"servo {servo_id} has two partners in {text!r}")
+    return partners
+
+
+def _servos(text: str) -> tuple[int, ...]:
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isascii() and part.isdecimal() and int(part) <= 0xFE for part in parts):
+        raise argparse.ArgumentTypeError(f"{text!r} is no list of servos 0 to 254, as in 5,6")
+    return tuple(map(int, parts))
+
+
+_SERVOS = 16
+_MOST_SERVOS = 254
+
+
+def configure_new(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink project new`."""
+    parser.add_argument("file", type=Path, metavar="FILE", help="such as robot.servolink.json")
+    parser.add_argument("--servos", type=_count, default=_SERVOS, metavar="N", help=f"servos 1 to N ({_SERVOS})")
+    add_force(parser)
+
+
+def run_new(args: argparse.Namespace) -> int:
+    """Write a project with a caption for each servo and a pose with all of them at 0 degrees."""
+    servo_ids = range(1, args.servos + 1)
+    rest = Action.pose("Rest", dict.fromkeys(servo_ids, 0), seconds=1.0)
+    project = Project.of(rest, captions={servo_id: f"servo {servo_id}" for servo_id in servo_ids})
+    write_new(args, args.file, project)
+    if args.json:
+        print_json({"file": str(args.file), "servos": args.servos, "actions": len(project.actions)})
+    else:
+        print_text(f"{args.file}: written, with {args.servos} servos and action 1 'Rest'")
+    return OK
+
+
+def _count(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= _MOST_SERVOS):
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of servos, 1 to {_MOST_SERVOS}")
+    return int(text)
+
+
+def configure_schema(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add no options."""
+
+
+def run_schema(args: argparse.Namespace) -> int:
+    """Print the schema, which is JSON with `--json` and without."""
+    print(schema_text(), end="")
+    return OK

@@ -1,0 +1,172 @@
+"""Where a lesson goes: into a project file, or onto the board; nothing that was taught is lost."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+
+from servolink.cli.arguments import number, whole_number
+from servolink.cli.main import FAILED, INTERRUPTED, OK
+from servolink.cli.motion import may_release, servo_id
+from servolink.cli.output import print_json, print_text
+from servolink.cli.servos import reported
+from servolink.cli.session import Interruption, converse
+from servolink.cli.teach_session import Limp, Taking
+from servolink.cli.terminal import handled
+from servolink.client.board import Board
+from servolink.errors import ConnectionLost, ProjectError, ServolinkError
+from servolink.escaping import printable
+from servolink.project.model import Project
+from servolink.project.project_file import load_project, save_project
+from servolink.project.teaching import LONGEST, SHORTEST, Lesson, refuse_taken
+from servolink.protocol.records import Action, Macro
+
+
+async def check_name(board: Board, name: str, file: Path | None) -> None:
+    """Raise ProjectError, before anything goes limp, if the lesson could not be written under `name`."""
+    project = _in(file) if file is not None else await _outline(board)
+    refuse_taken(project, name)
+    Project.of(Action.pose(f"{name} 99", {}), Macro.of(name))
+
+
+async def write(board: Board, lesson: Lesson, file: Path | None) -> str:
+    """Add the lesson to the file, or to the board by an import; return where it is.
+
+    If that fails it is written to a file of its own, and the error says which.
+    """
+    try:
+        if file is not None:
+            save_project(file, lesson.into(_in(file)))
+            return str(file)
+        await board.apply(lesson.into(await board.export_project()))
+    except ServolinkError as error:
+        kept = _free_file(lesson.caption)
+        save_project(kept, lesson.into(Project()))
+        where = printable(str(kept))
+        raise ProjectError(f"{error}. What was taught is in {where}; `servolink project merge` adds it") from error
+    return "on the board"
+
+
+def _in(file: Path) -> Project:
+    return load_project(file) if file.exists() else Project()
+
+
+async def _outline(board: Board) -> Project:
+    """Return the captions that are taken on the board."""
+    actions = [Action(entry.action_id, entry.action_caption) for entry in await board.actions()]
+    macros = [Macro(entry.macro_id, entry.macro_caption) for entry in await board.macros()]
+    return Project(actions=tuple(actions), macros=tuple(macros))
+
+
+def _free_file(caption: str) -> Path:
+    """Return the name of a file in this folder that is not there yet."""
+    name = re.sub(r"[^\w-]+", "_", caption).strip("_") or "lesson"
+    names = (Path(f"{name}{f'-{number}' if number > 1 else ''}.servolink.json") for number in count(1))
+    return next(path for path in names if not path.exists())
+
+
+_SPEED_CAP = 120.0
+
+
+def configure(command: str, parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink teach`."""
+    parser.add_argument("name", metavar="NAME", help="of the action, or of the macro if there are several poses")
+    parser.add_argument("servo_ids", nargs="*", type=servo_id, metavar="SERVO", help="the servos to release (all)")
+    parser.add_argument("--file", type=Path, metavar="FILE", help="write into this project file, not to the board")
+    parser.add_argument(
+        "--button", type=whole_number(0, 2**32 - 1), metavar="ID", help="the only button that takes poses (any)"
+    )
+    parser.add_argument(
+        "--interval",
+        type=number(SHORTEST, LONGEST, "seconds"),
+        metavar="S",
+        help="seconds to each pose, instead of those that it took",
+    )
+    parser.add_argument(
+        "--speed-cap",
+        type=number(1, 10_000, "degrees per second"),
+        default=_SPEED_CAP,
+        metavar="D",
+        help=f"degrees per second that playing it will not exceed ({_SPEED_CAP:g})",
+    )
+    parser.add_argument("--yes", action="store_true", help="do not ask whether the servos may go limp")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Release, take poses, hold again, write."""
+    which = f"servos {', '.join(map(str, args.servo_ids))}" if args.servo_ids else "all servos"
+    if not args.yes and not may_release(args, which):
+        return FAILED
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        await check_name(board, args.name, args.file)
+        servos = await reported(board, args.servo_ids)
+        if args.servo_ids:
+            servos = tuple(servo for servo in servos if servo.servo_id in args.servo_ids)
+        lesson = Lesson(
+            args.name,
+            {servo.servo_id: int(servo.angle) for servo in servos},
+            asyncio.get_running_loop().time(),
+            speed_cap=args.speed_cap,
+            seconds=args.interval,
+        )
+        ids = frozenset(servo.servo_id for servo in servos)
+        taking = Taking(board, lesson, ids, button=args.button, json=args.json)
+        if not await _taught(taking, Limp(board, servos), interruption):
+            interruption.state += f"; {len(lesson.poses)} poses were not written"
+            interruption.tell()
+            return INTERRUPTED
+        if not lesson.poses:
+            print_text("no pose was taken, nothing is written")
+            return FAILED
+        where = await write(board, lesson, args.file)
+        if args.json:
+            print_json({"name": args.name, "poses": len(lesson.poses), "written": where})
+        else:
+            print_text(f"'{args.name}' with {len(lesson.poses)} poses is written: {where}")
+        return OK
+
+    return converse(args, talk, reconnect=True)
+
+
+async def _taught(taking: Taking, limp: Limp, interruption: Interruption) -> bool:
+    """Take poses with limp servos, which are held when this returns; tell whether it was not interrupted."""
+    interruption.state = f"{limp.words} may be limp; `servolink stop` holds all servos"
+    lost = False
+    with _gentle() as stop:
+        try:
+            await limp.release()
+            await taking.until(stop)
+        except ConnectionLost as error:
+            lost = True
+            _note(f"{error}; {limp.words} will be held as soon as the board is back, Ctrl-C twice gives up")
+        finally:
+            await limp.hold_when_back()
+        interruption.state = f"{limp.words} are held again"
+        if lost:
+            _note(f"the board is back, and {limp.words} are held")
+        return not stop.is_set()
+
+
+@contextmanager
+def _gentle() -> Iterator[asyncio.Event]:
+    """Let the first Ctrl-C set the event, so that limp servos can be held, and a second one end it all."""
+    stop, task = asyncio.Event(), asyncio.current_task()
+
+    def interrupt() -> None:
+        if stop.is_set() and task is not None:
+            task.cancel()
+        stop.set()
+
+    with handled(interrupt):
+        yield stop
+
+
+def _note(text: str) -> None:
+    print(f"servolink: {printable(text)}", file=sys.stderr, flush=True)

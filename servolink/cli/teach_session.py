@@ -1,0 +1,154 @@
+"""Servos that are limp for a while, and are held again whatever happens."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Literal
+
+from servolink.cli.live import Draw, live_bars
+from servolink.cli.output import is_terminal, print_json, print_text
+from servolink.cli.terminal import single_keys
+from servolink.client.board import Board
+from servolink.client.servos import Servo
+from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
+from servolink.project.teaching import Lesson
+
+_SILENCE_PAUSE = 0.2  # seconds before a board that does not answer is asked again
+
+
+class Limp:
+    """Releases servos and holds them again where they are."""
+
+    def __init__(self, board: Board, servos: Sequence[Servo]) -> None:
+        """`servos` as they are before they are released."""
+        self._board = board
+        self._servos = servos
+        self.words = "servos " + ", ".join(str(servo.servo_id) for servo in servos)
+
+    async def release(self) -> None:
+        """Let them go limp."""
+        for servo in self._servos:
+            await self._board.release(servo.servo_id)
+
+    async def hold(self) -> None:
+        """Hold all of them, stopped, and only then let those be moved again that could be before.
+
+        A servo that is started may go on to where it was told to go last; one that is held first stays where it is.
+        """
+        for servo in self._servos:
+            await self._board.set_servo(servo.servo_id, start=False, hold=True)
+        for servo in self._servos:
+            if servo.is_start:
+                await self._board.set_servo(servo.servo_id, start=True, hold=True)
+
+    async def hold_when_back(self) -> None:
+        """Hold them as soon as the board is there, however long that takes."""
+        while True:
+            try:
+                await self.hold()
+            except ConnectionLost:
+                await self._reconnected()
+            except (OutcomeUnknown, RequestTimeout):
+                await asyncio.sleep(_SILENCE_PAUSE)
+            else:
+                return
+
+    async def _reconnected(self) -> None:
+        async for state in self._board.states():
+            if state == "connected":
+                return
+
+
+_PAUSE = 0.04  # seconds between two readings
+_KEYS: dict[str, Wish] = {" ": "take", "\n": "take", "\r": "take", "u": "undo", "q": "end", "\x1b": "end"}
+Wish = Literal["take", "undo", "end"]
+
+
+class Taking:
+    """Does what keys and buttons ask for, until one asks for the end."""
+
+    def __init__(
+        self, board: Board, lesson: Lesson, servo_ids: frozenset[int], *, button: int | None, json: bool
+    ) -> None:
+        """Take poses of `servo_ids`; `button` is the one to obey, None for any."""
+        self._board = board
+        self._lesson = lesson
+        self._servo_ids = servo_ids
+        self._button = button
+        self._json = json
+        self._wishes: deque[Wish] = deque()
+
+    async def until(self, stop: asyncio.Event) -> None:
+        """Take poses until the end is asked for or `stop` is set; ConnectionLost if the board is gone."""
+        listening = asyncio.create_task(self._listen())
+        try:
+            with single_keys(self._typed) as keyboard, self._drawing() as draw:
+                self._say_how(keyboard=keyboard)
+                await self._follow(stop, draw)
+        finally:
+            listening.cancel()
+            with suppress(asyncio.CancelledError, Exception):  # what it met, the servos met as well
+                await listening
+
+    async def _follow(self, stop: asyncio.Event, draw: Draw) -> None:
+        loop = asyncio.get_running_loop()
+        start = loop.time()
+        while not stop.is_set():
+            servos = await self._board.servos()
+            draw(loop.time() - start, servos)
+            while self._wishes:
+                if self._is_end(self._wishes.popleft(), servos, loop.time()):
+                    return
+            await asyncio.sleep(_PAUSE)
+
+    def _is_end(self, wish: Wish, servos: tuple[Servo, ...], now: float) -> bool:
+        if wish == "take":
+            degrees = {servo.servo_id: int(servo.angle) for servo in servos if servo.servo_id in self._servo_ids}
+            pose = self._lesson.take(degrees, now)
+            self._tell({"pose": len(self._lesson.poses), "degrees": pose.degrees, "seconds": pose.seconds})
+        elif wish == "undo" and self._lesson.poses:
+            self._lesson.undo()
+            self._tell({"undone": len(self._lesson.poses) + 1})
+        return wish == "end"
+
+    def _tell(self, described: dict[str, object]) -> None:
+        if self._json:
+            print_json(described)
+        elif "undone" in described:
+            print_text(f"pose {described['undone']} is forgotten")
+        else:
+            pose = self._lesson.poses[-1]
+            angles = ", ".join(f"servo {servo_id} {angle}°" for servo_id, angle in pose.degrees.items())
+            print_text(f"pose {described['pose']}, {pose.seconds:g} s: {angles}")
+
+    def _typed(self, text: str) -> None:
+        # What arrow keys send begins as Esc does; only Esc itself comes alone.
+        keys = [text] if text.startswith("\x1b") else list(text)
+        self._wishes.extend(_KEYS[key] for key in keys if key in _KEYS)
+
+    async def _listen(self) -> None:
+        async with self._board.button_events() as events:
+            async for event in events:
+                if self._button in (None, event.button_id):
+                    # A long press has begun as a press, which was not meant as one.
+                    wishes: dict[str, list[Wish]] = {"press": ["take"], "long_press": ["undo", "end"]}
+                    self._wishes.extend(wishes.get(event.kind, []))
+
+    @contextmanager
+    def _drawing(self) -> Iterator[Draw]:
+        if self._json or not is_terminal():
+            yield lambda elapsed, servos: None
+        else:
+            with live_bars(self._servo_ids) as draw:
+                yield draw
+
+    def _say_how(self, *, keyboard: bool) -> None:
+        if not self._json:
+            keys = "space, or " if keyboard else ""
+            ends = "q, or " if keyboard else ""
+            undoes = "; u forgets the last pose" if keyboard else ""
+            which = "a button of the board" if self._button is None else f"button {self._button} of the board"
+            print_text(f"{keys}{which} takes a pose{undoes}; {ends}a long press ends")

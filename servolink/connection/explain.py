@@ -1,0 +1,61 @@
+"""What the link says when a request ends badly: what was asked, of whom, what came back, what to do next."""
+
+from __future__ import annotations
+
+from servolink.connection.stats import Stats
+from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
+from servolink.escaping import printable
+from servolink.protocol.packet import Packet
+
+_LONGEST = 120
+
+
+def described(packet: Packet) -> str:
+    """Return `packet` in words that are safe and short enough for an error."""
+    text = printable(repr(packet))
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+
+
+def timed_out(packet: Packet, url: str, tries: int, waited: float, stats: Stats) -> RequestTimeout:
+    """Return the error for a request that was never answered, with the likely causes in order."""
+    asked = f"{described(packet)} was not answered by {printable(url)}"
+    times = "1 try" if tries == 1 else f"{tries} tries"
+    how = f"in {waited:.1f} s ({times})" if tries else f"and not sent in {waited:.1f} s"
+    skipped = sum(stats.skipped.values())
+    if stats.frames_received:
+        causes = "the board has answered before, so it is busy or has lost power, or the line is bad"
+    elif skipped:
+        causes = "bytes come but no frame: the byte order or baud rate may be wrong, or this is another device"
+    else:
+        causes = "nothing came at all: is the board on, is this its port, is it a data cable, is the baud rate right"
+    noise = f"; {skipped} received bytes were part of no frame" if skipped else ""
+    return RequestTimeout(f"{asked} {how}: {causes}{noise}", packet)
+
+
+def outcome_unknown(packet: Packet, url: str, waited: float) -> OutcomeUnknown:
+    """Return the error for a command that was sent once and not answered."""
+    return OutcomeUnknown(
+        f"{described(packet)} was sent to {printable(url)} and was not answered in {waited:.1f} s: "
+        "it may or may not have been done; read back before sending it again",
+        packet,
+    )
+
+
+def overtaken(packet: Packet) -> OutcomeUnknown:
+    """Return the error for a request whose answer can no longer be told from that of a stop."""
+    return OutcomeUnknown(f"{described(packet)} was overtaken by a stop before its answer came", packet)
+
+
+def lost(url: str, cause: BaseException | None) -> ConnectionLost:
+    """Return the error that ends a link; without a cause it was closed by this program."""
+    reason = "it was closed by this program" if cause is None else printable(str(cause) or type(cause).__name__)
+    error = ConnectionLost(f"the connection to {printable(url)} is gone: {reason}")
+    error.__cause__ = cause
+    return error
+
+
+def same(error: ConnectionLost) -> ConnectionLost:
+    """Return `error` as an exception of its own, so that each waiter gets its own traceback."""
+    twin = ConnectionLost(*error.args)
+    twin.__cause__ = error.__cause__
+    return twin

@@ -1,0 +1,133 @@
+"""Asks a device whether it is a board, in both byte orders and both transmission modes."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+
+from servolink.errors import ConnectionLost, TransportError
+from servolink.escaping import printable
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
+from servolink.protocol.frame import ByteOrder, Frame
+from servolink.protocol.packet import Packet
+from servolink.protocol.parser import FrameParser
+from servolink.protocol.settings import TransmissionModeSettingRequest
+from servolink.transports.base import Transport
+from servolink.transports.registry import create
+
+BYTE_ORDERS: tuple[ByteOrder, ...] = ("little", "big")
+PATIENCE = 0.4
+"""Seconds for each answer."""
+
+_LISTENING = 0.1  # seconds before the first question
+_ROUNDS = 3  # a single question may be lost on a bad line
+_OLD, _NEW = 0, 1
+_UNASKED_FOR = bytes(265)  # ends a frame that the wrong byte order made to seem 256 bytes longer
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """How a board answered."""
+
+    byte_order: ByteOrder
+    transmission_mode: int
+    """The mode it seems to have been in: 1 is the document's protocol, 0 the old one; it is in 1 now."""
+    project_id: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What came of asking."""
+
+    answer: Answer | None
+    unasked_bytes: int
+    """How many came before anything was asked."""
+    received_bytes: int
+    problem: str = ""
+    """Why it could not be asked."""
+
+
+async def probe(url: str) -> Heard:
+    """Open the device at `url`, ask, and close it.
+
+    A board that does not answer is put into the new transmission mode and asked again. It is left there: one that
+    was only slow to start must not be put into the old mode.
+    """
+    try:
+        transport = create(url)
+        ear = _Ear()
+        await transport.open(ear)
+    except TransportError as error:
+        return Heard(None, 0, 0, str(error))
+    try:
+        await asyncio.sleep(_LISTENING)
+        unasked = ear.received
+        return Heard(await _ask(transport, ear, unasked), unasked, ear.received)
+    except TransportError as error:
+        return Heard(None, 0, ear.received, str(error))
+    finally:
+        await transport.close()
+
+
+async def _ask(transport: Transport, ear: _Ear, unasked: int) -> Answer | None:
+    for byte_order in BYTE_ORDERS * _ROUNDS:
+        if answer := await _project_id(transport, ear, byte_order, _NEW):
+            return answer
+    mode = _OLD if ear.received == unasked else _NEW  # one that answered damaged is in the new mode
+    for byte_order in BYTE_ORDERS:
+        await transport.send(Codec(byte_order).encode(TransmissionModeSettingRequest(_NEW)))
+        if answer := await _project_id(transport, ear, byte_order, mode):
+            return answer
+        await transport.send(_UNASKED_FOR)
+    return None
+
+
+async def _project_id(transport: Transport, ear: _Ear, byte_order: ByteOrder, mode: int) -> Answer | None:
+    loop = asyncio.get_running_loop()
+    codec = Codec(byte_order)
+    begun = loop.time()
+    heard = ear.listen_for(codec, QueryProjectIDResponse.packet_id)
+    await transport.send(codec.encode(QueryProjectIDRequest()))
+    await asyncio.wait((heard,), timeout=PATIENCE)
+    if not heard.done():
+        return None
+    response = heard.result()
+    if not isinstance(response, QueryProjectIDResponse):
+        return None
+    return Answer(byte_order, mode, response.project_id, loop.time() - begun)
+
+
+@dataclass(slots=True)
+class _Ear:
+    """Hears frames in both byte orders; one in the wrong order is none, as no id fits."""
+
+    received: int = 0
+    _parsers: list[FrameParser] = field(default_factory=lambda: [FrameParser(order) for order in BYTE_ORDERS])
+    _wanted: tuple[Codec, int, asyncio.Future[Packet]] | None = None
+
+    def listen_for(self, codec: Codec, packet_id: int) -> asyncio.Future[Packet]:
+        """Return a future for the next packet of that id in the byte order of `codec`."""
+        heard = asyncio.get_running_loop().create_future()
+        self._wanted = codec, packet_id, heard
+        return heard
+
+    def data(self, chunk: bytes, /) -> None:
+        self.received += len(chunk)
+        for parser in self._parsers:
+            for frame in parser.feed(chunk):
+                self._take(parser.byte_order, frame)
+
+    def lost(self, error: Exception | None, /) -> None:
+        if self._wanted is not None and not self._wanted[2].done():
+            heard = self._wanted[2]
+            heard.set_exception(ConnectionLost(f"it was lost while being asked: {printable(str(error))}"))
+            heard.exception()  # seen: nobody may be waiting any more
+
+    def _take(self, byte_order: ByteOrder, frame: Frame) -> None:
+        packet_id, content = frame
+        if self._wanted is not None:
+            codec, wanted, heard = self._wanted
+            if (codec.byte_order, wanted) == (byte_order, packet_id) and not heard.done():
+                heard.set_result(codec.decode(packet_id, content))

@@ -1,0 +1,216 @@
+"""Programs of the system that take or disturb serial ports: brltty and ModemManager."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import PurePosixPath
+
+from servolink.doctor import Finding
+from servolink.doctor.permissions import ADAPTERS, INSTALL, rule_named
+from servolink.doctor.system import Process, SystemFacts, UsbDevice, device_nodes, device_of, usb_device, usb_devices
+from servolink.escaping import printable
+
+
+def check_modem_manager(facts: SystemFacts, url: str) -> Iterator[Finding]:
+    """Find ModemManager if it has not been told to keep away from the port."""
+    device = device_of(url)
+    if not device or usb_device(facts, url) is None or not _is_running(facts, "ModemManager"):
+        return
+    number = facts.text(f"/sys/class/tty/{PurePosixPath(facts.real(device)).name}/dev")
+    if "E:ID_MM_DEVICE_IGNORE=1" not in facts.text(f"/run/udev/data/c{number}").splitlines():
+        yield Finding(
+            "ModemManager",
+            f"ModemManager is running, and nothing keeps it away from {printable(device)}",
+            "it may take a newly plugged port for a modem: for up to 20 s the port is busy and gets bytes from it",
+            f"{INSTALL}\nwithout a modem, simply: sudo systemctl disable --now ModemManager",
+        )
+
+
+def check_brltty(facts: SystemFacts) -> Iterator[Finding]:
+    """Find USB adapters without a port while brltty, for Braille displays, is there to take them."""
+    rule = rule_named(facts, "brltty")
+    if not rule and not _is_running(facts, "brltty"):
+        return
+    for device in usb_devices(facts):
+        chip = ADAPTERS.get((device.vendor_id, device.product_id))
+        if chip and not _has_port(facts, device):
+            mask = f"\nwith one, let it keep away: sudo ln -s /dev/null /etc/udev/rules.d/{PurePosixPath(rule).name}"
+            yield Finding(
+                "brltty",
+                f"a {chip} adapter ({device.vendor_id:04x}:{device.product_id:04x}) is plugged in and has no serial "
+                "port, and brltty is installed",
+                "brltty takes such adapters for Braille displays; their port appears for a second and is gone",
+                "without a Braille display: sudo apt remove brltty"
+                + (mask if rule else "")
+                + "\nunplug the board and plug it in again",
+            )
+
+
+def _is_running(facts: SystemFacts, name: str) -> bool:
+    return any(process.name == name for process in facts.processes())
+
+
+def _has_port(facts: SystemFacts, device: UsbDevice) -> bool:
+    return any(
+        name.startswith("tty")
+        for interface in facts.names(device.folder)
+        if ":" in interface
+        for name in facts.names(f"{device.folder}/{interface}")
+    )
+
+
+_SERVERS_OF_TERMINALS = {"/dev/ptmx", "/dev/pts/ptmx"}
+
+
+def check_holders(facts: SystemFacts, url: str) -> Iterator[Finding]:
+    """Find programs that have the device of `url` open, as far as this user may see them."""
+    nodes = {path for path in device_nodes(facts, url) if not device_of(url) or _is_terminal(facts, path)}
+    if not nodes:
+        return
+    for process in facts.processes():
+        for path in sorted(nodes & process.files):
+            if process.pid != facts.pid and not _serves(process, path):
+                yield Finding(
+                    "in use",
+                    f"process {process.pid} ({process.name or 'unknown'}) has {printable(path)} open",
+                    "two programs on one port take each other's bytes, and most ports let in only one",
+                    f"close it, or: kill {process.pid}",
+                )
+
+
+def _is_terminal(facts: SystemFacts, path: str) -> bool:
+    """Tell whether `path` may be a serial port: nobody need close what every program has open, such as /dev/null."""
+    terminals = facts.names("/sys/class/tty")
+    return not terminals or path.startswith("/dev/pts/") or PurePosixPath(path).name in terminals
+
+
+def _serves(process: Process, path: str) -> bool:
+    """Tell whether `process` is the other end of a pseudo-terminal: it may hold both, as our virtual board does."""
+    return path.startswith("/dev/pts/") and bool(process.files & _SERVERS_OF_TERMINALS)
+
+
+CHECK = "latency timer"
+_MEANS = "an FTDI adapter holds short answers back until its latency timer, usually 16 ms, has run out"
+_LONGEST = 2  # milliseconds that nobody notices
+_NEAR_16_MS = (0.0135, 0.0185)  # seconds; the timer itself, and the short way there and back
+_FEWEST = 10  # round trips from which something can be said
+
+
+def check_latency_timer(facts: SystemFacts, url: str) -> Iterator[Finding]:
+    """Find a latency timer that is set as it comes from the factory."""
+    name = PurePosixPath(facts.real(device_of(url))).name
+    path = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
+    timer = facts.text(path)
+    if timer.isdecimal() and int(timer) > _LONGEST:
+        yield Finding(CHECK, f"{path} is {timer} ms", _MEANS, _cure(facts, name))
+
+
+def check_round_trips(facts: SystemFacts, url: str, round_trips: Sequence[float]) -> Iterator[Finding]:
+    """Find round trips, in seconds, that cluster where the timer puts them."""
+    low, high = _NEAR_16_MS
+    near = [seconds for seconds in round_trips if low <= seconds <= high]
+    if len(round_trips) >= _FEWEST and len(near) * 2 >= len(round_trips):
+        name = PurePosixPath(facts.real(device_of(url))).name
+        seen = f"{len(near)} of {len(round_trips)} answers took {low * 1000:g} to {high * 1000:g} ms"
+        yield Finding(CHECK, seen, f"this is what it looks like when {_MEANS}", _cure(facts, name))
+
+
+def _cure(facts: SystemFacts, name: str) -> str:
+    if facts.platform == "win32":
+        return f"Device Manager, Ports, {name}, Properties, Port Settings, Advanced: Latency Timer 1 ms"
+    if facts.platform == "linux" and name.startswith("ttyUSB"):
+        return (
+            f"until it is unplugged: echo 1 | sudo tee /sys/bus/usb-serial/devices/{name}/latency_timer\n"
+            "for good: the rule that `servolink doctor --print-udev` prints"
+        )
+    return "set the latency timer of the adapter to 1 ms where it is plugged in"
+
+
+_COMPILED = (".so", ".pyd")  # hidapi's modules are; those of the other package are not
+
+
+def check_hid(facts: SystemFacts) -> Iterator[Finding]:
+    """Find a missing hidapi, and the other package whose module is called `hid` too."""
+    names = ("hidraw", "hid") if facts.platform == "linux" else ("hid",)
+    origins = [facts.module(name) for name in names]
+    if any(origin.endswith(_COMPILED) for origin in origins):
+        return
+    if any(origins):
+        yield Finding(
+            "hid package",
+            f"`import hid` finds {next(filter(None, origins))}",
+            "this is the package hid, which has the same name in Python as hidapi and is something else",
+            f"{facts.python} -m pip uninstall hid\n{facts.python} -m pip install --force-reinstall hidapi",
+        )
+    else:
+        yield Finding(
+            "hid package",
+            "there is no module hid",
+            "boards cannot be reached through HID",
+            f"{facts.python} -m pip install hidapi",
+        )
+
+
+def check_libusb(facts: SystemFacts) -> Iterator[Finding]:
+    """Find a missing libusb."""
+    if not facts.module("usb") or not facts.libusb():
+        yield Finding(
+            "libusb",
+            "pyusb finds no libusb" if facts.module("usb") else "there is no module usb",
+            "boards cannot be reached through USB bulk transfers",
+            f"{facts.python} -m pip install --force-reinstall pyusb libusb-package",
+        )
+
+
+def check_surroundings(facts: SystemFacts) -> Iterator[Finding]:
+    """Find what hides devices that are plugged in; meant for when none is seen."""
+    if "microsoft" in facts.text("/proc/version").lower():
+        yield Finding(
+            "WSL",
+            "this is Linux inside Windows (WSL)",
+            "USB devices stay with Windows until they are handed over, after each plugging in",
+            "in PowerShell as administrator: usbipd list\nusbipd bind --busid BUSID\nusbipd attach --wsl --busid BUSID",
+        )
+    if container := _container(facts):
+        yield Finding(
+            "container",
+            f"this runs in a container ({container})",
+            "devices of the machine are not in it unless they are passed in when it is started",
+            "docker run --device=/dev/ttyACM0 ...\nfor HID and USB: --device=/dev/hidraw0, --device=/dev/bus/usb",
+        )
+    if sandbox := _sandbox(facts):
+        yield Finding(
+            "sandbox",
+            f"this Python is packed as {sandbox}",
+            f"{sandbox} hides devices from the programs in it",
+            "run servolink with the Python of the system, in an environment of its own: python3 -m venv",
+        )
+
+
+def check_address(facts: SystemFacts, url: str) -> Iterator[Finding]:
+    """Find addresses that are meant for something else on this system."""
+    device = device_of(url)
+    if facts.platform == "darwin" and device.startswith("/dev/tty."):
+        right = printable(device.replace("/dev/tty.", "/dev/cu.", 1))
+        yield Finding(
+            "macOS port",
+            f"the address names {printable(device)}",
+            "opening a tty. port waits for a carrier signal, which boards do not give; its cu. twin does not",
+            f"--url serial://{right}",
+        )
+
+
+def _container(facts: SystemFacts) -> str:
+    if facts.node("/.dockerenv"):
+        return "Docker"
+    if facts.node("/run/.containerenv"):
+        return "Podman"
+    groups = facts.text("/proc/1/cgroup")
+    known = next((name for name in ("docker", "kubepods", "lxc") if name in groups), "")
+    return known or printable(facts.environment.get("container", ""))
+
+
+def _sandbox(facts: SystemFacts) -> str:
+    if facts.node("/.flatpak-info"):
+        return "Flatpak"
+    return "a snap" if "SNAP" in facts.environment else ""

@@ -1,1 +1,0 @@
-"""Projects made from projects: built, mirrored, merged, scaled, taught."""

@@ -1,1 +1,0 @@
-"""The project file: one project as JSON that people can read."""

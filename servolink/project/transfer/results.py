@@ -1,0 +1,78 @@
+"""What comparing, planning and importing projects comes to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+from msgspec import Struct
+
+Phase: TypeAlias = Literal["reading", "saving", "marking", "clearing", "writing", "verifying", "finishing"]
+"""`reading` and `saving` change nothing on the board; from `marking` on it says that an import is under way."""
+
+
+class Progress(Struct, frozen=True):
+    """What has just been done."""
+
+    phase: Phase
+    done: int
+    total: int
+    """Items of this phase; what an import writes can turn out to be more."""
+    item: str
+    """Such as "action 3"."""
+
+
+Tell: TypeAlias = Callable[[Progress], None]
+
+
+def tell_nobody(progress: Progress) -> None:
+    """Keep it to oneself."""
+
+
+class Change(Struct, frozen=True):
+    """One thing that is added (no `old`), removed (no `new`) or changed."""
+
+    what: str
+    """Such as "action 3" or "project id"."""
+    old: Any = None
+    """An Action, Macro, JoystickTable, ServoParameter, or an id."""
+    new: Any = None
+
+
+class Plan(Struct, frozen=True):
+    """What would change on the board."""
+
+    changes: tuple[Change, ...]
+    """In the order of a project file."""
+    faults: tuple[str, ...]
+    """What else an import puts right: "action 3 is listed more than once"."""
+    requests: int
+    """Of the whole import: backup, writing, verification."""
+    wire_bytes: int
+    """In both directions, on a line without damage."""
+    seconds: float
+    """Estimated from the time that reading the board took."""
+    memory_size: int | None
+    """Bytes of the board's memory; None on boards that do not say."""
+    free_before: int
+    free_after: int
+    """Below 0: it does not fit."""
+    is_unfinished: bool
+    """The board holds an unfinished import."""
+
+    @property
+    def differs(self) -> bool:
+        """Whether there is anything to do."""
+        return bool(self.changes or self.faults)
+
+
+class Applied(Struct, frozen=True):
+    """What an import did."""
+
+    changed: bool
+    """False: the board held the project already, and nothing was written."""
+    resumed: bool
+    """It went on with an import that had been interrupted."""
+    backup: Path | None
+    """What the board held before."""
