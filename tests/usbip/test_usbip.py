@@ -29,7 +29,7 @@ from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import serve
 from tests import processes
 from tests.virtual.receiving import GUARD
-from tests.virtual.usbip_host import IMPORT, UNLINKED, UsbHost, attached, submit, unlink
+from tests.usbip.usbip_host import IMPORT, UNLINKED, UsbHost, attached, submit, unlink
 
 CODEC = Codec()
 LIST, ANSWER = QueryServoListRequest(), QueryServoListResponse((1, 2, 3))
