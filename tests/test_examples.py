@@ -176,7 +176,13 @@ def read(process: subprocess.Popen[str], until: str | None = None) -> str:
     return output.decode()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=str(page.relative_to(ROOT)), marks=[] if page.parent == ROOT else pytest.mark.slow)
+        for page in PAGES
+    ],
+)
 def test_examples_do_what_their_page_says(page: Path, tmp_path: Path) -> None:
     reader = Reader(tmp_path)
     try:

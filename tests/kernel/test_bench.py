@@ -18,6 +18,7 @@ PYTEST = (
     "no:cacheprovider",
     "-p",
     "no:hypothesispytest",
+    "--numprocesses=0",
     "--color=no",
     "-v",
     "--tb=native",
@@ -25,6 +26,7 @@ PYTEST = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.kernel
 @pytest.mark.timeout(LIMIT + 60)
 def test_everything_holds_on_the_kernels_own_drivers(capfd: pytest.CaptureFixture[str]) -> None:

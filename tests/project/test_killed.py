@@ -19,6 +19,7 @@ from servolink.virtual.serve import serve
 from servolink.virtual.transport import VirtualTransport
 from tests import processes
 from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, Make, has_backup, same, undo
+from tests.sampling import every, some
 
 _FARTHEST = 60
 """More steps than there are."""
@@ -44,20 +45,21 @@ async def hosts() -> AsyncIterator[Callable[..., Awaitable[int]]]:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 @pytest.mark.parametrize("how", ["differences", "replace"])
-def test_a_host_that_is_killed_at_any_file_step_loses_nothing(how: str, tmp_path: Path) -> None:
+@every(7)
+def test_a_host_that_is_killed_at_any_file_step_loses_nothing(how: str, step: int, tmp_path: Path) -> None:
     async def main() -> int:
         make = Make()
         async with hosts() as killed:
-            for step in range(_FARTHEST):
-                board, folder = make.board(OLD_CONTENTS, 1), tmp_path / str(step)
+            for at in some(0, _FARTHEST, step):
+                board, folder = make.board(OLD_CONTENTS, 1), tmp_path / str(at)
                 folder.mkdir()
                 async with serve(board, tcp="127.0.0.1:0") as (url,):
-                    status = await killed(url, folder, step, how)
+                    status = await killed(url, folder, at, how)
                     if status == 0:
                         assert same(board.storage.contents, NEW_CONTENTS)
-                        return step
+                        return at
                     assert os.WTERMSIG(status) == signal.SIGKILL
-                left, kept = board.storage.contents, shutil.copytree(folder, tmp_path / f"{step}.kept")
+                left, kept = board.storage.contents, shutil.copytree(folder, tmp_path / f"{at}.kept")
                 assert same(left, OLD_CONTENTS) or has_backup(folder, OLD)
                 async with connect(VirtualTransport(board, url)) as again:
                     await again.apply(NEW, folder=folder)

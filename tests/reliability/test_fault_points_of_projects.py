@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Awaitable, Callable
-from itertools import count
 from pathlib import Path
 
 import msgspec
@@ -23,6 +22,7 @@ from tests.reliability.test_fault_points import (
     run_stepped,
     stocked_board,
 )
+from tests.sampling import every, some
 from tests.virtual_time import run
 
 Call = Callable[[Board, Path], Awaitable[object]]
@@ -80,9 +80,10 @@ async def assert_nothing_is_lost(name: str, virtual: VirtualBoard, folder: Path,
         assert await board.export_project() == OLD
 
 
+@every(17)
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("name", CALLS)
-def test_a_fault_at_any_operation_loses_no_project(name: str, fault: Fault, tmp_path: Path) -> None:
+def test_a_fault_at_any_operation_loses_no_project(name: str, fault: Fault, step: int, tmp_path: Path) -> None:
     async def main(at: int) -> bool:
         folder = tmp_path / "kept"
         shutil.rmtree(folder, ignore_errors=True)
@@ -92,12 +93,13 @@ def test_a_fault_at_any_operation_loses_no_project(name: str, fault: Fault, tmp_
         await assert_nothing_is_lost(name, virtual, folder, done=done)
         return transport.operations >= at
 
-    points = next(at for at in range(1, 1000) if not run(main(at))) - 1
+    points = next(at for at in some(1, 1000, step) if not run(main(at))) - 1
     assert points > 40
 
 
+@every(31)
 @pytest.mark.parametrize("name", ["apply", "replace", "rollback"])
-def test_it_can_be_cancelled_anywhere(name: str, tmp_path: Path) -> None:
+def test_it_can_be_cancelled_anywhere(name: str, step: int, tmp_path: Path) -> None:
     async def scene(at: int) -> bool:
         folder = tmp_path / "kept"
         shutil.rmtree(folder, ignore_errors=True)
@@ -111,5 +113,5 @@ def test_it_can_be_cancelled_anywhere(name: str, tmp_path: Path) -> None:
         await assert_nothing_is_lost(name, virtual, folder, done=not was_cancelled)
         return was_cancelled
 
-    turns = next(at for at in count(1) if not run_stepped(scene(at)))
+    turns = next(at for at in some(1, 10_000, step) if not run_stepped(scene(at)))
     assert turns > 100

@@ -28,8 +28,8 @@ from servolink.usbip.server import UsbIpServer, serve_usbip
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import serve
 from tests import processes
-from tests.virtual.receiving import GUARD
 from tests.usbip.usbip_host import IMPORT, UNLINKED, UsbHost, attached, submit, unlink
+from tests.virtual.receiving import GUARD
 
 CODEC = Codec()
 LIST, ANSWER = QueryServoListRequest(), QueryServoListResponse((1, 2, 3))

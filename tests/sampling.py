@@ -1,0 +1,19 @@
+"""Searches of a space of points: some of them in every run, all of them where slow tests run."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+
+def every(step: int) -> pytest.MarkDecorator:
+    """Give a test `step`, for `some`; 1 when slow tests run."""
+    return pytest.mark.parametrize(
+        "step", [pytest.param(step, id="some"), pytest.param(1, id="all", marks=pytest.mark.slow)]
+    )
+
+
+def some(start: int, stop: int, step: int) -> range:
+    """Return every `step`-th point from a random one on: other points in each run, over some runs all of them."""
+    return range(start + random.randrange(step), stop, step)
