@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from typing import ClassVar
 
-from servolink.transports.threaded import DeviceTransport, News, OpenDevice, Owner
+from servolink.transports.threaded import DeviceThread, DeviceTransport, News, OpenDevice
 
 
 class Source(ABC):
@@ -109,7 +109,7 @@ class OurOwner(Way):
 
     async def start(self) -> None:
         """Start it."""
-        self._owner = Owner(_Device(self.source), asyncio.get_running_loop(), self._take)
+        self._owner = DeviceThread(_Device(self.source), asyncio.get_running_loop(), self._take)
         self._owner.start()
 
     async def stop(self) -> None:

@@ -27,12 +27,12 @@ def run(*, short: bool) -> Result:
             slow.append(f"{name}: {costs[0]:.0f} ns per byte became {max(costs):.0f}")
         if max(costs) > _MOST:
             slow.append(f"{name}: {max(costs):.0f} ns per byte, the goal is {_MOST:.0f}")
-    shown = table(
+    quote = table(
         "Hostile streams, ns per byte",
         ("stream", "128 KB", "512 KB", "512 KB at once"),
         [(case["stream"], *(f"{cost:.1f}" for cost in case["ns_per_byte"])) for case in cases],
     )
-    return {"tables": [shown], "cases": cases, "slow": slow}
+    return {"tables": [quote], "cases": cases, "slow": slow}
 
 
 def _feeding(stream: bytes, chunk: int) -> Callable[[], None]:

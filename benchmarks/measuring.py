@@ -105,11 +105,11 @@ def compare(ours: Callable[[], object], theirs: Callable[[], object], rounds: in
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]], notes: Sequence[str] = ()) -> Table:
     """Print `rows` under `columns`, and `notes` under them; return it for `Result["tables"]`."""
-    shown = Table(
+    quote = Table(
         title=title, columns=list(columns), rows=[[str(cell) for cell in row] for row in rows], notes=list(notes)
     )
-    right = right_aligned(shown)
-    cells = [shown["columns"], *shown["rows"]]
+    right = right_aligned(quote)
+    cells = [quote["columns"], *quote["rows"]]
     widths = [max(len(row[at]) for row in cells) for at in range(len(columns))]
     lines = [
         "  ".join(
@@ -118,14 +118,14 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]], 
         for row in cells
     ]
     rule = "-" * max(map(len, lines))
-    sys.stdout.write("\n".join(["", title, lines[0], rule, *lines[1:], *shown["notes"], ""]))
+    sys.stdout.write("\n".join(["", title, lines[0], rule, *lines[1:], *quote["notes"], ""]))
     sys.stdout.flush()
-    return shown
+    return quote
 
 
-def right_aligned(shown: Table) -> list[bool]:
+def right_aligned(quote: Table) -> list[bool]:
     """Tell for each column whether it holds numbers."""
     return [
-        all(row[at].lstrip("<=-+ ")[:1].isdigit() for row in shown["rows"] if row[at] not in {"", "-"})
-        for at in range(len(shown["columns"]))
+        all(row[at].lstrip("<=-+ ")[:1].isdigit() for row in quote["rows"] if row[at] not in {"", "-"})
+        for at in range(len(quote["columns"]))
     ]

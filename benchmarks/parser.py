@@ -34,7 +34,7 @@ def run(*, short: bool) -> Result:
                     slow.append(f"{found.ratio:.2f}x on {size}-byte frames, the goal is {GOALS[size]}x")
                 if kind == "clean" and chunk == 4096 and size == 3611 and speed < LONG:
                     slow.append(f"{speed:.0f} MB/s on {size}-byte frames, the goal is {LONG}")
-    shown = table(
+    quote = table(
         "Parser against textbook parser, by bytes in a frame and in a chunk",
         ("stream", "frame", "chunk", "ours ns/frame", "ours MB/s", "textbook ns/frame", "ratio", "spread"),
         [
@@ -49,7 +49,7 @@ def run(*, short: bool) -> Result:
             for case in cases
         ],
     )
-    return {"tables": [shown], "cases": cases, "goals": GOALS, "slow": slow}
+    return {"tables": [quote], "cases": cases, "goals": GOALS, "slow": slow}
 
 
 def _feeding(kind: Callable[[], FrameParser | TextbookParser], stream: bytes, chunk: int) -> Callable[[], int]:

@@ -78,7 +78,7 @@ def run(*, short: bool) -> Result:
     lucky, theirs_lucky = (
         measure(kind, min(intact, 40_000), line=lucky_line) for kind in (FrameParser, TextbookParser)
     )
-    shown = table(
+    quote = table(
         "Recall of intact frames on a damaged stream of all packets",
         ("parser", "damage", "intact", "found", "recall", "false frames"),
         [
@@ -99,7 +99,7 @@ def run(*, short: bool) -> Result:
     )
     wrong = [] if ours.complete else [f"{ours.intact - ours.found} of {ours.intact} intact frames lost or out of place"]
     return {
-        "tables": [shown],
+        "tables": [quote],
         "servolink": asdict(ours),
         "textbook": asdict(theirs),
         "lucky": asdict(lucky),

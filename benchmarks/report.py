@@ -63,8 +63,8 @@ def _section(name: str, result: Result, machine: Result) -> Iterator[str]:
         yield f"With {', '.join(f'{other} {version}' for other, version in versions.items())}."
     yield ""
     yield from (f"![{chart.title}](pictures/benchmarks/{chart.name}.svg)\n" for chart in charts(name, result))
-    for shown in result.get("tables", []):
-        yield from _table(shown)
+    for quote in result.get("tables", []):
+        yield from _table(quote)
     missed = [*result.get("wrong", []), *result.get("slow", [])]
     if missed:
         yield from ("Goals missed:\n", *(f"* {fault}" for fault in missed), "")
@@ -72,14 +72,14 @@ def _section(name: str, result: Result, machine: Result) -> Iterator[str]:
         yield "No goal is missed.\n"
 
 
-def _table(shown: Table) -> Iterator[str]:
-    yield f"{shown['title']}:\n"
-    yield _row(shown["columns"])
-    yield _row(["---:" if right else "---" for right in right_aligned(shown)])
-    yield from map(_row, shown["rows"])
+def _table(quote: Table) -> Iterator[str]:
+    yield f"{quote['title']}:\n"
+    yield _row(quote["columns"])
+    yield _row(["---:" if right else "---" for right in right_aligned(quote)])
+    yield from map(_row, quote["rows"])
     yield ""
-    if shown["notes"]:
-        yield from (f"* {note}" for note in shown["notes"])
+    if quote["notes"]:
+        yield from (f"* {note}" for note in quote["notes"])
         yield ""
 
 

@@ -38,7 +38,7 @@ def run(*, short: bool) -> Result:
                 cpus[name].append(cpu)
     times = {name: (median(walls[name]), median(cpus[name])) for name in cases}
     bare_wall, bare_cpu = times[BARE]
-    shown = table(
+    quote = table(
         "from the start of Python to the end, ms",
         ("what", "time", "time over bare Python", "CPU", "CPU over bare Python", "spread"),
         [
@@ -64,7 +64,7 @@ def run(*, short: bool) -> Result:
         for name, goal in GOALS.items()
         if (more := times[name][0] - bare_wall) > goal
     ]
-    return {"tables": [shown], "slow": slow, "goals": GOALS, "versions": versions, "wall": walls, "cpu": cpus}
+    return {"tables": [quote], "slow": slow, "goals": GOALS, "versions": versions, "wall": walls, "cpu": cpus}
 
 
 def _cases(versions: dict[str, str]) -> dict[str, list[str]]:

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from servolink.protocol.records import ServoParameter as ServoParameter
     from servolink.protocol.records import Step as Step
     from servolink.protocol.servos import ALL_SERVOS as ALL_SERVOS
-    from servolink.transports.device_info import Candidate as Candidate
+    from servolink.transports.device_info import DeviceInfo as DeviceInfo
 else:
     from importlib import import_module
 
@@ -67,7 +67,7 @@ else:
         "Button": "servolink.protocol.records",
         "ButtonEvent": "servolink.client.events",
         "ButtonEvents": "servolink.client.events",
-        "Candidate": "servolink.transports.device_info",
+        "DeviceInfo": "servolink.transports.device_info",
         "Codec": "servolink.protocol.codec",
         "ConnectionLost": "servolink.errors",
         "DecodeError": "servolink.errors",

@@ -11,17 +11,17 @@ _BLANKS = "\u034f\u115f\u1160\u17b4\u17b5\u3164\uffa0"  # letters and marks that
 _JOINERS = "\u200c\u200d"  # needed inside emoji and several scripts; they only join what stands beside them
 
 
-def printable(text: str) -> str:
+def escape(text: str) -> str:
     """Return `text` with every control, bidi and undecodable character written as an escape."""
     if text.isprintable() and text.isascii():
         return text
     return "".join(_shown(character) for character in text)
 
 
-def shown(value: object) -> str:
+def quote(value: object) -> str:
     """Return `value` as Python writes it, safe to show and at most 80 characters long."""
     try:
-        text = printable(repr(value))
+        text = escape(repr(value))
     except (ValueError, RecursionError):  # an integer of thousands of digits, lists nested as deep
         return f"this {type(value).__name__}"
     return text if len(text) <= 80 else text[:77] + "..."

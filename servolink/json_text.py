@@ -8,7 +8,7 @@ from collections import Counter
 from typing import Any, NoReturn
 
 from servolink.errors import ProjectError
-from servolink.escaping import printable, shown
+from servolink.escaping import escape, quote
 
 MAX_SIZE = 16 * 1024 * 1024
 """Bytes of the largest file, ten times what fills a megabyte on a board and still read in a second or two."""
@@ -45,7 +45,7 @@ def read_text(text: str | bytes) -> Any:
         said = json.loads(plain, object_pairs_hook=once, parse_constant=_no_number)
     except json.JSONDecodeError as error:
         raise ProjectError(
-            f"is no JSON: {printable(error.msg)} in line {error.lineno}, column {error.colno}; correct it there"
+            f"is no JSON: {escape(error.msg)} in line {error.lineno}, column {error.colno}; correct it there"
         ) from error
     except ValueError as error:
         raise ProjectError("holds a number that is none, or one of thousands of digits; a board has neither") from error
@@ -54,7 +54,7 @@ def read_text(text: str | bytes) -> Any:
     if doubled:
         outermost = doubled[-1]  # the last to end is in no other
         where = place(said, outermost)
-        raise ProjectError(f"{where}{': ' if where else ''}{shown(outermost.key)} is there twice; keep one of them")
+        raise ProjectError(f"{where}{': ' if where else ''}{quote(outermost.key)} is there twice; keep one of them")
     return said
 
 
@@ -76,7 +76,7 @@ def _lines(value: Any, margin: str) -> str:
 
 def _escaped(found: re.Match[str]) -> str:
     character = found[0]
-    return character if printable(character) == character else json.dumps(character)[1:-1]
+    return character if escape(character) == character else json.dumps(character)[1:-1]
 
 
 def _no_number(name: str) -> NoReturn:
@@ -89,7 +89,7 @@ def place(said: Any, sought: object) -> str:
     while waiting:
         path, value = waiting.pop()
         if value is sought or (isinstance(value, dict) and any(key is sought for key in value)):
-            return printable(path.removeprefix("."))
+            return escape(path.removeprefix("."))
         if isinstance(value, dict):
             waiting += [(f"{path}.{key}", one) for key, one in value.items() if not isinstance(one, int)]
         elif isinstance(value, list):

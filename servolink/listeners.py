@@ -11,7 +11,7 @@ from io import FileIO
 from typing import Any, TypeAlias
 
 from servolink.errors import OpenError, TransportError, TransportUnavailable
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
 
@@ -111,7 +111,7 @@ def host_and_port(text: str) -> tuple[str, int]:
     """Split `HOST:PORT`; port 0 means any free one; TransportUnavailable says what is wrong."""
     address = Address.parse(f"tcp://{text}")
     if not address.host or address.path or address.options or not address.port.isdecimal():
-        raise TransportUnavailable(f"{printable(text)!r} is not HOST:PORT, as in 127.0.0.1:0")
+        raise TransportUnavailable(f"{escape(text)!r} is not HOST:PORT, as in 127.0.0.1:0")
     if int(address.port) > _HIGHEST_PORT:
         raise TransportUnavailable(f"port {address.port} is outside 0..{_HIGHEST_PORT}")
     return address.host, int(address.port)
@@ -125,20 +125,20 @@ async def serve_network(connect: Connect, host: str, port: int) -> AsyncIterator
 
 
 @asynccontextmanager
-async def listen(converse: Converse, host: str, port: int) -> AsyncIterator[str]:
-    """Let each host that connects to `host` and `port` `converse`, and give the place as HOST:PORT."""
+async def listen(run_with_board: Converse, host: str, port: int) -> AsyncIterator[str]:
+    """Let each host that connects to `host` and `port` `run_with_board`, and give the place as HOST:PORT."""
     conversations: set[asyncio.Task[None]] = set()
 
     def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        conversation = asyncio.ensure_future(converse(reader, writer))
+        conversation = asyncio.ensure_future(run_with_board(reader, writer))
         conversations.add(conversation)
         conversation.add_done_callback(conversations.discard)
 
-    place = f"{printable(host)}:{port}"
+    place = f"{escape(host)}:{port}"
     try:
         server = await asyncio.start_server(accept, host, port)
     except OSError as error:
-        raise OpenError(f"cannot listen at {place}: {printable(str(error))}; try another port, or 0") from error
+        raise OpenError(f"cannot listen at {place}: {escape(str(error))}; try another port, or 0") from error
     except UnicodeError as error:
         raise OpenError(f"cannot listen at {place}: no host can have this name; write its IP address") from error
     try:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, Self, TypeGuard
 
 from servolink.errors import EncodeError
-from servolink.escaping import shown
+from servolink.escaping import quote
 
 
 def is_number(value: object) -> TypeGuard[float]:
@@ -19,7 +19,7 @@ def is_number(value: object) -> TypeGuard[float]:
 def flag(name: str, value: object) -> int:
     """Return 1 for True and 0 for False; EncodeError for what is neither."""
     if not isinstance(value, int) or value not in {0, 1}:
-        raise EncodeError(f"{name}: {shown(value)} is neither True nor False")
+        raise EncodeError(f"{name}: {quote(value)} is neither True nor False")
     return int(value)
 
 
@@ -129,12 +129,12 @@ def wire_angle(value: float, unit: AngleUnit | None, servo_id: int) -> int:
     if isinstance(value, Angle):
         if value.unit != unit:
             raise EncodeError(
-                f"{where}: {shown(value)} was given, but this servo is set to {unit or 'an unknown unit'}"
+                f"{where}: {quote(value)} was given, but this servo is set to {unit or 'an unknown unit'}"
             )
     elif unit == "adc":
-        raise EncodeError(f"{where}: {shown(value)} was given, but this servo is set to adc; write Adc({shown(value)})")
+        raise EncodeError(f"{where}: {quote(value)} was given, but this servo is set to adc; write Adc({quote(value)})")
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value // 1:
-        raise EncodeError(f"{where}: {shown(value)} is no whole number of degrees; the protocol has no fractions")
+        raise EncodeError(f"{where}: {quote(value)} is no whole number of degrees; the protocol has no fractions")
     return int(value)
 
 
@@ -172,27 +172,27 @@ class MotionLimits:
 
 def _check_cap(cap: object) -> None:
     if not is_number(cap):
-        raise TypeError(f"speed_cap: {shown(cap)} is no number of degrees per second")
+        raise TypeError(f"speed_cap: {quote(cap)} is no number of degrees per second")
     if not cap > 0:
-        raise EncodeError(f"speed_cap: {shown(cap)} degrees per second is not above 0")
+        raise EncodeError(f"speed_cap: {quote(cap)} degrees per second is not above 0")
 
 
 def _check_pair(pair: object) -> None:
     if not (isinstance(pair, (tuple, list)) and len(pair) == 2 and all(map(is_number, pair))):
-        raise TypeError(f"angle_limits: {shown(pair)} is no pair of degrees, (lowest, highest)")
+        raise TypeError(f"angle_limits: {quote(pair)} is no pair of degrees, (lowest, highest)")
     if not pair[0] <= pair[1]:
-        raise EncodeError(f"angle_limits: no angle is within {shown(pair[0])}..{shown(pair[1])}")
+        raise EncodeError(f"angle_limits: no angle is within {quote(pair[0])}..{quote(pair[1])}")
 
 
 def _check_servo_id(where: str, servo_id: object) -> None:
     if isinstance(servo_id, bool) or not isinstance(servo_id, int) or not 0 <= servo_id <= 0xFE:
-        raise EncodeError(f"{where}: servo id {shown(servo_id)} is outside 0..254")
+        raise EncodeError(f"{where}: servo id {quote(servo_id)} is outside 0..254")
 
 
 def checked_targets(targets: Mapping[int, float]) -> dict[int, float]:
     """Return a copy of `targets`; TypeError or EncodeError if they are none, or for what is no servo id."""
     if not isinstance(targets, Mapping):
-        raise TypeError(f"move: {shown(targets)} is no mapping of servo ids to angles")
+        raise TypeError(f"move: {quote(targets)} is no mapping of servo ids to angles")
     if not targets:
         raise EncodeError("move: no targets were given")
     for servo_id in targets:
@@ -220,8 +220,8 @@ def check_limits(
                 f"servo {servo_id}: limits and speeds are in degrees, and this servo is not set to degrees"
             )
         if allowed and not allowed[0] <= angle <= allowed[1]:
-            limit = f"{shown(allowed[0])}..{shown(allowed[1])}"
-            raise EncodeError(f"servo {servo_id}: {shown(int(angle))} degrees is outside its limits {limit}")
+            limit = f"{quote(allowed[0])}..{quote(allowed[1])}"
+            raise EncodeError(f"servo {servo_id}: {quote(int(angle))} degrees is outside its limits {limit}")
 
 
 def intervals_for(
@@ -258,8 +258,8 @@ def seconds_for(distance: int, duration: float | None, speed: float | None) -> f
         raise EncodeError("move: give either duration or speed")
     if speed is not None:
         if not (is_number(speed) and 0 < speed < math.inf):
-            raise EncodeError(f"move: speed {shown(speed)} is not finite and above 0 degrees per second")
+            raise EncodeError(f"move: speed {quote(speed)} is not finite and above 0 degrees per second")
         return distance / speed
     if not (is_number(duration) and 0.01 <= duration <= _LONGEST / _INTERVALS_PER_SECOND):
-        raise EncodeError(f"move: duration {shown(duration)} is outside 0.01..{_LONGEST / _INTERVALS_PER_SECOND} s")
+        raise EncodeError(f"move: duration {quote(duration)} is outside 0.01..{_LONGEST / _INTERVALS_PER_SECOND} s")
     return duration

@@ -35,10 +35,10 @@ def test_there_is_a_picture_for_each_chart_and_no_other() -> None:
 @pytest.mark.parametrize("chart", report.all_charts(report.FIGURES), ids=lambda chart: chart.name)
 def test_a_picture_shows_the_figures_of_its_chart(chart: Chart) -> None:
     svg = (report.PICTURES / f"{chart.name}.svg").read_text(encoding="utf-8")
-    shown = {html.unescape(text) for text in re.findall(r"<text[^>]*>([^<]*)</text>", svg)}
+    quote = {html.unescape(text) for text in re.findall(r"<text[^>]*>([^<]*)</text>", svg)}
     cells = [] if chart.is_line else [cell for cells in chart.series.values() for cell in cells]
     names = chart.series if len(chart.series) > 1 else ()
-    missing = {chart.title, chart.axis, *chart.labels, *names, *cells} - shown
+    missing = {chart.title, chart.axis, *chart.labels, *names, *cells} - quote
     assert not missing, "run `python -m benchmarks --report`"
 
 
@@ -80,8 +80,8 @@ def test_a_section_tells_command_machine_and_versions(tmp_path: Path) -> None:
 
 
 def test_a_table_has_numbers_on_the_right_and_its_notes_below(tmp_path: Path) -> None:
-    shown = table("speed", ("name", "times"), [("a|b", "2.5x"), ("c", "<= 3")], ["as a note"])
-    text = page(tmp_path, parser={"tables": [shown]})
+    quote = table("speed", ("name", "times"), [("a|b", "2.5x"), ("c", "<= 3")], ["as a note"])
+    text = page(tmp_path, parser={"tables": [quote]})
     assert "speed:\n\n| name | times |\n| --- | ---: |\n| a\\|b | 2.5x |\n| c | <= 3 |\n\n* as a note\n" in text
 
 

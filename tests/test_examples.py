@@ -76,10 +76,10 @@ def dialogue(code: str) -> Iterator[Typed]:
         yield Typed(command, "\n".join(rest))
 
 
-def is_as_shown(output: str, shown: str) -> bool:
+def is_as_shown(output: str, quote: str) -> bool:
     """Compare what was printed with what the page shows."""
     flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-    return not shown.strip() or doctest.OutputChecker().check_output(shown.strip() + "\n", output.strip() + "\n", flags)
+    return not quote.strip() or doctest.OutputChecker().check_output(quote.strip() + "\n", output.strip() + "\n", flags)
 
 
 class Reader:
@@ -105,8 +105,8 @@ class Reader:
         """Do what the page says; AssertionError names the example that is not true."""
         for at, block in enumerate(page):
             if block.info == "python":
-                shown = page[at + 1].code if page[at + 1 :] and page[at + 1].info == "text output" else ""
-                self.run(block.place, [sys.executable, "-W", "error", "-c", self.here(block.code)], shown)
+                quote = page[at + 1].code if page[at + 1 :] and page[at + 1].info == "text output" else ""
+                self.run(block.place, [sys.executable, "-W", "error", "-c", self.here(block.code)], quote)
                 assert self.status == 0, f"{block.place} fails"
             elif block.info == "console":
                 self.type(block)
@@ -128,11 +128,11 @@ class Reader:
             told = after is not None and after.command == "echo $?"
             assert told or self.status == 0, f"{block.place}: {typed.command} ends with {self.status}"
 
-    def run(self, place: str, command: list[str], shown: str) -> None:
+    def run(self, place: str, command: list[str], quote: str) -> None:
         """Run a program, until the end, until Ctrl-C, or until it serves."""
         process = processes.start(command, cwd=self.folder, env=self.environment, stderr=subprocess.STDOUT)
         self.started.append(process)
-        before, interrupted, _ = shown.partition("^C")
+        before, interrupted, _ = quote.partition("^C")
         serves = command[-1].startswith("servolink virtual")
         output = read(process, until=_LISTENING.sub("listening ...", before) if interrupted or serves else None)
         self.addresses |= dict(zip(_LISTENING.findall(before), _LISTENING.findall(output), strict=False))
@@ -141,8 +141,8 @@ class Reader:
             output += "^C" + read(process)
         if interrupted or not serves:
             self.status = process.wait(processes.LIMIT)
-        told = f"{place}: {command[-1]}\nprints\n{output}\nand the page shows\n{shown}"
-        assert is_as_shown(output, self.here(shown)), told
+        told = f"{place}: {command[-1]}\nprints\n{output}\nand the page shows\n{quote}"
+        assert is_as_shown(output, self.here(quote)), told
 
     def here(self, text: str) -> str:
         """Return `text` with the addresses of this run, and with ports that are free."""

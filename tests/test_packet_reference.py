@@ -19,9 +19,9 @@ def entry(declared: type[Packet]) -> str:
 
 @pytest.mark.parametrize("declared", PACKETS.values(), ids=lambda declared: declared.__name__)
 def test_every_packet_has_an_entry_with_its_section_and_fields(declared: type[Packet]) -> None:
-    shown = entry(declared)
-    assert f"Document {declared.section} ·" in shown
-    assert all(f"| `{name}` |" in shown for name in declared.__struct_fields__)
+    quote = entry(declared)
+    assert f"Document {declared.section} ·" in quote
+    assert all(f"| `{name}` |" in quote for name in declared.__struct_fields__)
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,7 @@ class OursTyped(Peer):
 
     def content(self, frame: Packet) -> bytes:
         """Return the whole frame."""
-        return self._codec.encode(frame, exact=True)
+        return self._codec.encode(frame, unchecked=True)
 
 
 class Textbook(Peer):

@@ -23,7 +23,7 @@ def run(*, short: bool) -> Result:
 def together(parts: dict[str, Result]) -> Result:
     """Return one result for all parts."""
     return {
-        "tables": [shown for part in parts.values() for shown in part["tables"]],
+        "tables": [quote for part in parts.values() for quote in part["tables"]],
         "wrong": [f"{name}: {fault}" for name, part in parts.items() for fault in part["wrong"]],
         "parts": parts,
     }

@@ -18,7 +18,7 @@ from benchmarks.measuring import Result, machine
 from benchmarks.reliability import PARTS, flood, framing, hidden, reopening, simulation, soak, stalls, sums, together
 from benchmarks.reliability.history import STEPS, relive
 from benchmarks.report import FIGURES
-from servolink.escaping import printable
+from servolink.escaping import escape
 
 RECORD = FIGURES / "reliability.json"
 
@@ -74,7 +74,7 @@ def _replay(seed: int, steps: int) -> int:
     scene = history.scene
     print(f"seed {seed}: {scene.line.name}; board: {scene.board.name}; {scene.callers} callers, window {scene.window}")
     for when, event, what in history.latest:
-        print(f"{when:14.6f}  {event:16} {what.hex(' ') if isinstance(what, bytes) else printable(what)}")
+        print(f"{when:14.6f}  {event:16} {what.hex(' ') if isinstance(what, bytes) else escape(what)}")
     print(f"{steps} calls in {history.seconds:.0f} s of virtual time: {dict(history.counts)}")
     print(f"history {history.digest}")
     for fault in history.faults:

@@ -8,7 +8,7 @@ from benchmarks.measuring import Result, table
 from benchmarks.reliability.clock import SimulatedLoop
 from benchmarks.reliability.process import Held
 from servolink.client.board import Board
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.motion import MotionLimits
 from servolink.protocol.codec import Codec
 from servolink.protocol.joystick import ButtonEventResponse, SubscribeButtonEventResponse
@@ -46,7 +46,7 @@ class _PushingBoard:
 
 async def _flood(events: int) -> Result:
     transport = _PushingBoard()
-    link = Link(transport, Codec())
+    link = Connection(transport, Codec())
     await link.open()
     board = Board(link, None, MotionLimits())
     async with board.button_events(_LIMIT) as reader:
@@ -78,9 +78,9 @@ def run(*, short: bool) -> Result:
         wrong.append(f"{figures['dropped']} events are counted as dropped, {figures['expected']} were")
     if figures["growth"] > _MOST_GROWTH:
         wrong.append(f"{figures['events']} events that nobody read took {figures['growth']} bytes")
-    shown = table(
+    quote = table(
         "button events for a reader that has stopped reading",
         ("events", "kept", "dropped and counted", "memory grew by"),
         [(f"{figures['events']:,}", _LIMIT, f"{figures['dropped']:,}", f"{figures['growth'] / 1e6:.1f} MB")],
     )
-    return {"tables": [shown], "wrong": wrong, "figures": figures}
+    return {"tables": [quote], "wrong": wrong, "figures": figures}

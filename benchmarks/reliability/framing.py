@@ -9,7 +9,7 @@ from random import Random
 from benchmarks.measuring import Result, table
 from benchmarks.reliability.line import LINES, Direction, Line
 from benchmarks.reliability.witness import Witness
-from servolink.connection.dispatcher import Carrier
+from servolink.connection.dispatcher import NestedFrameFilter
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionResponse, QueryActionListResponse, QueryProjectIDResponse
 from servolink.protocol.frame import HEADER, HEADER_SIZE, Frame
@@ -51,7 +51,7 @@ class Listener:
         self.delay = 0
         """Most bytes that came after an intact frame before it was found."""
         self._parser = FrameParser()
-        self._carrier = Carrier("little")
+        self._carrier = NestedFrameFilter("little")
         self._witness = Witness()
         self._fed = 0
 
@@ -124,7 +124,7 @@ def run(*, short: bool, seed: int = 1) -> Result:
             rows.append(_row(line, traffic, heard))
             if heard["found"] < _FLOORS[traffic] * heard["intact"]:
                 wrong.append(f"{line.name}, {traffic}: {heard['found']} of {heard['intact']} intact frames were found")
-    shown = table(
+    quote = table(
         "what the parser makes of each line",
         ("line", "frames", "intact", "found", "recall", "damaged", "believed", "per million damaged", "latest"),
         rows,
@@ -133,7 +133,7 @@ def run(*, short: bool, seed: int = 1) -> Result:
             "`latest`: most bytes that came between the end of an intact frame and its being found",
         ],
     )
-    return {"tables": [shown], "wrong": wrong, "figures": figures}
+    return {"tables": [quote], "wrong": wrong, "figures": figures}
 
 
 def _figures(listener: Listener) -> dict[str, int]:

@@ -45,7 +45,7 @@ def run(*, short: bool, seed: int = 1) -> Result:
         rows.append((line.name, *(f"{number:,}" for number in heard.values())))
         if not line.damages and heard["came out"]:
             wrong.append(f"{line.name}: {heard['came out']} frames hidden in captions came out")
-    shown = table(
+    quote = table(
         "frames hidden in captions",
         ("line", "damaged", "intact", "found", "came out of captions", "and got through"),
         rows,
@@ -54,7 +54,7 @@ def run(*, short: bool, seed: int = 1) -> Result:
             "`came out`: of the parser; `got through`: to a client, which drops what it finds in a frame that it knows",
         ],
     )
-    return {"tables": [shown], "wrong": wrong, "figures": figures}
+    return {"tables": [quote], "wrong": wrong, "figures": figures}
 
 
 def _heard(listener: Listener) -> dict[str, int]:

@@ -60,10 +60,10 @@ def run(*, short: bool, seed: int = 1) -> Result:
             figures[when] = found = runner.run(_begin_often(200 if short else 20_000, seed, pause))
         share = f"{found['fooled'] / found['begun']:.2%}"
         rows.append((when, f"{found['begun']:,}", f"{found['fooled']:,}", share))
-    shown = table(
+    quote = table(
         "programs that begin while an answer to the one before is still coming",
         ("begin", "programs", "got a wrong answer", "share"),
         rows,
         notes=["answers come 0.1 to 1.5 s late; the first program leaves after 50 ms, the second asks three things"],
     )
-    return {"tables": [shown], "wrong": [], "figures": figures}
+    return {"tables": [quote], "wrong": [], "figures": figures}

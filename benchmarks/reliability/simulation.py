@@ -67,7 +67,7 @@ def run(*, short: bool, first: int = 0, histories: int | None = None, steps: int
     found = survey(first, len(LINES) * len(BOARDS) if histories is None else histories, steps)
     rows = [(name, *_cells(counts)) for name, counts in found.by_line.items()]
     rows += [(f"board: {name}", *_cells(counts)) for name, counts in found.by_board.items()]
-    shown = table(
+    quote = table(
         f"{found.histories:,} histories of {steps:,} calls, seeds {first} to {first + found.histories - 1}",
         ("line", *_COLUMNS),
         rows,
@@ -79,7 +79,7 @@ def run(*, short: bool, first: int = 0, histories: int | None = None, steps: int
             "lines leave out the board that answers twice",
         ],
     )
-    return {"tables": [shown], "wrong": found.faults[:20], "figures": figures(found)}
+    return {"tables": [quote], "wrong": found.faults[:20], "figures": figures(found)}
 
 
 def figures(found: Survey) -> Result:

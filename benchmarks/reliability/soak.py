@@ -96,7 +96,7 @@ def run(*, short: bool = False, hours: float = 2.0, virtual: bool = True, seed: 
         stage, held = runner.run(_soak(hours, seed, virtual=virtual))
     figures = _figures(hours, stage, held)
     where = "virtual time" if virtual else "real time, over a pseudo-terminal"
-    shown = table(
+    quote = table(
         f"{hours:g} h of use in {where}",
         (
             "calls",
@@ -124,7 +124,7 @@ def run(*, short: bool = False, hours: float = 2.0, virtual: bool = True, seed: 
         ],
         notes=[f"{LINE.name}; {BOARD.name}; memory after the first tenth of the time"],
     )
-    return {"tables": [shown], "wrong": _wrong(stage, figures), "figures": figures}
+    return {"tables": [quote], "wrong": _wrong(stage, figures), "figures": figures}
 
 
 def _figures(hours: float, stage: Stage, held: list[tuple[float, Held]]) -> Result:

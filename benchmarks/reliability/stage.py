@@ -14,7 +14,7 @@ from benchmarks.reliability.conversation import Conversation
 from benchmarks.reliability.line import LINES, Line
 from benchmarks.reliability.witness import WitnessedParser
 from servolink.client.board import Board
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.errors import DecodeError
 from servolink.motion import MotionLimits
 from servolink.protocol.codec import Codec
@@ -27,7 +27,7 @@ from servolink.transports.lifecycle import WrappedTransport
 _TIMEOUT = 0.25
 _QUIET = 30.0
 _REPLUGGED = 0.1
-_COUNTED = ("fences", "late_replies", "rescued", "retries", "mismatched", "unsolicited")
+_COUNTED = ("fences", "late_responses", "rescued", "retries", "mismatched", "unsolicited")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Cable(WrappedTransport):
     def __init__(self, inner: Transport, board: SimulatedBoard, codec: Codec, wire: Wire, checker: Checker) -> None:
         """Lead to `board` through `inner`."""
         super().__init__(inner)
-        self.link: Link | None = None
+        self.link: Connection | None = None
         self._board, self._codec, self._wire, self._checker = board, codec, wire, checker
 
     async def send(self, data: bytes) -> None:
@@ -95,14 +95,14 @@ class Stage:
         self.stats: Counter[str] = Counter()
         self._scene, self._wire, self._transport = scene, wire, transport
         self._reconnecting = asyncio.Lock()
-        self._latest: Link | None = None
+        self._latest: Connection | None = None
 
     async def connect(self, *, anew: bool = False) -> None:
         """Open a connection; `anew`: by a program that knows of none before."""
         scene = self._scene
         before = None if anew else self._latest
         cable = Cable(self._transport(self.board), self.board, scene.codec, self._wire, self.checker)
-        link = Link(cable, scene.codec, timeout=_TIMEOUT, window=scene.window, before=before)
+        link = Connection(cable, scene.codec, timeout=_TIMEOUT, window=scene.window, before=before)
         cable.link = self._latest = link
         parser = WitnessedParser(scene.codec.byte_order, self._believes)
         parser.skipped = link.stats.skipped

@@ -21,7 +21,7 @@ from platform import python_version
 
 from benchmarks.measuring import Result, table
 from benchmarks.reliability.clock import SimulatedLoop
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.errors import ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
@@ -112,7 +112,7 @@ async def _lost(
         await transport.open(plain)
         lost.append(await _count_lost(plain.ask, arrived, timeout, stall, max(1, count // 10)))
         await transport.close()
-    link = Link(make(), Codec(), timeout=timeout, retries=0)
+    link = Connection(make(), Codec(), timeout=timeout, retries=0)
     await link.open()
     lost.append(await _count_lost(lambda: link.request(_REQUEST), arrived, timeout, stall, count))
     await link.close()
@@ -188,12 +188,12 @@ def run(*, short: bool, pythons: tuple[str, ...] = (sys.executable,), real: bool
             )
             if lost[-1]:
                 wrong.append(f"Python {version}, {where}: {lost[-1]} replies that came in time were lost")
-    shown = table(
+    quote = table(
         "replies that arrived before their deadline and were lost because the loop stood still until after it",
         ("Python", "over", "asyncio.wait_for", "asyncio.timeout", "servolink"),
         rows,
     )
-    return {"tables": [shown], "wrong": wrong, "figures": {"count": count, "lost": figures}}
+    return {"tables": [quote], "wrong": wrong, "figures": {"count": count, "lost": figures}}
 
 
 def _asked(count: int) -> tuple[int, int, int]:

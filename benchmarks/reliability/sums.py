@@ -200,10 +200,10 @@ def run(*, short: bool) -> Result:
             if name.startswith("bit errors") and believed[3]:
                 wrong.append(f"{name}: {size} bytes were read wrong twice in the same way {believed[3]} times")
         rows.append((name, *cells))
-    shown = table(
+    quote = table(
         f"damaged answers that are believed, per million damaged, after each check: {', '.join(LEVELS)}",
         ("damage", *(f"{size:,} bytes" for size in EXCHANGES)),
         rows,
         notes=[f"{count:,} damaged frames in each cell; for the last figure the second reading is damaged too"],
     )
-    return {"tables": [shown], "wrong": wrong, "figures": {"count": count, "believed": figures}}
+    return {"tables": [quote], "wrong": wrong, "figures": {"count": count, "believed": figures}}

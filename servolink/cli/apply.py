@@ -14,14 +14,14 @@ from servolink.cli.live import PHASES, shown_progress
 from servolink.cli.main import FAILED, OK, refuse
 from servolink.cli.output import print_json, print_text
 from servolink.cli.plan import plan_object, print_plan
-from servolink.cli.session import Interruption, converse
+from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.errors import ProjectError, ServolinkError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.project.project_file import load_project
 from servolink.project.transfer.apply import backup_for
-from servolink.project.transfer.backups import Store
-from servolink.project.transfer.results import Applied, Phase, Plan, Progress, Tell
+from servolink.project.transfer.backups import BackupStore
+from servolink.project.transfer.results import ApplyResult, Phase, Plan, Progress, Tell
 
 _UNTOUCHED = "nothing was changed on the board"
 
@@ -60,11 +60,11 @@ def _apply(args: argparse.Namespace) -> int:
     project = load_project(args.file)
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        async def work(tell: Tell) -> Applied:
-            return await board.apply(project, replace=args.replace, backup=not args.no_backup, progress=tell)
+        async def work(tell: Tell) -> ApplyResult:
+            return await board.apply_project(project, replace=args.replace, backup=not args.no_backup, on_progress=tell)
 
         async def plan(tell: Tell) -> Plan:
-            return await board.plan(project, replace=args.replace, progress=tell)
+            return await board.plan_project(project, replace=args.replace, on_progress=tell)
 
         ways = (
             "the same command goes on; without a backup nothing goes back"
@@ -73,12 +73,12 @@ def _apply(args: argparse.Namespace) -> int:
         )
         return await _Change(args, board, interruption, ways).make(plan, work)
 
-    return converse(args, talk, state=_UNTOUCHED)
+    return run_with_board(args, talk, state=_UNTOUCHED)
 
 
 def _roll_back(args: argparse.Namespace) -> int:
     named = backup_named(args.backup) if args.backup else None
-    store = Store()
+    store = BackupStore()
     named_project = store.load(named, args.caption_encoding) if named else None
 
     async def talk(board: Board, interruption: Interruption) -> int:
@@ -88,14 +88,14 @@ def _roll_back(args: argparse.Namespace) -> int:
             print_text(f"from {path}")
 
         async def plan(tell: Tell) -> Plan:
-            return await board.plan(project, exact=True, progress=tell)
+            return await board.plan_project(project, unchecked=True, on_progress=tell)
 
-        async def work(tell: Tell) -> Applied:
-            return await board.rollback(path, progress=tell)
+        async def work(tell: Tell) -> ApplyResult:
+            return await board.rollback_project(path, on_progress=tell)
 
         return await _Change(args, board, interruption, "nothing is lost: the same command goes on").make(plan, work)
 
-    return converse(args, talk, state=_UNTOUCHED)
+    return run_with_board(args, talk, state=_UNTOUCHED)
 
 
 class _Change:
@@ -108,7 +108,9 @@ class _Change:
         self._interruption = interruption
         self._ways = ways
 
-    async def make(self, planned: Callable[[Tell], Awaitable[Plan]], work: Callable[[Tell], Awaitable[Applied]]) -> int:
+    async def make(
+        self, planned: Callable[[Tell], Awaitable[Plan]], work: Callable[[Tell], Awaitable[ApplyResult]]
+    ) -> int:
         """Do what is planned, if it is wanted; ProjectError if it is not the same any more when the answer comes."""
         plan = await self._shown(planned)
         if not self._args.json:
@@ -122,7 +124,7 @@ class _Change:
             return FAILED
         if not self._args.yes and _done(await self._shown(planned)) != _done(plan):
             raise ProjectError(
-                f"what is on {printable(self._board.url)} has changed meanwhile, and so has what would be done; "
+                f"what is on {escape(self._board.url)} has changed meanwhile, and so has what would be done; "
                 f"{_UNTOUCHED} by this command: look at the new plan"
             )
         try:
@@ -143,11 +145,11 @@ class _Change:
         if progress.phase not in ("reading", "saving"):
             self._interruption.state = (
                 f"{_LEFT.get(progress.phase, 'the board holds an unfinished import')}, stopped while "
-                f"{PHASES[progress.phase]}, at {printable(progress.item)} ({progress.done} of {progress.total}); "
+                f"{PHASES[progress.phase]}, at {escape(progress.item)} ({progress.done} of {progress.total}); "
                 f"{self._ways}"
             )
 
-    def _report(self, plan: Plan, applied: Applied) -> None:
+    def _report(self, plan: Plan, applied: ApplyResult) -> None:
         self._interruption.state = "the import is finished"
         backup = applied.backup and str(applied.backup)
         if self._args.json:

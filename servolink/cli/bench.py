@@ -8,7 +8,7 @@ from typing import Any
 
 from servolink.cli.main import OK
 from servolink.cli.output import Table, print_json, print_table, print_text
-from servolink.cli.session import Interruption, converse
+from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.protocol.editing import QueryActionListRequest
 from servolink.protocol.packet import Query
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         print_text(f"not answered in time: {stats['timeouts']}, bytes of no frame: {sum(stats['skipped'].values())}")
         return OK
 
-    return converse(args, talk)
+    return run_with_board(args, talk)
 
 
 async def _measure(board: Board, query: Query[Any], requests: int) -> dict[str, Any]:

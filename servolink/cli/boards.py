@@ -10,14 +10,14 @@ from typing import Any
 
 from servolink.cli.main import NO_BOARD, OK, fail, refuse
 from servolink.cli.output import Table, print_json, print_table, print_text
-from servolink.cli.session import Interruption, converse, run_interruptible
+from servolink.cli.session import Interruption, run_interruptible, run_with_board
 from servolink.client.board import Board
-from servolink.connection.probe import Heard, probe
+from servolink.connection.probe import ProbeResult, probe
 from servolink.discovery.names import Alias, alias_for, aliases_path, current_url, is_name, load_aliases, save_alias
 from servolink.discovery.search import NONE_HERE, discover, search
 from servolink.errors import OpenError
 from servolink.protocol.servos import ALL_SERVOS
-from servolink.transports.device_info import Candidate
+from servolink.transports.device_info import DeviceInfo
 
 
 def configure_list(command: str, parser: argparse.ArgumentParser) -> None:
@@ -46,7 +46,7 @@ def run_list(args: argparse.Namespace) -> int:
     return run_interruptible(main, "nothing was changed")
 
 
-def _names(aliases: Mapping[str, Alias], candidates: list[Candidate]) -> dict[str, str]:
+def _names(aliases: Mapping[str, Alias], candidates: list[DeviceInfo]) -> dict[str, str]:
     """Return the names of the boards that are here, by address."""
     names: dict[str, str] = {}
     for name, alias in aliases.items():
@@ -59,11 +59,11 @@ def _names(aliases: Mapping[str, Alias], candidates: list[Candidate]) -> dict[st
     return {url: names[place] for url, place in bare.items() if place in names}
 
 
-def _described(heard: Heard) -> dict[str, Any]:
+def _described(heard: ProbeResult) -> dict[str, Any]:
     return {"answer": heard.answer and asdict(heard.answer), "problem": heard.problem}
 
 
-def _table(candidates: list[Candidate], names: Mapping[str, str], heard: list[Heard]) -> Table:
+def _table(candidates: list[DeviceInfo], names: Mapping[str, str], heard: list[ProbeResult]) -> Table:
     columns = ["address", "name", "product", "serial number", "problem"]
     rows: list[list[object]] = [
         [each.url, names.get(each.url), each.product, each.serial_number, each.problem] for each in candidates
@@ -75,7 +75,7 @@ def _table(candidates: list[Candidate], names: Mapping[str, str], heard: list[He
     return Table(columns, rows)
 
 
-def _answer(heard: Heard) -> str:
+def _answer(heard: ProbeResult) -> str:
     if heard.answer is None:
         return "" if heard.problem else "none"
     mode = "" if heard.answer.transmission_mode == 1 else ", was in the old transmission mode"
@@ -135,7 +135,7 @@ def run_info(args: argparse.Namespace) -> int:
             print_table(_facts(described, memory.size, memory.total_size))
         return OK
 
-    return converse(args, talk)
+    return run_with_board(args, talk)
 
 
 def _facts(described: dict[str, object], free: int, total: int | None) -> Table:

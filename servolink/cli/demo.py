@@ -63,7 +63,7 @@ async def pull_cable(scene: Scene) -> Outcome:
     lost = ""
     try:
         async with connect(line) as board:
-            await board.apply(load_project(_file(scene)), folder=scene.folder, progress=tell)
+            await board.apply_project(load_project(_file(scene)), folder=scene.folder, on_progress=tell)
     except ConnectionLost as error:
         lost = str(error)
     scene.stage.say(f"pulled while {PHASES[reached[-1].phase]}, at {reached[-1].item}: {lost}")
@@ -78,9 +78,9 @@ async def pull_cable(scene: Scene) -> Outcome:
 async def finish_import(scene: Scene) -> Outcome:
     """Go on with the import, and compare."""
     async with connect(scene.second_url) as board:
-        applied = await board.apply(load_project(_file(scene)), folder=scene.folder)
+        applied = await board.apply_project(load_project(_file(scene)), folder=scene.folder)
         scene.stage.say("the same import again: it goes on where it was, and reads the whole board twice at the end")
-        plan = await board.plan(load_project(_file(scene)))
+        plan = await board.plan_project(load_project(_file(scene)))
         scene.stage.say(f"plan: {len(plan.changes)} differences")
     return Outcome(
         {"differences": len(plan.changes), "backup": str(applied.backup)},
@@ -242,7 +242,7 @@ async def survive_delay(scene: Scene) -> Outcome:
         {"delayed_replies": scene.line.delayed - delayed, "late_angle": old[1], "angle": answer[1], **since},
         {
             "exactly one reply was delayed past its time": timed_out and scene.line.delayed - delayed == 1,
-            "a fence showed the late reply to be late": since["late_replies"] > 0 and since["fences"] > 0,
+            "a fence showed the late reply to be late": since["late_responses"] > 0 and since["fences"] > 0,
             f"servo 1 is read at {answer[1]}°, and all angles are right": answer == _angles(scene) != old,
         },
     )

@@ -194,7 +194,7 @@ class Scene:
         return {
             "skipped_bytes": sum(stats.skipped.values()),
             "timeouts": stats.timeouts,
-            "late_replies": stats.late_replies,
+            "late_responses": stats.late_responses,
             "fences": stats.fences,
             "retries": stats.retries,
         }

@@ -8,7 +8,7 @@ import sys
 
 from servolink.cli.main import OK
 from servolink.cli.output import print_json, print_text
-from servolink.cli.session import Interruption, converse
+from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.client.events import ButtonEvents
 
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
                     print(f"servolink: {events.dropped} events came too fast and were lost", file=sys.stderr)
         return OK
 
-    return converse(args, talk, reconnect=True)
+    return run_with_board(args, talk, reconnect=True)
 
 
 async def _tell_states(board: Board) -> None:

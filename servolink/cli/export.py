@@ -8,12 +8,12 @@ from pathlib import Path
 from servolink.cli.live import shown_progress
 from servolink.cli.main import OK
 from servolink.cli.output import Table, print_json, print_table, print_text
-from servolink.cli.session import Interruption, converse
+from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.errors import ProjectError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.project.project_file import load_project, save_project
-from servolink.project.transfer.backups import Store
+from servolink.project.transfer.backups import BackupStore
 
 
 def configure_export(command: str, parser: argparse.ArgumentParser) -> None:
@@ -27,9 +27,9 @@ def run_export(args: argparse.Namespace) -> int:
 
     async def talk(board: Board, interruption: Interruption) -> int:
         with shown_progress(board, quiet=args.json) as tell:
-            project = await board.export_project(progress=tell)
+            project = await board.export_project(on_progress=tell)
         save_project(args.file, project)
-        interruption.state = f"{printable(str(args.file))} is written"
+        interruption.state = f"{escape(str(args.file))} is written"
         counts = {name: len(getattr(project, name)) for name in _COUNTED}
         if args.json:
             print_json({"file": str(args.file), "project_id": project.project_id, **counts})
@@ -38,7 +38,7 @@ def run_export(args: argparse.Namespace) -> int:
             print_text(f"{args.file}: project {project.project_id or 'without id'}, {counted}")
         return OK
 
-    return converse(args, talk, state=f"{printable(str(args.file))} was not written")
+    return run_with_board(args, talk, state=f"{escape(str(args.file))} was not written")
 
 
 _COUNTED = ("servo_parameters", "actions", "macros", "joystick_tables")
@@ -52,13 +52,13 @@ def _words(name: str, count: int) -> str:
 def _refuse_other_files(path: Path) -> None:
     """Raise ProjectError, before a board is read for nothing, rather than write over what is no project."""
     if not path.parent.is_dir():
-        raise ProjectError(f"{printable(str(path.parent))} is no folder; make it, or take another name")
+        raise ProjectError(f"{escape(str(path.parent))} is no folder; make it, or take another name")
     if path.exists():
         try:
-            load_project(path, exact=True)
+            load_project(path, unchecked=True)
         except ProjectError as error:
             raise ProjectError(
-                f"{printable(str(path))} is there and is no project file, so it is not overwritten; take another name"
+                f"{escape(str(path))} is there and is no project file, so it is not overwritten; take another name"
             ) from error
 
 
@@ -68,7 +68,7 @@ def configure_backups(command: str, parser: argparse.ArgumentParser) -> None:
 
 def run_backups(args: argparse.Namespace) -> int:
     """List all backups, the newest last."""
-    store = Store()
+    store = BackupStore()
     backups = store.backups()
     if args.json:
         described = [
@@ -94,7 +94,7 @@ def backup_named(name: str) -> Path:
     """Return the backup with this number, or the file `name`; ProjectError if there is no such number."""
     if not name.isdecimal() or Path(name).exists():
         return Path(name)
-    for backup in Store().backups():
+    for backup in BackupStore().backups():
         if str(backup.number) == name.lstrip("0"):
             return backup.path
     raise ProjectError(f"there is no backup {name}; `servolink backups` lists all there are")

@@ -12,7 +12,7 @@ from servolink.cli.output import console
 from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.errors import RequestTimeout
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.project.transfer.results import Phase, Progress, Tell
 
 if TYPE_CHECKING:
@@ -57,13 +57,13 @@ def live_bars(servo_ids: Container[int] = range(256)) -> Iterator[Draw]:
     """Draw the servos, or some of them, as bars that move, until the end, where they stay."""
     from rich.live import Live
 
-    shown = console()
-    block = "█" if shown.encoding.startswith("utf") else "#"
-    with Live(console=shown, auto_refresh=False) as live:
+    displayed = console()
+    block = "█" if displayed.encoding.startswith("utf") else "#"
+    with Live(console=displayed, auto_refresh=False) as live:
 
         def draw(elapsed: float, servos: Sequence[Servo]) -> None:
             wanted = [servo for servo in servos if servo.servo_id in servo_ids]
-            half = max(0, min(_HALF, (shown.width - _BESIDE) // 2))
+            half = max(0, min(_HALF, (displayed.width - _BESIDE) // 2))
             live.update(_bars(elapsed, wanted, block, half), refresh=True)
 
         yield draw
@@ -135,7 +135,7 @@ def _bar(board: Board) -> Iterator[Tell]:
                 bar.remove_task(task)
                 task = bar.add_task(PHASES[phase], item="", size="")
             size = f"{board.stats.bytes_sent + board.stats.bytes_received:,} bytes"
-            bar.update(task, completed=progress.done, total=progress.total, item=printable(progress.item), size=size)
+            bar.update(task, completed=progress.done, total=progress.total, item=escape(progress.item), size=size)
 
         yield tell
 

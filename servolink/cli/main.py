@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 from servolink.cli.arguments import caption_encoding, not_empty
 from servolink.cli.output import flush_stdout, lost_output, open_missing_stderr, print_error, silence
 from servolink.errors import ServolinkError, TransportError
-from servolink.escaping import printable
+from servolink.escaping import escape
 
 OK, FAILED, USAGE, NO_BOARD, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -91,7 +91,7 @@ def command_function(place: str, name: str) -> Callable[..., Any]:
 
 def fail(problem: Exception | str, code: int) -> int:
     """Say what went wrong and return `code`."""
-    print_error(f"servolink: {printable(str(problem))}")
+    print_error(f"servolink: {escape(str(problem))}")
     return code
 
 
@@ -99,7 +99,7 @@ def refuse(args: argparse.Namespace, text: str) -> NoReturn:
     """End as wrong usage, with `text` after the usage of the command."""
     parser: argparse.ArgumentParser = args.parser
     parser.print_usage(sys.stderr)
-    lines = "\n".join(map(printable, text.split("\n")))
+    lines = "\n".join(map(escape, text.split("\n")))
     parser.exit(USAGE, f"{parser.prog}: error: {lines}\n")
 
 
@@ -108,7 +108,7 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """End as wrong usage."""
-        super().error(printable(message))
+        super().error(escape(message))
 
     def print_help(self, file: Any = None) -> None:
         """Print the help, or fail; that of argparse says nothing when it cannot."""

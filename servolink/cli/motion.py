@@ -14,7 +14,7 @@ from servolink.cli.main import FAILED, OK, refuse
 from servolink.cli.output import Table, is_terminal, print_json, print_table, print_text
 from servolink.cli.records import record_id
 from servolink.cli.servos import print_servos, reported
-from servolink.cli.session import Interruption, converse
+from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.errors import RequestError, ServolinkError
@@ -79,7 +79,7 @@ def run_move(args: argparse.Namespace) -> int:
         _print(targets, before, after, seconds, as_json=args.json)
         return OK
 
-    return converse(args, talk, angle_unit=kind.unit, angle_limits=limits, speed_cap=args.speed_cap)
+    return run_with_board(args, talk, angle_unit=kind.unit, angle_limits=limits, speed_cap=args.speed_cap)
 
 
 async def _ready(board: Board, servos: Iterable[Servo], interruption: Interruption, *, start: bool) -> None:
@@ -169,7 +169,7 @@ def _stop(args: argparse.Namespace) -> int:
         print_servos(servos, as_json=args.json)
         return OK
 
-    return converse(args, talk, greet=False)
+    return run_with_board(args, talk, greet=False)
 
 
 def _release(args: argparse.Namespace) -> int:
@@ -185,7 +185,7 @@ def _release(args: argparse.Namespace) -> int:
         print_servos(await board.servos(), as_json=args.json)
         return OK
 
-    return converse(args, talk)
+    return run_with_board(args, talk)
 
 
 async def _release_each(board: Board, servo_ids: Sequence[int]) -> None:
@@ -237,7 +237,7 @@ def run_stored(args: argparse.Namespace) -> int:
             return await _run_action(board, interruption, args)
         return await _run_macro(board, interruption, args)
 
-    return converse(args, talk)
+    return run_with_board(args, talk)
 
 
 async def _run_action(board: Board, interruption: Interruption, args: argparse.Namespace) -> int:

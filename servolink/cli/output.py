@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from servolink.escaping import printable
+from servolink.escaping import escape
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -58,7 +58,7 @@ def lost_output(error: OSError) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows of texts and numbers; texts may come from a board and are made safe when they are shown."""
+    """Rows of texts and numbers; texts may come from a board and are made safe when they are displayed."""
 
     columns: Sequence[str]
     """Their names; none for facts, a name and a value in each row."""
@@ -84,9 +84,9 @@ def print_text(text: str, style: str = "") -> None:
     if style and is_terminal():
         from rich.text import Text
 
-        console().print(Text(printable(text), style))
+        console().print(Text(escape(text), style))
     else:
-        print(printable(text), flush=True)
+        print(escape(text), flush=True)
 
 
 def is_terminal() -> bool:
@@ -105,10 +105,10 @@ def show_table(table: Table, terminal: Console) -> None:
     """Print a table on a terminal; where it is too wide for that, as plain lines, of which nothing is cut off."""
     from rich.measure import Measurement
 
-    shown = _rich_table(table)
+    displayed = _rich_table(table)
     anywhere = terminal.options.update(max_width=_UNBOUNDED)
-    if Measurement.get(terminal, anywhere, shown).maximum <= terminal.width:
-        terminal.print(shown)
+    if Measurement.get(terminal, anywhere, displayed).maximum <= terminal.width:
+        terminal.print(displayed)
     else:
         terminal.out("\n".join(plain_lines(table)), highlight=False)
 
@@ -121,8 +121,8 @@ def _rich_table(table: Table) -> RichTable:
     from rich.table import Table as RichTable
     from rich.text import Text
 
-    shown = RichTable(
-        title=Text(printable(table.title)) if table.title else None,
+    displayed = RichTable(
+        title=Text(escape(table.title)) if table.title else None,
         title_justify="left",
         title_style="bold",
         header_style="bold",
@@ -130,10 +130,10 @@ def _rich_table(table: Table) -> RichTable:
         box=box.SIMPLE_HEAD if table.columns else None,
     )
     for at, name in enumerate(table.columns or ("", "")):
-        shown.add_column(Text(name), justify="right" if _is_numeric(table, at) else "left")
+        displayed.add_column(Text(name), justify="right" if _is_numeric(table, at) else "left")
     for row in table.rows:
-        shown.add_row(*(Text(cell) for cell in _cells(row)))
-    return shown
+        displayed.add_row(*(Text(cell) for cell in _cells(row)))
+    return displayed
 
 
 def plain_lines(table: Table) -> list[str]:
@@ -141,17 +141,15 @@ def plain_lines(table: Table) -> list[str]:
     rows = [list(table.columns)] if table.columns else []
     rows += [_cells(row) for row in table.rows]
     if not rows:
-        return [printable(table.title)]
+        return [escape(table.title)]
     widths = [max(map(text_width, column)) for column in zip(*rows, strict=True)]
     numeric = [_is_numeric(table, at) for at in range(len(widths))]
     lines = ["  ".join(map(_padded, row, widths, numeric)).rstrip() for row in rows]
-    return [printable(table.title), *lines] if table.title else lines
+    return [escape(table.title), *lines] if table.title else lines
 
 
 def _cells(row: Sequence[object]) -> list[str]:
-    return [
-        "" if value is None else _WORDS[value] if isinstance(value, bool) else printable(str(value)) for value in row
-    ]
+    return ["" if value is None else _WORDS[value] if isinstance(value, bool) else escape(str(value)) for value in row]
 
 
 _WORDS = {True: "yes", False: "no"}

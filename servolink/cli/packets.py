@@ -13,7 +13,7 @@ from typing import Any
 from servolink.cli.arguments import not_empty
 from servolink.cli.main import FAILED, OK
 from servolink.errors import DecodeError, EncodeError, ServolinkError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import Frame, encode_frame
 from servolink.protocol.json_form import from_object, to_object
@@ -69,7 +69,7 @@ def _encode(args: argparse.Namespace, codec: Codec) -> int:
                 print(json.dumps({"error": str(error)}), flush=True)
             else:
                 place = "object" if args.objects else "line"
-                print(f"servolink: {place} {number}: {printable(str(error))}", file=sys.stderr)
+                print(f"servolink: {place} {number}: {escape(str(error))}", file=sys.stderr)
         else:
             print(json.dumps({"bytes": frame}) if args.json else frame, flush=True)
     return outcome
@@ -82,7 +82,7 @@ def _parse(line: bytes) -> Any:
     try:
         return json.loads(line.decode(), object_pairs_hook=_unique, parse_constant=_no_number)
     except ValueError as error:
-        raise EncodeError(f"this is no JSON: {printable(str(error))}") from None
+        raise EncodeError(f"this is no JSON: {escape(str(error))}") from None
     except RecursionError:
         raise EncodeError("this is no packet: it is nested too deep") from None
 
@@ -107,7 +107,7 @@ def _open(path: str) -> Iterator[BufferedReader]:
         with open(0 if path == "-" else path, "rb", closefd=path != "-") as source:
             yield source
     except OSError as error:
-        name = "standard input" if path == "-" else printable(path)
+        name = "standard input" if path == "-" else escape(path)
         raise ServolinkError(f"{name} cannot be read: {error.strerror}") from error
 
 
@@ -202,7 +202,7 @@ def _skipped(data: bytes | bytearray) -> dict[str, Any]:
 def _text(result: dict[str, Any]) -> str:
     """Return `result` for people: a packet with a line for each record, or what was no packet."""
     if "error" in result:
-        return printable(f"error: {result['error']}  {_shortened(result['bytes'])}").rstrip()
+        return escape(f"error: {result['error']}  {_shortened(result['bytes'])}").rstrip()
     if "skipped" in result:
         return f"skipped {result['skipped']} bytes  {_shortened(result['bytes'])}"
     first = [f"{result['packet']} ({result['id']})"]
@@ -218,9 +218,9 @@ def _text(result: dict[str, Any]) -> str:
 
 def _pairs(fields: Iterable[tuple[str, Any]]) -> Iterator[str]:
     for name, value in fields:
-        yield f"{name}='{printable(value)}'" if isinstance(value, str) and name != "data" else f"{name}={value}"
+        yield f"{name}='{escape(value)}'" if isinstance(value, str) and name != "data" else f"{name}={value}"
 
 
 def _shortened(digits: str) -> str:
-    shown = 2 * _SHOWN_BYTES
-    return printable(digits) if len(digits) <= shown else f"{printable(digits[:shown])}... ({len(digits) // 2} bytes)"
+    width = 2 * _SHOWN_BYTES
+    return escape(digits) if len(digits) <= width else f"{escape(digits[:width])}... ({len(digits) // 2} bytes)"

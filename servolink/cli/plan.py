@@ -10,7 +10,7 @@ from servolink.cli.live import shown_progress
 from servolink.cli.main import FAILED, OK
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.records import kind_of, print_changes
-from servolink.cli.session import Interruption, converse
+from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.project.project_file import load_project
 from servolink.project.transfer.results import Plan
@@ -29,14 +29,14 @@ def run(args: argparse.Namespace) -> int:
 
     async def talk(board: Board, interruption: Interruption) -> int:
         with shown_progress(board, quiet=args.json) as tell:
-            plan = await board.plan(project, replace=args.replace, progress=tell)
+            plan = await board.plan_project(project, replace=args.replace, on_progress=tell)
         if args.json:
             print_json(plan_object(plan))
         else:
             print_plan(plan)
         return FAILED if plan.differs else OK
 
-    return converse(args, talk, state="nothing was changed")
+    return run_with_board(args, talk, state="nothing was changed")
 
 
 def plan_object(plan: Plan) -> dict[str, object]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from servolink.cli.main import OK
 from servolink.cli.output import Table, print_json, print_table, print_text
-from servolink.cli.session import Interruption, converse
+from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.project.transfer.backups import is_unfinished
 from servolink.project.transfer.results import Change
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
             show(args.command, found)
         return OK
 
-    return converse(args, talk)
+    return run_with_board(args, talk)
 
 
 def record_id(text: str) -> int:

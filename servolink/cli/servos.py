@@ -8,7 +8,7 @@ from typing import Any
 
 from servolink.cli.main import OK
 from servolink.cli.output import Table, print_json, print_table
-from servolink.cli.session import Interruption, converse
+from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.errors import NotFound, Rejected
@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
         print_servos(await reported(board), as_json=args.json, captions=captions)
         return OK
 
-    return converse(args, talk, angle_unit="adc" if args.adc else "degree")
+    return run_with_board(args, talk, angle_unit="adc" if args.adc else "degree")
 
 
 async def reported(board: Board, wanted: Iterable[int] = ()) -> tuple[Servo, ...]:

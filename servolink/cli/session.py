@@ -16,8 +16,8 @@ from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.discovery.search import NONE_HERE, boards, only, search
 from servolink.errors import OpenError, OutcomeUnknown, RequestTimeout, ServolinkError
-from servolink.escaping import printable
-from servolink.transports.device_info import Candidate
+from servolink.escaping import escape
+from servolink.transports.device_info import DeviceInfo
 
 UNFINISHED_IMPORT = (
     "this board holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes it"
@@ -71,7 +71,7 @@ def run_interruptible(main: Callable[[Interruption], Awaitable[int]], state: str
         raise
 
 
-def converse(
+def run_with_board(
     args: argparse.Namespace,
     talk: Callable[[Board, Interruption], Awaitable[int]],
     *,
@@ -122,12 +122,12 @@ def chosen(args: argparse.Namespace) -> str:
     if len(found) == 1 or len(usable) == 1:
         return only(candidates)
     if not (sys.stdin and sys.stdin.isatty() and sys.stderr.isatty()) or args.json:
-        addresses = "\n".join(f"  --url {printable(board.url)}" for board in found)
+        addresses = "\n".join(f"  --url {escape(board.url)}" for board in found)
         refuse(args, f"{len(found)} boards are here; name one:\n{addresses}")
     return _picked(args, found)
 
 
-def _picked(args: argparse.Namespace, found: Sequence[Candidate]) -> str:
+def _picked(args: argparse.Namespace, found: Sequence[DeviceInfo]) -> str:
     """Ask at the terminal."""
     rows = [(str(number), board.url, board.product, board.problem) for number, board in enumerate(found, 1)]
     terminal = console(stderr=True)

@@ -16,15 +16,15 @@ from servolink.cli.main import FAILED, INTERRUPTED, OK
 from servolink.cli.motion import may_release, servo_id
 from servolink.cli.output import print_json, print_text
 from servolink.cli.servos import reported
-from servolink.cli.session import Interruption, converse
-from servolink.cli.teach_session import Limp, Taking
+from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.teach_session import CaptureSession, ReleasedServos
 from servolink.cli.terminal import handled
 from servolink.client.board import Board
 from servolink.errors import ConnectionLost, ProjectError, ServolinkError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, save_project
-from servolink.project.teaching import LONGEST, SHORTEST, Lesson, refuse_taken
+from servolink.project.teaching import LONGEST, SHORTEST, PoseRecorder, refuse_taken
 from servolink.protocol.records import Action, Macro
 
 
@@ -35,7 +35,7 @@ async def check_name(board: Board, name: str, file: Path | None) -> None:
     Project.of(Action.pose(f"{name} 99", {}), Macro.of(name))
 
 
-async def write(board: Board, lesson: Lesson, file: Path | None) -> str:
+async def write(board: Board, lesson: PoseRecorder, file: Path | None) -> str:
     """Add the lesson to the file, or to the board by an import; return where it is.
 
     If that fails it is written to a file of its own, and the error says which.
@@ -44,11 +44,11 @@ async def write(board: Board, lesson: Lesson, file: Path | None) -> str:
         if file is not None:
             save_project(file, lesson.into(_in(file)))
             return str(file)
-        await board.apply(lesson.into(await board.export_project()))
+        await board.apply_project(lesson.into(await board.export_project()))
     except ServolinkError as error:
         kept = _free_file(lesson.caption)
         save_project(kept, lesson.into(Project()))
-        where = printable(str(kept))
+        where = escape(str(kept))
         raise ProjectError(f"{error}. What was taught is in {where}; `servolink project merge` adds it") from error
     return "on the board"
 
@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
         servos = await reported(board, args.servo_ids)
         if args.servo_ids:
             servos = tuple(servo for servo in servos if servo.servo_id in args.servo_ids)
-        lesson = Lesson(
+        lesson = PoseRecorder(
             args.name,
             {servo.servo_id: int(servo.angle) for servo in servos},
             asyncio.get_running_loop().time(),
@@ -117,8 +117,8 @@ def run(args: argparse.Namespace) -> int:
             seconds=args.interval,
         )
         ids = frozenset(servo.servo_id for servo in servos)
-        taking = Taking(board, lesson, ids, button=args.button, json=args.json)
-        if not await _taught(taking, Limp(board, servos), interruption):
+        taking = CaptureSession(board, lesson, ids, button=args.button, json=args.json)
+        if not await _taught(taking, ReleasedServos(board, servos), interruption):
             interruption.state += f"; {len(lesson.poses)} poses were not written"
             interruption.tell()
             return INTERRUPTED
@@ -132,10 +132,10 @@ def run(args: argparse.Namespace) -> int:
             print_text(f"'{args.name}' with {len(lesson.poses)} poses is written: {where}")
         return OK
 
-    return converse(args, talk, reconnect=True)
+    return run_with_board(args, talk, reconnect=True)
 
 
-async def _taught(taking: Taking, limp: Limp, interruption: Interruption) -> bool:
+async def _taught(taking: CaptureSession, limp: ReleasedServos, interruption: Interruption) -> bool:
     """Take poses with limp servos, which are held when this returns; tell whether it was not interrupted."""
     interruption.state = f"{limp.words} may be limp; `servolink stop` holds all servos"
     lost = False
@@ -169,4 +169,4 @@ def _gentle() -> Iterator[asyncio.Event]:
 
 
 def _note(text: str) -> None:
-    print(f"servolink: {printable(text)}", file=sys.stderr, flush=True)
+    print(f"servolink: {escape(text)}", file=sys.stderr, flush=True)

@@ -14,12 +14,12 @@ from servolink.cli.terminal import single_keys
 from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
-from servolink.project.teaching import Lesson
+from servolink.project.teaching import PoseRecorder
 
 _SILENCE_PAUSE = 0.2  # seconds before a board that does not answer is asked again
 
 
-class Limp:
+class ReleasedServos:
     """Releases servos and holds them again where they are."""
 
     def __init__(self, board: Board, servos: Sequence[Servo]) -> None:
@@ -67,11 +67,11 @@ _KEYS: dict[str, Wish] = {" ": "take", "\n": "take", "\r": "take", "u": "undo", 
 Wish = Literal["take", "undo", "end"]
 
 
-class Taking:
+class CaptureSession:
     """Does what keys and buttons ask for, until one asks for the end."""
 
     def __init__(
-        self, board: Board, lesson: Lesson, servo_ids: frozenset[int], *, button: int | None, json: bool
+        self, board: Board, lesson: PoseRecorder, servo_ids: frozenset[int], *, button: int | None, json: bool
     ) -> None:
         """Take poses of `servo_ids`; `button` is the one to obey, None for any."""
         self._board = board

@@ -17,10 +17,10 @@ from servolink.cli.main import OK, refuse
 from servolink.cli.terminal import ENDING, single_keys
 from servolink.discovery.announcements import announced
 from servolink.errors import TransportUnavailable
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.listeners import AVAILABLE, host_and_port
 from servolink.protocol.codec import Codec
-from servolink.transports.device_info import Candidate
+from servolink.transports.device_info import DeviceInfo
 from servolink.transports.faults import Faults
 from servolink.virtual.board import MEMORY, MOST_SERVOS, VirtualBoard
 from servolink.virtual.script import HELP, Deed, Keys, Push, parse_script
@@ -116,7 +116,7 @@ async def _serve(board: VirtualBoard, args: argparse.Namespace) -> None:
 def _announced(urls: list[str], servos: int) -> AbstractContextManager[None]:
     """Let the board be found, once, at the address that takes several hosts if there is one."""
     reachable = [url for scheme in ("tcp://", "serial://") for url in urls if url.startswith(scheme)]
-    return announced(Candidate(reachable[0], f"virtual board with {servos} servos")) if reachable else nullcontext()
+    return announced(DeviceInfo(reachable[0], f"virtual board with {servos} servos")) if reachable else nullcontext()
 
 
 def _stop_on_signals() -> asyncio.Event:
@@ -205,7 +205,7 @@ def _script(text: str) -> list[Deed]:
     try:
         return parse_script(_beginning(Path(text)))
     except (OSError, ValueError) as error:
-        raise argparse.ArgumentTypeError(f"{printable(text)}: {printable(str(error))}") from None
+        raise argparse.ArgumentTypeError(f"{escape(text)}: {escape(str(error))}") from None
 
 
 def _beginning(path: Path) -> str:

@@ -10,14 +10,14 @@ from pathlib import Path
 from servolink.client.records import Editing, ReadBack
 from servolink.client.servos import Servos
 from servolink.client.session import Chapter, ConnectionState, Reconnector, States
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.connection.explain import lost, same
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, Rejected, ServolinkError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.motion import AngleUnit, MotionLimits
 from servolink.project.model import Project
-from servolink.project.transfer.results import Applied, Plan, Tell, tell_nobody
+from servolink.project.transfer.results import ApplyResult, Plan, Tell, tell_nobody
 from servolink.protocol.settings import (
     ClearAllDataRequest,
     QueryMemorySizeRequest,
@@ -38,12 +38,12 @@ class Settings(Chapter):
         await _set_mode(self._link, mode)
         self._mode = mode
 
-    async def _speak_this_protocol(self, link: Link) -> None:
+    async def _speak_this_protocol(self, link: Connection) -> None:
         """Set mode 1 on a new link, if any was set on the one before it: in mode 0 no board says which it is."""
         if self._mode is not None:
             await _set_mode(link, 1)
 
-    async def _restore_mode(self, link: Link) -> None:
+    async def _restore_mode(self, link: Connection) -> None:
         """Set on a new link, which leads to the same board, the transmission mode that was set before."""
         if self._mode not in (None, 1):
             await _set_mode(link, self._mode)
@@ -67,7 +67,7 @@ class Settings(Chapter):
         await self.send(SendDummyDataRequest(data))
 
 
-async def _set_mode(link: Link, mode: int) -> None:
+async def _set_mode(link: Connection, mode: int) -> None:
     request = TransmissionModeSettingRequest(mode)
     if (answer := await link.request(request)).result != mode:
         raise Rejected(f"the board was asked for mode {mode} and is in mode {answer.result}", request)
@@ -78,36 +78,36 @@ class Projects(Settings, ReadBack):
 
     _told_of_import = False
 
-    async def export_project(self, *, progress: Tell = tell_nobody) -> Project:
+    async def export_project(self, *, on_progress: Tell = tell_nobody) -> Project:
         """Return everything stored on the board, each part read until two consecutive readings agree (4.3).
 
         ProjectError if they never do, or if the board lists what it does not give.
         """
         from servolink.project.transfer.read import OneConnection, read_project
 
-        return await read_project(OneConnection(self), progress)
+        return await read_project(OneConnection(self), on_progress)
 
-    async def plan(
-        self, project: Project, *, replace: bool = False, exact: bool = False, progress: Tell = tell_nobody
+    async def plan_project(
+        self, project: Project, *, replace: bool = False, unchecked: bool = False, on_progress: Tell = tell_nobody
     ) -> Plan:
         """Return what `apply` would change, and what that costs; changes nothing.
 
-        `exact` is for a project that was read from a board and may hold what this library would not write by itself.
+        `unchecked` is for a project that was read from a board and may hold what servolink would not write by itself.
         """
         from servolink.project.transfer.plan import plan_project
         from servolink.project.transfer.read import OneConnection
 
-        return await plan_project(OneConnection(self), project, tell=progress, replace=replace, exact=exact)
+        return await plan_project(OneConnection(self), project, tell=on_progress, replace=replace, unchecked=unchecked)
 
-    async def apply(
+    async def apply_project(
         self,
         project: Project,
         *,
         replace: bool = False,
         backup: bool = True,
         folder: Path | None = None,
-        progress: Tell = tell_nobody,
-    ) -> Applied:
+        on_progress: Tell = tell_nobody,
+    ) -> ApplyResult:
         """Make the board hold `project`: only what differs is written, or with `replace` all of it (4.2).
 
         Before anything is changed the board's content is kept in `folder` (the user's data folder). Whatever
@@ -115,24 +115,24 @@ class Projects(Settings, ReadBack):
         project that cannot be written or does not fit, if no backup can be made, and if the board does not take it.
         """
         from servolink.project.transfer.apply import apply_project
-        from servolink.project.transfer.backups import Store
+        from servolink.project.transfer.backups import BackupStore
         from servolink.project.transfer.read import OneConnection
 
-        board, store = OneConnection(self), Store(folder)
-        return await apply_project(board, project, store=store, tell=progress, replace=replace, backup=backup)
+        board, store = OneConnection(self), BackupStore(folder)
+        return await apply_project(board, project, store=store, tell=on_progress, replace=replace, backup=backup)
 
-    async def rollback(
-        self, backup: Path | None = None, *, folder: Path | None = None, progress: Tell = tell_nobody
-    ) -> Applied:
+    async def rollback_project(
+        self, backup: Path | None = None, *, folder: Path | None = None, on_progress: Tell = tell_nobody
+    ) -> ApplyResult:
         """Make the board hold what it held before the last import at this address, or what `backup` holds.
 
         ProjectError if there is no such backup, or if the board is not as that import left it.
         """
         from servolink.project.transfer.apply import roll_back
-        from servolink.project.transfer.backups import Store
+        from servolink.project.transfer.backups import BackupStore
         from servolink.project.transfer.read import OneConnection
 
-        return await roll_back(OneConnection(self), backup, store=Store(folder), tell=progress)
+        return await roll_back(OneConnection(self), backup, store=BackupStore(folder), tell=on_progress)
 
     async def has_unfinished_import(self) -> bool:
         """Tell whether an import was begun on the board and not finished; `apply` again, or `rollback`."""
@@ -152,7 +152,7 @@ class Projects(Settings, ReadBack):
         if is_unfinished(project_id) and not self._told_of_import:
             self._told_of_import = True
             logging.getLogger(__name__).warning(
-                "%s holds an unfinished import: `apply` finishes it, `rollback` undoes it", printable(self.url)
+                "%s holds an unfinished import: `apply` finishes it, `rollback` undoes it", escape(self.url)
             )
         return project_id
 
@@ -162,10 +162,10 @@ class Board(Servos, Projects):
 
     def __init__(
         self,
-        link: Link,
+        link: Connection,
         angle_unit: AngleUnit | None,
         limits: MotionLimits,
-        reopen: Callable[[], Awaitable[Link]] | None = None,
+        reopen: Callable[[], Awaitable[Connection]] | None = None,
     ) -> None:
         """Use `connect`; with `reopen`, which opens a new link to the same board, a lost link is replaced."""
         super().__init__(link, angle_unit, limits)
@@ -210,11 +210,11 @@ class Board(Servos, Projects):
         if self._reconnector is None or not self._reconnector.start():
             self._events.end(error)
 
-    async def _open_again(self, reopen: Callable[[], Awaitable[Link]]) -> Link:
+    async def _open_again(self, reopen: Callable[[], Awaitable[Connection]]) -> Connection:
         await self._link.close()  # it may have ended by silence and still hold the port
         return await reopen()
 
-    async def _resume(self, link: Link) -> None:
+    async def _resume(self, link: Connection) -> None:
         """Restore the session on a new link and use it from then on; raises what keeps it from being restored."""
         link.answers.on_end = self._link_ended
         await self._speak_this_protocol(link)

@@ -9,17 +9,17 @@ from typing import Any
 
 from servolink.client.board import Board
 from servolink.client.session import FIRST_PAUSE, LONGEST_PAUSE, check_count, check_timeout
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
 from servolink.discovery.names import resolved
 from servolink.errors import ConnectionLost, OpenError, RequestTimeout, TransportUnavailable
-from servolink.escaping import shown
+from servolink.escaping import quote
 from servolink.motion import AngleLimits, AngleUnit, MotionLimits
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport
 from servolink.transports.registry import create
-from servolink.transports.serial_ports import Whereabouts
+from servolink.transports.serial_ports import PortTracker
 
 
 class connect:  # noqa: N801 - reads as the function it stands for
@@ -56,7 +56,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         if angle_unit not in ("degree", "adc", None):
             raise ValueError(f"angle_unit: {angle_unit!r} is none of 'degree', 'adc' and None")
         if not (url is None or isinstance(url, str | Transport)):
-            raise TypeError(f"url: {shown(url)} is {type(url).__name__}; give an address as text, a transport or None")
+            raise TypeError(f"url: {quote(url)} is {type(url).__name__}; give an address as text, a transport or None")
         if reconnect:
             _refuse_transport(url, "reconnect")
         self._url = url
@@ -66,7 +66,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         self._angle_unit: AngleUnit | None = angle_unit
         self._limits = MotionLimits(angle_limits, speed_cap)
         self._board: Board | None = None
-        self._before: Link | None = None  # the latest link to this board
+        self._before: Connection | None = None  # the latest link to this board
 
     async def open(self) -> Board:
         """Open the board."""
@@ -78,9 +78,9 @@ class connect:  # noqa: N801 - reads as the function it stands for
         link = await self._open_link(create(address), stats)
         if not self._reconnect:
             return Board(link, self._angle_unit, self._limits)
-        whereabouts = Whereabouts(address)
+        whereabouts = PortTracker(address)
 
-        async def reopen() -> Link:
+        async def reopen() -> Connection:
             return await self._open_link(create(await whereabouts.url()), stats)
 
         board = Board(link, self._angle_unit, self._limits, reopen)
@@ -94,8 +94,8 @@ class connect:  # noqa: N801 - reads as the function it stands for
             raise
         return board
 
-    async def _open_link(self, transport: Transport, stats: Stats) -> Link:
-        link = Link(
+    async def _open_link(self, transport: Transport, stats: Stats) -> Connection:
+        link = Connection(
             transport,
             self._codec,
             timeout=self._timeout,
@@ -139,7 +139,7 @@ async def reconnecting(url: str | None = None, **options: Any) -> AsyncGenerator
     """
     _refuse_transport(url, "reconnecting")
     pause = FIRST_PAUSE
-    before: Link | None = None
+    before: Connection | None = None
     while True:
         connecting = connect(url, **options)
         connecting._before = before  # noqa: SLF001 - nobody else follows a connection with another

@@ -8,7 +8,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.connection.explain import same
 from servolink.errors import ConnectionLost, Rejected, ServolinkError
 from servolink.protocol.joystick import ButtonEventResponse, SubscribeButtonEventRequest
@@ -34,7 +34,7 @@ class _Queue:
 class Subscription:
     """The board pushes events while at least one reader is there."""
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: Connection) -> None:
         """Take the events of `link`."""
         self._link = link
         self._loop = asyncio.get_running_loop()
@@ -46,7 +46,7 @@ class Subscription:
         self._leaving: set[asyncio.Task[None]] = set()
         link.answers.on_event = self._deliver
 
-    async def move(self, link: Link) -> None:
+    async def move(self, link: Connection) -> None:
         """Go on with another link, and subscribe there if anybody reads."""
         async with self._changing:
             self._link = link

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 from servolink.client.events import ButtonEvents, Subscription
 from servolink.client.session import Chapter
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.errors import NotFound
 from servolink.protocol.editing import (
     AddActionRequest,
@@ -120,7 +120,7 @@ class Editing(Chapter):
 class Joystick(Chapter):
     """What the buttons do."""
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: Connection) -> None:
         """Speak through `link`."""
         super().__init__(link)
         self._events = Subscription(link)

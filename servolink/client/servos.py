@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from msgspec import Struct
 
 from servolink.client.session import Chapter
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.errors import DecodeError, EncodeError, NotFound, OutcomeUnknown, Rejected, RequestTimeout
-from servolink.escaping import shown
+from servolink.escaping import quote
 from servolink.motion import (
     AngleUnit,
     MotionLimits,
@@ -41,7 +41,7 @@ class Units(Chapter):
     An angle that was worked out or asked for before a unit was sent (`Link.units_sent`) must not be used after it.
     """
 
-    def __init__(self, link: Link, angle_unit: AngleUnit | None) -> None:
+    def __init__(self, link: Connection, angle_unit: AngleUnit | None) -> None:
         """Set all servos to `angle_unit` before the first command with an angle; None leaves them as they are."""
         super().__init__(link)
         self._unit: AngleUnit | None = angle_unit
@@ -52,7 +52,7 @@ class Units(Chapter):
     async def set_angle_unit(self, unit: AngleUnit, servo_id: int = ALL_SERVOS) -> None:
         """Give and report angles of a servo (255: all) in degrees or raw ADC (3.2.4); Rejected if it is refused."""
         if unit not in ("degree", "adc"):
-            raise EncodeError(f"unit: {shown(unit)} is neither 'degree' nor 'adc'")
+            raise EncodeError(f"unit: {quote(unit)} is neither 'degree' nor 'adc'")
         async with self._setting_unit:
             if servo_id != ALL_SERVOS:
                 await self._set_first_unit()
@@ -92,7 +92,7 @@ class Units(Chapter):
         else:
             self._units[servo_id] = unit
 
-    async def _restore_units(self, link: Link) -> None:
+    async def _restore_units(self, link: Connection) -> None:
         """Set on a new link the units that were set on the one before it; Rejected if the board does not take them."""
         if not self._unit_is_set:
             return
@@ -102,7 +102,7 @@ class Units(Chapter):
             await _ask(link, unit, servo_id)
 
 
-async def _ask(link: Link, unit: AngleUnit, servo_id: int) -> None:
+async def _ask(link: Connection, unit: AngleUnit, servo_id: int) -> None:
     """Set the unit of a servo; Rejected if the board answers that it is in another."""
     request = SetAngleUnitRequest(servo_id, int(unit == "adc"))
     answer = await link.request(request)
@@ -139,7 +139,7 @@ class Servo(Struct, frozen=True):
 class Servos(Units):
     """The servos of a board."""
 
-    def __init__(self, link: Link, angle_unit: AngleUnit | None, limits: MotionLimits) -> None:
+    def __init__(self, link: Connection, angle_unit: AngleUnit | None, limits: MotionLimits) -> None:
         """Set all servos to `angle_unit` before the first command with an angle; None leaves them as they are."""
         super().__init__(link, angle_unit)
         self._limits = limits

@@ -8,10 +8,10 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from typing import Literal, TypeVar
 
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.connection.explain import described
 from servolink.errors import EncodeError, NotFound, Rejected, RequestTimeout, ServolinkError
-from servolink.escaping import printable, shown
+from servolink.escaping import escape, quote
 from servolink.motion import is_number
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest
@@ -25,17 +25,17 @@ _MOST = 1_000
 def check_timeout(value: object) -> None:
     """Raise TypeError or ValueError if `value` is no time for an answer: 0.001..3600 seconds."""
     if not is_number(value):
-        raise TypeError(f"timeout: {shown(value)} is no number of seconds")
+        raise TypeError(f"timeout: {quote(value)} is no number of seconds")
     if not 0.001 <= value <= _LONGEST_TIMEOUT:
-        raise ValueError(f"timeout: {shown(value)} is outside 0.001..{_LONGEST_TIMEOUT} seconds")
+        raise ValueError(f"timeout: {quote(value)} is outside 0.001..{_LONGEST_TIMEOUT} seconds")
 
 
 def check_count(name: str, value: object, least: int) -> None:
     """Raise TypeError or ValueError if `value` is no whole number `least`..1000."""
     if not isinstance(value, int) or isinstance(value, bool):
-        raise TypeError(f"{name}: {shown(value)} is no whole number")
+        raise TypeError(f"{name}: {quote(value)} is no whole number")
     if not least <= value <= _MOST:
-        raise ValueError(f"{name}: {shown(value)} is outside {least}..{_MOST}")
+        raise ValueError(f"{name}: {quote(value)} is outside {least}..{_MOST}")
 
 
 _NOT_DONE = (EncodeError, Rejected, RequestTimeout)
@@ -69,7 +69,7 @@ class Identity:
             self.may_have(project_id)
 
     @contextmanager
-    def changing(self, link: Link, project_id: int) -> Iterator[None]:
+    def changing(self, link: Connection, project_id: int) -> Iterator[None]:
         """Reckon with `project_id` too, if what is asked of `link` meanwhile fails and may yet have been done."""
         was_lost = link.answers.ended is not None
         try:
@@ -81,7 +81,7 @@ class Identity:
                 self.may_have(project_id)
             raise
 
-    async def check(self, link: Link) -> None:
+    async def check(self, link: Connection) -> None:
         """Ask which board a new link leads to, and know it from then on; NotFound if it is another."""
         request = QueryProjectIDRequest()
         found = (await link.request(request)).project_id
@@ -97,7 +97,7 @@ R = TypeVar("R", bound=Response)
 class Chapter:
     """Commands to one board."""
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: Connection) -> None:
         """Speak through `link`."""
         self._link = link
         self._identity = Identity()
@@ -118,11 +118,11 @@ class Chapter:
         return self._link
 
     async def request(
-        self, packet: Request[R], *, timeout: float | None = None, retries: int | None = None, exact: bool = False
+        self, packet: Request[R], *, timeout: float | None = None, retries: int | None = None, unchecked: bool = False
     ) -> R:
         """Send any packet that is answered and return its answer, whatever that says.
 
-        `exact` gives back to a board what was read from one: captions may then hold control characters, numbers all
+        `unchecked` gives back to a board what was read from one: captions may then hold control characters, numbers all
         that the wire carries.
 
         Raises EncodeError before anything is sent; RequestTimeout after the retries of a query; OutcomeUnknown
@@ -134,7 +134,7 @@ class Chapter:
             check_timeout(timeout)
         if retries is not None:
             check_count("retries", retries, 0)
-        return await self._link.request(packet, timeout=timeout, retries=retries, exact=exact)
+        return await self._link.request(packet, timeout=timeout, retries=retries, unchecked=unchecked)
 
     async def send(self, packet: Command) -> None:
         """Send any packet that is never answered; EncodeError also for the same servo twice in one movement."""
@@ -149,7 +149,7 @@ class Chapter:
     async def _do(self, packet: Request[Result], reasons: str) -> None:
         """Send a command and raise Rejected, with the likely `reasons`, if the board says it failed."""
         if not (await self._link.request(packet)).result:
-            raise Rejected(f"{printable(self.url)} refused {described(packet)}: {reasons}", packet)
+            raise Rejected(f"{escape(self.url)} refused {described(packet)}: {reasons}", packet)
 
 
 _logger = logging.getLogger(__name__)
@@ -193,7 +193,9 @@ class States:
 class Reconnector:
     """Brings a board back whenever its link is lost."""
 
-    def __init__(self, open_link: Callable[[], Awaitable[Link]], resume: Callable[[Link], Awaitable[None]]) -> None:
+    def __init__(
+        self, open_link: Callable[[], Awaitable[Connection]], resume: Callable[[Connection], Awaitable[None]]
+    ) -> None:
         """`open_link` opens a new link to the same board; `resume` restores the session on it and uses it."""
         self._open_link = open_link
         self._resume = resume
@@ -227,7 +229,7 @@ class Reconnector:
             else:
                 return
 
-    async def _resume_on(self, link: Link) -> None:
+    async def _resume_on(self, link: Connection) -> None:
         try:
             await self._resume(link)
         except BaseException:

@@ -10,13 +10,13 @@ import asyncio
 from collections import deque
 from typing import Any, NoReturn, TypeVar
 
-from servolink.connection.dispatcher import Answers
+from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import lost, outcome_unknown, same, timed_out
-from servolink.connection.lanes import Lane, Lanes, Pending
-from servolink.connection.scheduler import Leaving, Turns
+from servolink.connection.lanes import Lane, Lanes, PendingRequest
+from servolink.connection.scheduler import PendingDrain, RequestScheduler
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, DecodeError, RequestError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import ExecuteMacroRequest, QueryActionRequest, QueryMacroRequest, QueryProjectIDRequest
 from servolink.protocol.joystick import QueryActiveJoystickTableRequest, QueryJoystickTableRequest
@@ -57,7 +57,7 @@ _SILENCE = 8
 """A board that has answered nothing for so many timeouts, whatever it was asked, is gone."""
 
 
-class Link:
+class Connection:
     """Asks one board, and never takes one answer for another (docs/design/matching.md)."""
 
     def __init__(
@@ -69,7 +69,7 @@ class Link:
         retries: int = 2,
         window: int = 1,
         stats: Stats | None = None,
-        before: Link | None = None,
+        before: Connection | None = None,
     ) -> None:
         """Wait `timeout` seconds for an answer, repeat queries `retries` times, keep `window` requests on the line.
 
@@ -85,12 +85,12 @@ class Link:
         self._retries = retries
         self._loop = asyncio.get_running_loop()
         self.lanes: Lanes = Lanes() if before is None else _lanes_after(before.lanes)
-        self._turns = Turns(window)
-        self._leaving = Leaving(transport, self._turns)
+        self._turns = RequestScheduler(window)
+        self._leaving = PendingDrain(transport, self._turns)
         self._fences = deque(FENCES)
         self.stats = stats or Stats()
         """What the link has seen."""
-        self.answers = Answers(transport.url, codec, self.lanes, self._turns, self._loop.time, self.stats)
+        self.answers = ResponseDispatcher(transport.url, codec, self.lanes, self._turns, self._loop.time, self.stats)
 
     async def open(self) -> None:
         """Open the transport; OpenError says what to do."""
@@ -109,17 +109,17 @@ class Link:
         timeout: float | None = None,
         retries: int | None = None,
         first: bool = False,
-        exact: bool = False,
+        unchecked: bool = False,
     ) -> R:
         """Send `packet` and return its answer.
 
         Queries are repeated `retries` times within `timeout * (retries + 1)` seconds and raise RequestTimeout;
-        what changes the board is sent once and raises OutcomeUnknown. `first` goes before all who wait; `exact`
+        what changes the board is sent once and raises OutcomeUnknown. `first` goes before all who wait; `unchecked`
         gives back what was read from a board (see Codec.encode).
         """
         if asyncio.get_running_loop() is not self._loop:
             self._refuse_loop()
-        frame = self.codec.encode(packet, exact=exact)
+        frame = self.codec.encode(packet, unchecked=unchecked)
         lane = self.lanes.of(packet)
         stops = self.stops
         alone = isinstance(packet, ClearAllDataRequest)
@@ -173,7 +173,7 @@ class Link:
     def _refuse_loop(self) -> NoReturn:
         """Raise RuntimeError: a future of one event loop would never wake who waits in another."""
         raise RuntimeError(
-            f"{printable(self.transport.url)} was connected in another event loop, which has "
+            f"{escape(self.transport.url)} was connected in another event loop, which has "
             f"{'ended' if self._loop.is_closed() else 'it still'}: connect in the one that uses it"
         )
 
@@ -222,10 +222,10 @@ class Link:
             raise outcome_unknown(packet, self.transport.url, waited)
         raise fault or timed_out(packet, self.transport.url, tries, waited, self.stats)
 
-    def _sending(self, packet: Request[Any], timeout: float, now: float) -> Pending:
+    def _sending(self, packet: Request[Any], timeout: float, now: float) -> PendingRequest:
         if isinstance(packet, SetAngleUnitRequest):
             self.units_sent += 1
-        return Pending(packet, self.lanes.next_number(), now, now + timeout, timeout, self._loop.create_future())
+        return PendingRequest(packet, self.lanes.next_number(), now, now + timeout, timeout, self._loop.create_future())
 
     async def _write(self, frame: bytes) -> None:
         self._raise_if_ended()

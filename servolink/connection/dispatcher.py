@@ -6,8 +6,8 @@ import asyncio
 from collections.abc import Callable
 
 from servolink.connection.explain import lost, overtaken, same
-from servolink.connection.lanes import Lane, Lanes, Pending
-from servolink.connection.scheduler import Turns
+from servolink.connection.lanes import Lane, Lanes, PendingRequest
+from servolink.connection.scheduler import RequestScheduler
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, DecodeError
 from servolink.protocol.codec import Codec
@@ -20,7 +20,7 @@ from servolink.protocol.settings import ClearAllDataRequest
 _MOST_LOOKS = 100  # a board that never stops sending must not put deadlines off for ever
 
 
-class Deadlines:
+class DeadlineTimer:
     """Calls `passed(now)` when the earliest deadline has passed and nothing more can be read that came before.
 
     After a stall the answer may already lie in the operating system's buffer. So the loop is let to read again,
@@ -62,7 +62,7 @@ class Deadlines:
         self._passed(max(deadline, self._loop.time()))  # a timer comes early by what the clock does not resolve
 
 
-class Carrier:
+class NestedFrameFilter:
     """The latest frame, if others may begin inside it; they come right behind it, in their order."""
 
     def __init__(self, byte_order: ByteOrder) -> None:
@@ -96,11 +96,11 @@ _PAUSE = 0.05
 _MOST_PAUSES = 20  # a board that never stops sending must not put deadlines off for ever
 
 
-class Answers:
+class ResponseDispatcher:
     """The receiver of a link's transport."""
 
     def __init__(
-        self, url: str, codec: Codec, lanes: Lanes, turns: Turns, now: Callable[[], float], stats: Stats
+        self, url: str, codec: Codec, lanes: Lanes, turns: RequestScheduler, now: Callable[[], float], stats: Stats
     ) -> None:
         """Give what comes from `url` to `lanes`, and their turns back to `turns`; go on counting in `stats`."""
         self.stats = stats
@@ -117,9 +117,9 @@ class Answers:
         self._silent_since = now() if lanes.owing else None  # by what it was asked on the connection before
         self._next_answer: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._parser = FrameParser(codec.byte_order)
-        self._carrier = Carrier(codec.byte_order)
+        self._carrier = NestedFrameFilter(codec.byte_order)
         self._parser.skipped = stats.skipped
-        self._deadlines = Deadlines(self._expire, lambda: self.stats.bytes_received)
+        self._deadlines = DeadlineTimer(self._expire, lambda: self.stats.bytes_received)
 
     # --- from the transport -------------------------------------------------------------------------------------
 
@@ -139,14 +139,14 @@ class Answers:
 
     # --- from the sending half ----------------------------------------------------------------------------------
 
-    def expect(self, lane: Lane, pending: Pending) -> None:
+    def expect(self, lane: Lane, pending: PendingRequest) -> None:
         """Wait for an answer on `lane`, from before its request is written."""
         lane.pending = pending
         if self._silent_since is None:
             self._silent_since = pending.sent_at
         self._deadlines.arm(pending.deadline)
 
-    def overtake(self, lane: Lane, sending: Pending) -> None:
+    def overtake(self, lane: Lane, sending: PendingRequest) -> None:
         """Let `sending` go before everything: what waits on `lane` is over, and its outcome unknown."""
         sending.ambiguous = bool(lane.pending or lane.owed)
         if (pending := lane.pending) is not None:
@@ -217,7 +217,7 @@ class Answers:
             self._lanes.answered(sending.number)
         self._wake()
         if sending is not lane.pending:
-            self.stats.late_replies += 1
+            self.stats.late_responses += 1
             lane.late = packet
             return
         self.stats.round_trips.append(self._heard_at - sending.sent_at)
@@ -227,7 +227,7 @@ class Answers:
 
     # --- the end of a sending -----------------------------------------------------------------------------------
 
-    def _over(self, lane: Lane, pending: Pending) -> None:
+    def _over(self, lane: Lane, pending: PendingRequest) -> None:
         lane.pending = None
         if pending.abandoned:
             if pending.borrowed:
@@ -235,7 +235,7 @@ class Answers:
             else:
                 self._turns.give_back(lane)
 
-    def _unanswered(self, lane: Lane, pending: Pending) -> None:
+    def _unanswered(self, lane: Lane, pending: PendingRequest) -> None:
         self._lanes.owe(lane, pending)
         if isinstance(pending.request, ClearAllDataRequest):
             self._lanes.fence_first = pending.number  # done late, it would wipe whatever is sent now
@@ -255,7 +255,7 @@ class Answers:
         for _, pending in self._lanes.pending():
             self._deadlines.arm(pending.deadline)
 
-    def _is_arriving(self, due: list[tuple[Lane, Pending]], now: float) -> bool:
+    def _is_arriving(self, due: list[tuple[Lane, PendingRequest]], now: float) -> bool:
         """Tell whether the begun frame is no false start; move the deadlines that it may hold back."""
         packet_id, received, wanted = self._parser.begun or (0, 0, 0)
         lane = self._lanes.by_response_id.get(packet_id)
@@ -270,7 +270,7 @@ class Answers:
         return bool(waiting)
 
 
-def _goes_on(pending: Pending, now: float, received: int, wanted: int) -> bool:
+def _goes_on(pending: PendingRequest, now: float, received: int, wanted: int) -> bool:
     """Move a deadline if this very answer is still arriving, at least a hundredth of it per timeout."""
     if pending.deadline > now:
         return True  # its own deadline decides, not that of another
@@ -281,7 +281,7 @@ def _goes_on(pending: Pending, now: float, received: int, wanted: int) -> bool:
     return True
 
 
-def _fail(pending: Pending, error: Exception) -> None:
+def _fail(pending: PendingRequest, error: Exception) -> None:
     if not pending.answer.done():
         pending.answer.set_exception(error)
         pending.answer.exception()  # seen, so that nobody is warned if nobody waits for it any more

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.protocol.packet import Packet
 
 _LONGEST = 120
@@ -12,13 +12,13 @@ _LONGEST = 120
 
 def described(packet: Packet) -> str:
     """Return `packet` in words that are safe and short enough for an error."""
-    text = printable(repr(packet))
+    text = escape(repr(packet))
     return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
 
 
 def timed_out(packet: Packet, url: str, tries: int, waited: float, stats: Stats) -> RequestTimeout:
     """Return the error for a request that was never answered, with the likely causes in order."""
-    asked = f"{described(packet)} was not answered by {printable(url)}"
+    asked = f"{described(packet)} was not answered by {escape(url)}"
     times = "1 try" if tries == 1 else f"{tries} tries"
     how = f"in {waited:.1f} s ({times})" if tries else f"and not sent in {waited:.1f} s"
     skipped = sum(stats.skipped.values())
@@ -35,7 +35,7 @@ def timed_out(packet: Packet, url: str, tries: int, waited: float, stats: Stats)
 def outcome_unknown(packet: Packet, url: str, waited: float) -> OutcomeUnknown:
     """Return the error for a command that was sent once and not answered."""
     return OutcomeUnknown(
-        f"{described(packet)} was sent to {printable(url)} and was not answered in {waited:.1f} s: "
+        f"{described(packet)} was sent to {escape(url)} and was not answered in {waited:.1f} s: "
         "it may or may not have been done; read back before sending it again",
         packet,
     )
@@ -48,8 +48,8 @@ def overtaken(packet: Packet) -> OutcomeUnknown:
 
 def lost(url: str, cause: BaseException | None) -> ConnectionLost:
     """Return the error that ends a link; without a cause it was closed by this program."""
-    reason = "it was closed by this program" if cause is None else printable(str(cause) or type(cause).__name__)
-    error = ConnectionLost(f"the connection to {printable(url)} is gone: {reason}")
+    reason = "it was closed by this program" if cause is None else escape(str(cause) or type(cause).__name__)
+    error = ConnectionLost(f"the connection to {escape(url)} is gone: {reason}")
     error.__cause__ = cause
     return error
 

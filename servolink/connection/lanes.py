@@ -22,7 +22,7 @@ from servolink.protocol.codec import PACKETS
 from servolink.protocol.packet import Packet, Request, Response
 
 
-class Pending(Struct, eq=False):
+class PendingRequest(Struct, eq=False):
     """One sending that waits for its answer."""
 
     request: Request[Any]
@@ -52,9 +52,9 @@ class Lane:
     """One response id."""
 
     response_id: int
-    pending: Pending | None = None
+    pending: PendingRequest | None = None
     """The sending that waits for its answer."""
-    owed: Pending | None = None
+    owed: PendingRequest | None = None
     """The sending that ended without one; its answer may still come."""
     late: Response | None = None
     """The latest answer that came late."""
@@ -87,7 +87,7 @@ class Lanes:
         self.sent += 1
         return self.sent
 
-    def pending(self) -> Iterator[tuple[Lane, Pending]]:
+    def pending(self) -> Iterator[tuple[Lane, PendingRequest]]:
         """Yield each sending that waits for its answer."""
         for lane in self.by_response_id.values():
             if lane.pending is not None:
@@ -97,7 +97,7 @@ class Lanes:
         """Tell whether a fence must come before the next sending on `lane`."""
         return bool(self.fence_first) or (lane is not None and lane.owed is not None)
 
-    def owe(self, lane: Lane, sending: Pending) -> None:
+    def owe(self, lane: Lane, sending: PendingRequest) -> None:
         """Note that the answer to `sending` may still come."""
         lane.owed = sending
         self.owing.add(lane)

@@ -6,7 +6,7 @@ import asyncio
 from dataclasses import dataclass, field
 
 from servolink.errors import ConnectionLost, TransportError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
 from servolink.protocol.frame import ByteOrder, Frame
@@ -38,7 +38,7 @@ class Answer:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class ProbeResult:
     """What came of asking."""
 
     answer: Answer | None
@@ -49,7 +49,7 @@ class Heard:
     """Why it could not be asked."""
 
 
-async def probe(url: str) -> Heard:
+async def probe(url: str) -> ProbeResult:
     """Open the device at `url`, ask, and close it.
 
     A board that does not answer is put into the new transmission mode and asked again. It is left there: one that
@@ -60,13 +60,13 @@ async def probe(url: str) -> Heard:
         ear = _Ear()
         await transport.open(ear)
     except TransportError as error:
-        return Heard(None, 0, 0, str(error))
+        return ProbeResult(None, 0, 0, str(error))
     try:
         await asyncio.sleep(_LISTENING)
         unasked = ear.received
-        return Heard(await _ask(transport, ear, unasked), unasked, ear.received)
+        return ProbeResult(await _ask(transport, ear, unasked), unasked, ear.received)
     except TransportError as error:
-        return Heard(None, 0, ear.received, str(error))
+        return ProbeResult(None, 0, ear.received, str(error))
     finally:
         await transport.close()
 
@@ -122,7 +122,7 @@ class _Ear:
     def lost(self, error: Exception | None, /) -> None:
         if self._wanted is not None and not self._wanted[2].done():
             heard = self._wanted[2]
-            heard.set_exception(ConnectionLost(f"it was lost while being asked: {printable(str(error))}"))
+            heard.set_exception(ConnectionLost(f"it was lost while being asked: {escape(str(error))}"))
             heard.exception()  # seen: nobody may be waiting any more
 
     def _take(self, byte_order: ByteOrder, frame: Frame) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from servolink.connection.lanes import Lane
 from servolink.errors import ConnectionLost
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.base import Transport
 
 
@@ -21,7 +21,7 @@ class _Waiting:
     granted: asyncio.Future[None]
 
 
-class Turns:
+class RequestScheduler:
     """At most `window` exchanges at a time, one per lane, in order of arrival; some alone, some first."""
 
     def __init__(self, window: int) -> None:
@@ -116,14 +116,14 @@ class Turns:
                 at += 1
 
 
-class Leaving:
+class PendingDrain:
     """Holds a turn for each frame that its sender has left behind.
 
     A cancelled send still goes out whole. If its turn were free at once, a program that gives up what is late would
     fill the transport's buffer, and a stop would wait behind all of that.
     """
 
-    def __init__(self, transport: Transport, turns: Turns) -> None:
+    def __init__(self, transport: Transport, turns: RequestScheduler) -> None:
         """Hold turns of `turns` until `transport` has sent what was left behind."""
         self._transport = transport
         self._turns = turns
@@ -152,5 +152,5 @@ class Leaving:
         self._turns.give_back(None)
         if not task.cancelled() and (error := task.exception()) is not None:
             logging.getLogger(__name__).error(
-                "%s cannot tell when all is sent: %s", printable(self._transport.url), printable(str(error))
+                "%s cannot tell when all is sent: %s", escape(self._transport.url), escape(str(error))
             )

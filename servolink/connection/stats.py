@@ -27,7 +27,7 @@ class Stats:
     """Frames that nobody asked for."""
     mismatched: int = 0
     """Answers about another servo, action, macro or table than the one asked for."""
-    late_replies: int = 0
+    late_responses: int = 0
     """Answers that came after their request had ended, and were kept from the next one."""
     rescued: int = 0
     """Late answers that came while the same query was about to be repeated, and were used."""

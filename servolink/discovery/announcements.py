@@ -20,7 +20,7 @@ from typing import BinaryIO
 import msgspec
 import platformdirs
 
-from servolink.transports.device_info import Candidate
+from servolink.transports.device_info import DeviceInfo
 
 _SUFFIX = ".board"
 _PRIVATE = stat.S_IRWXU
@@ -51,7 +51,7 @@ else:
 
 
 @contextmanager
-def announced(board: Candidate) -> Iterator[None]:
+def announced(board: DeviceInfo) -> Iterator[None]:
     """Let `candidates` find `board` from now to the end; where no file can be kept it is served all the same."""
     with ExitStack() as stack:
         with suppress(OSError):
@@ -65,7 +65,7 @@ def announced(board: Candidate) -> Iterator[None]:
         yield
 
 
-def candidates() -> list[Candidate]:
+def candidates() -> list[DeviceInfo]:
     """Return the virtual boards that are being served by this user on this machine."""
     folder = _folder()
     try:
@@ -89,7 +89,7 @@ def _is_ours(folder: Path) -> bool:
     return stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid() and not status.st_mode & 0o022
 
 
-def _read(path: Path) -> Candidate | None:
+def _read(path: Path) -> DeviceInfo | None:
     """Return the board announced in `path`, or None; remove the file if its server is gone."""
     try:
         with path.open("r+b", buffering=0) as file:
@@ -98,6 +98,6 @@ def _read(path: Path) -> Candidate | None:
         if left_over:
             path.unlink(missing_ok=True)
             return None
-        return msgspec.json.decode(content, type=Candidate)
+        return msgspec.json.decode(content, type=DeviceInfo)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError):
         return None

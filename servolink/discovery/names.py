@@ -12,10 +12,10 @@ import msgspec
 
 from servolink.discovery.search import only, scheme, search
 from servolink.errors import OpenError, TransportUnavailable
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.files import write_atomically
 from servolink.transports.address import Address, refusal
-from servolink.transports.device_info import Candidate
+from servolink.transports.device_info import DeviceInfo
 
 _NAME = re.compile(r"(?!com\d+$)[a-z0-9][a-z0-9_-]{0,63}", re.IGNORECASE | re.ASCII)
 _PERHAPS_ESCAPED = re.compile(r"[^ !#-\[\]-~]")
@@ -46,7 +46,7 @@ def aliases_path() -> Path:
     try:
         return platformdirs.user_config_path("servolink", appauthor=False) / "boards.toml"
     except RuntimeError as error:
-        raise TransportUnavailable(f"names for boards have no place: {printable(str(error))}; set HOME") from error
+        raise TransportUnavailable(f"names for boards have no place: {escape(str(error))}; set HOME") from error
 
 
 def load_aliases() -> dict[str, Alias]:
@@ -61,7 +61,7 @@ def load_aliases() -> dict[str, Alias]:
         return {}
     except (OSError, ValueError, RecursionError) as error:  # what TOML and types have against it is a ValueError
         raise TransportUnavailable(
-            f"{printable(str(path))} cannot be used: {printable(str(error))}; correct it or remove it"
+            f"{escape(str(path))} cannot be used: {escape(str(error))}; correct it or remove it"
         ) from error
 
 
@@ -105,7 +105,7 @@ def _string(text: str) -> str:
 
 def _escaped(found: re.Match[str]) -> str:
     character = found[0]
-    is_shown = character not in '"\\' and printable(character) == character
+    is_shown = character not in '"\\' and escape(character) == character
     return character if is_shown else f"\\U{ord(character):08x}"
 
 
@@ -119,7 +119,7 @@ async def resolved(board: str | None) -> str:
     return await asyncio.to_thread(_resolve, board)
 
 
-def alias_for(url: str, candidates: Sequence[Candidate]) -> Alias:
+def alias_for(url: str, candidates: Sequence[DeviceInfo]) -> Alias:
     """Return what finds the board at `url` again, by its serial number if its address depends on the port."""
     address = Address.parse(url)
     if address.scheme == "serial":
@@ -130,7 +130,7 @@ def alias_for(url: str, candidates: Sequence[Candidate]) -> Alias:
     return Alias(url)
 
 
-def current_url(name: str, alias: Alias, candidates: Sequence[Candidate]) -> str:
+def current_url(name: str, alias: Alias, candidates: Sequence[DeviceInfo]) -> str:
     """Return where the board called `name` is now; OpenError if it is nowhere, or cannot be told from another."""
     if not alias.serial_number:
         return alias.url
@@ -139,11 +139,11 @@ def current_url(name: str, alias: Alias, candidates: Sequence[Candidate]) -> str
         for candidate in candidates
         if scheme(candidate) == "serial" and candidate.serial_number == alias.serial_number
     ]
-    wanted = f"{name} is the board with serial number {printable(alias.serial_number)}"
+    wanted = f"{name} is the board with serial number {escape(alias.serial_number)}"
     if not found:
         raise OpenError(f"{wanted}, which is not here; plug it in and switch it on; `servolink list` shows what is")
     if len(found) > 1:
-        named = ", ".join(printable(candidate.url) for candidate in found)
+        named = ", ".join(escape(candidate.url) for candidate in found)
         raise OpenError(f"{wanted}, and several have it: {named}; use one of these addresses")
     place, options = found[0].url.partition("?")[0], alias.url.partition("?")[2]
     return f"{place}?{options}" if options else found[0].url
@@ -156,7 +156,7 @@ def _resolve(name: str | None) -> str:
     if (alias := aliases.get(name)) is None:
         known = "(none is known)"
         if aliases:
-            known = f"in {printable(str(aliases_path()))} (known: {', '.join(sorted(aliases))})"
+            known = f"in {escape(str(aliases_path()))} (known: {', '.join(sorted(aliases))})"
         raise TransportUnavailable(
             f"{name} is neither an address nor a name {known}; give it: servolink use {name} URL"
         )

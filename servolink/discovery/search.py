@@ -8,8 +8,8 @@ from collections.abc import Iterable, Sequence
 from importlib import import_module
 
 from servolink.errors import OpenError
-from servolink.escaping import printable
-from servolink.transports.device_info import Candidate
+from servolink.escaping import escape
+from servolink.transports.device_info import DeviceInfo
 
 _KINDS = (
     "servolink.transports.serial_ports",
@@ -20,7 +20,7 @@ _KINDS = (
 """The modules whose `candidates` find boards, the best way to a board first."""
 
 
-async def discover() -> list[Candidate]:
+async def discover() -> list[DeviceInfo]:
     """Return the devices that may be boards, and the virtual boards served on this machine.
 
     Nothing is opened. A device that cannot be opened is among them; its `problem` says why and what to do. One
@@ -30,12 +30,12 @@ async def discover() -> list[Candidate]:
     return await asyncio.to_thread(search)
 
 
-def search() -> list[Candidate]:
+def search() -> list[DeviceInfo]:
     """Do as `discover` does, in this thread, which it blocks."""
     return [candidate for kind in _KINDS for candidate in _candidates(kind)]
 
 
-def _candidates(module: str) -> list[Candidate]:
+def _candidates(module: str) -> list[DeviceInfo]:
     try:
         return list(import_module(module).candidates())
     except Exception:  # noqa: BLE001 - a library that is missing or broken, in ways of its own
@@ -48,13 +48,13 @@ NONE_HERE = (
 )
 
 
-def boards(candidates: Iterable[Candidate]) -> list[Candidate]:
+def boards(candidates: Iterable[DeviceInfo]) -> list[DeviceInfo]:
     """Return one candidate for each board: the first that can be opened, or else the first.
 
     What has the same serial number is one board that is reached in several ways, unless two are reached in the
     same way: makers of cheap adapters give all of them the same number.
     """
-    groups: dict[object, list[Candidate]] = {}
+    groups: dict[object, list[DeviceInfo]] = {}
     candidates = list(candidates)
     shared = _shared_numbers(candidates)
     for candidate in candidates:
@@ -63,7 +63,7 @@ def boards(candidates: Iterable[Candidate]) -> list[Candidate]:
     return [next((way for way in ways if not way.problem), ways[0]) for ways in groups.values()]
 
 
-def only(candidates: Sequence[Candidate]) -> str:
+def only(candidates: Sequence[DeviceInfo]) -> str:
     """Return the address of the only board, or of the only one that can be opened; OpenError names them all."""
     found = boards(candidates)
     usable = [board for board in found if not board.problem]
@@ -72,15 +72,15 @@ def only(candidates: Sequence[Candidate]) -> str:
     if not found:
         raise OpenError(NONE_HERE)
     if len(found) == 1:
-        raise OpenError(f"{printable(found[0].url)}: {printable(found[0].problem)}")
-    raise OpenError(f"{len(found)} boards are here; name one of {', '.join(printable(board.url) for board in found)}")
+        raise OpenError(f"{escape(found[0].url)}: {escape(found[0].problem)}")
+    raise OpenError(f"{len(found)} boards are here; name one of {', '.join(escape(board.url) for board in found)}")
 
 
-def scheme(candidate: Candidate) -> str:
+def scheme(candidate: DeviceInfo) -> str:
     """Return how `candidate` is reached."""
     return candidate.url.partition("://")[0]
 
 
-def _shared_numbers(candidates: Iterable[Candidate]) -> set[str]:
+def _shared_numbers(candidates: Iterable[DeviceInfo]) -> set[str]:
     uses = Counter((scheme(candidate), candidate.serial_number) for candidate in candidates)
     return {number for (_, number), count in uses.items() if count > 1}

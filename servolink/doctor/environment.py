@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 from servolink.doctor import Finding
 from servolink.doctor.permissions import ADAPTERS, INSTALL, rule_named
 from servolink.doctor.system import Process, SystemFacts, UsbDevice, device_nodes, device_of, usb_device, usb_devices
-from servolink.escaping import printable
+from servolink.escaping import escape
 
 
 def check_modem_manager(facts: SystemFacts, url: str) -> Iterator[Finding]:
@@ -20,7 +20,7 @@ def check_modem_manager(facts: SystemFacts, url: str) -> Iterator[Finding]:
     if "E:ID_MM_DEVICE_IGNORE=1" not in facts.text(f"/run/udev/data/c{number}").splitlines():
         yield Finding(
             "ModemManager",
-            f"ModemManager is running, and nothing keeps it away from {printable(device)}",
+            f"ModemManager is running, and nothing keeps it away from {escape(device)}",
             "it may take a newly plugged port for a modem: for up to 20 s the port is busy and gets bytes from it",
             f"{INSTALL}\nwithout a modem, simply: sudo systemctl disable --now ModemManager",
         )
@@ -72,7 +72,7 @@ def check_holders(facts: SystemFacts, url: str) -> Iterator[Finding]:
             if process.pid != facts.pid and not _serves(process, path):
                 yield Finding(
                     "in use",
-                    f"process {process.pid} ({process.name or 'unknown'}) has {printable(path)} open",
+                    f"process {process.pid} ({process.name or 'unknown'}) has {escape(path)} open",
                     "two programs on one port take each other's bytes, and most ports let in only one",
                     f"close it, or: kill {process.pid}",
                 )
@@ -191,10 +191,10 @@ def check_address(facts: SystemFacts, url: str) -> Iterator[Finding]:
     """Find addresses that are meant for something else on this system."""
     device = device_of(url)
     if facts.platform == "darwin" and device.startswith("/dev/tty."):
-        right = printable(device.replace("/dev/tty.", "/dev/cu.", 1))
+        right = escape(device.replace("/dev/tty.", "/dev/cu.", 1))
         yield Finding(
             "macOS port",
-            f"the address names {printable(device)}",
+            f"the address names {escape(device)}",
             "opening a tty. port waits for a carrier signal, which boards do not give; its cu. twin does not",
             f"--url serial://{right}",
         )
@@ -207,7 +207,7 @@ def _container(facts: SystemFacts) -> str:
         return "Podman"
     groups = facts.text("/proc/1/cgroup")
     known = next((name for name in ("docker", "kubepods", "lxc") if name in groups), "")
-    return known or printable(facts.environment.get("container", ""))
+    return known or escape(facts.environment.get("container", ""))
 
 
 def _sandbox(facts: SystemFacts) -> str:

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from servolink.connection.probe import Answer, Heard, probe
+from servolink.connection.probe import Answer, ProbeResult, probe
 from servolink.discovery.names import resolved
 from servolink.discovery.search import boards, discover
 from servolink.doctor import Finding
@@ -26,10 +26,10 @@ from servolink.doctor.line_quality import Line, check_line, measure
 from servolink.doctor.permissions import check_permissions
 from servolink.doctor.system import SystemFacts, device_nodes
 from servolink.errors import TransportError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.address import Address
-from servolink.transports.device_info import Candidate
+from servolink.transports.device_info import DeviceInfo
 
 _OF_A_DEVICE: tuple[Callable[[SystemFacts, str], Iterator[Finding]], ...] = (
     check_address,
@@ -44,7 +44,7 @@ _OF_A_DEVICE: tuple[Callable[[SystemFacts, str], Iterator[Finding]], ...] = (
 class Report:
     """What the doctor found out; `findings` are in the order in which they are best seen to."""
 
-    candidates: list[Candidate]
+    candidates: list[DeviceInfo]
     """What is here and may be a board."""
     urls: list[str] = field(default_factory=list)
     """What was examined."""
@@ -127,7 +127,7 @@ async def _measure(facts: SystemFacts, report: Report, byte_order: ByteOrder) ->
         report.findings += check_round_trips(facts, url, line.round_trips)
 
 
-def _not_opened(facts: SystemFacts, report: Report, heard: Heard) -> Iterator[Finding]:
+def _not_opened(facts: SystemFacts, report: Report, heard: ProbeResult) -> Iterator[Finding]:
     """Say why it cannot be opened, unless that has been found out by looking."""
     if any(finding.check in {"permissions", "in use", "hid package", "libusb"} for finding in report.findings):
         return
@@ -138,25 +138,25 @@ def _not_opened(facts: SystemFacts, report: Report, heard: Heard) -> Iterator[Fi
         "opening" if is_here or nodes else "absent",
         heard.problem,
         "the board cannot be opened" if is_here or nodes else "no board can be reached at this address",
-        "what the line above says; who has it: sudo lsof " + printable(nodes[0])
+        "what the line above says; who has it: sudo lsof " + escape(nodes[0])
         if nodes
         else "what the line above says; servolink list shows which boards are here",
     )
 
 
-def _silent(url: str, heard: Heard) -> Finding:
+def _silent(url: str, heard: ProbeResult) -> Finding:
     asked = "it was asked in both byte orders and both transmission modes"
     if heard.received_bytes:
         unasked = f", {heard.unasked_bytes} of them unasked," if heard.unasked_bytes else ""
         return Finding(
             "no answer",
-            f"{printable(url)} sent {heard.received_bytes} bytes{unasked} that make no answer; {asked}",
+            f"{escape(url)} sent {heard.received_bytes} bytes{unasked} that make no answer; {asked}",
             "the baud rate is wrong, or this is another kind of device",
-            f'servolink doctor "{printable(_with_baudrate(url))}"\nservolink list --probe asks everything that is here',
+            f'servolink doctor "{escape(_with_baudrate(url))}"\nservolink list --probe asks everything that is here',
         )
     return Finding(
         "no answer",
-        f"{printable(url)} opens and is silent; {asked}",
+        f"{escape(url)} opens and is silent; {asked}",
         "the board is off, the cable has no data lines, or this is another device's port",
         "switch the board on and try another cable\nservolink list --probe asks everything that is here",
     )
@@ -172,7 +172,7 @@ def _differences(url: str, answer: Answer, byte_order: ByteOrder) -> Iterator[Fi
             "byte order",
             f"the board answers with the {answer.byte_order} end first, and is asked with the {byte_order} one first",
             "it takes each number for another one and does not answer",
-            f"servolink --byte-order {answer.byte_order} --url {printable(url)} info\n"
+            f"servolink --byte-order {answer.byte_order} --url {escape(url)} info\n"
             f'in Python: servolink.connect(..., byte_order="{answer.byte_order}")',
         )
     if answer.transmission_mode != 1:
@@ -187,9 +187,9 @@ def _differences(url: str, answer: Answer, byte_order: ByteOrder) -> Iterator[Fi
 def _several(urls: list[str]) -> Finding:
     return Finding(
         "several",
-        f"{len(urls)} boards are here: {', '.join(map(printable, urls))}",
+        f"{len(urls)} boards are here: {', '.join(map(escape, urls))}",
         "none was asked, as only you know which is meant",
-        "\n".join(f"servolink doctor {printable(url)}" for url in urls),
+        "\n".join(f"servolink doctor {escape(url)}" for url in urls),
     )
 
 

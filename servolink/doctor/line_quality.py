@@ -55,7 +55,9 @@ async def measure(url: str, byte_order: ByteOrder) -> Line:
             ended = str(error)
         stats = board.stats
         noise = sum(count for reason, count in stats.skipped.items() if reason != PADDING)
-        return Line(stats.bytes_received, noise, asked, unanswered, stats.late_replies, tuple(stats.round_trips), ended)
+        return Line(
+            stats.bytes_received, noise, asked, unanswered, stats.late_responses, tuple(stats.round_trips), ended
+        )
 
 
 def check_line(line: Line) -> Iterator[Finding]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 from servolink.doctor import Finding
 from servolink.doctor.system import Node, SystemFacts, UsbDevice, device_nodes, usb_device
-from servolink.escaping import printable
+from servolink.escaping import escape
 
 RULES = "/etc/udev/rules.d/70-servolink.rules"
 INSTALL = f"""servolink doctor --print-udev | sudo tee {RULES}
@@ -66,7 +66,7 @@ def check_order(facts: SystemFacts, device: UsbDevice | None) -> Iterator[Findin
         for name in facts.names(folder):
             text = facts.text(f"{folder}/{name}")
             if name > _TOO_LATE and "uaccess" in text and f'"{device.vendor_id:04x}"' in text.lower():
-                path = printable(f"{folder}/{name}")
+                path = escape(f"{folder}/{name}")
                 yield Finding(
                     "udev",
                     f"{path} tags this board with uaccess",
@@ -127,7 +127,7 @@ def check_permissions(facts: SystemFacts, url: str) -> Iterator[Finding]:
 
 def _refused(facts: SystemFacts, url: str, path: str, node: Node) -> Finding:
     seen = (
-        f"{printable(path)} belongs to {node.owner}:{node.group} with mode {node.mode:04o}; "
+        f"{escape(path)} belongs to {node.owner}:{node.group} with mode {node.mode:04o}; "
         f"{facts.user or 'this user'} is in {', '.join(sorted(facts.groups)) or 'no group'}"
     )
     if node.mode & _GROUP_MAY != _GROUP_MAY or node.group in {"root", "0", "wheel"}:
@@ -151,9 +151,7 @@ def _refused(facts: SystemFacts, url: str, path: str, node: Node) -> Finding:
 def _for_nobody(facts: SystemFacts, url: str, path: str, seen: str) -> Finding:
     means = "nobody but its owner may use it"
     if usb_device(facts, url) is None:
-        return Finding(
-            "permissions", seen, means, f"run as its owner, or let him give it: chmod g+rw {printable(path)}"
-        )
+        return Finding("permissions", seen, means, f"run as its owner, or let him give it: chmod g+rw {escape(path)}")
     if not is_installed(facts):
         return Finding("permissions", seen, f"{means}, and no udev rule gives it to you", INSTALL)
     if _is_remote(facts):

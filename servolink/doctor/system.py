@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.address import Address
-from servolink.transports.device_info import UsbId, may_use
+from servolink.transports.device_info import PortIdentity, is_accessible
 
 if sys.platform != "win32":
     import grp
@@ -116,7 +116,7 @@ class SystemFacts:
             owner=_user_name(status.st_uid),
             group=_group_name(status.st_gid),
             mode=stat.S_IMODE(status.st_mode),
-            usable=may_use(str(self._here(path))),
+            usable=is_accessible(str(self._here(path))),
         )
 
     def processes(self) -> Iterator[Process]:
@@ -125,7 +125,7 @@ class SystemFacts:
             if name.isdecimal():
                 folder = f"/proc/{name}"
                 files = frozenset(self.link(f"{folder}/fd/{number}") for number in self.names(f"{folder}/fd"))
-                yield Process(int(name), printable(self.text(f"{folder}/comm")), files)
+                yield Process(int(name), escape(self.text(f"{folder}/comm")), files)
 
     def module(self, name: str) -> str:
         """Return the file from which Python would import a module; empty if it would not."""
@@ -229,7 +229,7 @@ def named_usb_device(url: str) -> UsbDevice | None:
     address = Address.parse(url)
     if address.scheme not in {"hid", "usb"}:
         return None
-    named = UsbId.of(address)
+    named = PortIdentity.of(address)
     if named.vendor_id is None or named.product_id is None:
         return None
     return UsbDevice("", named.vendor_id, named.product_id, named.serial_number, "")
@@ -253,5 +253,5 @@ def _described(facts: SystemFacts, folder: str) -> UsbDevice | None:
 
 
 def _is_meant(url: str, device: UsbDevice) -> bool:
-    wanted = UsbId.of(Address.parse(url))
+    wanted = PortIdentity.of(Address.parse(url))
     return not wanted.is_any and wanted.fits(device.vendor_id, device.product_id, device.serial_number)

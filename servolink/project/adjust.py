@@ -8,10 +8,10 @@ from typing import Any
 import msgspec
 
 from servolink.errors import ProjectError
-from servolink.escaping import printable, shown
+from servolink.escaping import escape, quote
 from servolink.project.model import Project
 from servolink.project.records import by_kind, by_servo, named, with_records
-from servolink.protocol.record_types import Kind
+from servolink.protocol.record_types import RecordType
 from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
 
 _LONGEST_STEP = 0x7FFF
@@ -28,7 +28,7 @@ def scaled(project: Project, factor: float, action_ids: Collection[int] | None =
     as they were: `fixed` makes their times right. ProjectError for a factor or an action that cannot be used.
     """
     if isinstance(factor, bool) or not isinstance(factor, (int, float)) or not 0 < factor <= _LARGEST:
-        raise ProjectError(f"the factor {shown(factor)} is not above 0 and at most {_LARGEST:,}")
+        raise ProjectError(f"the factor {quote(factor)} is not above 0 and at most {_LARGEST:,}")
     if missing := set(action_ids or ()) - {one.action_id for one in project.actions}:
         raise ProjectError(f"there is no action {min(missing)}")
     said: list[str] = []
@@ -81,7 +81,7 @@ def _time(units: int, factor: float, most: int, where: str, milliseconds: int) -
     return max(1, round(units * factor))
 
 
-def renamed(project: Project, kind: Kind, record_id: int, caption: str) -> tuple[Project, list[str]]:
+def renamed(project: Project, kind: RecordType, record_id: int, caption: str) -> tuple[Project, list[str]]:
     """Return `project` with another caption for a record, and what was changed; ProjectError if there is none."""
     records = by_kind(project)
     shelf = records[kind.plural]
@@ -90,7 +90,7 @@ def renamed(project: Project, kind: Kind, record_id: int, caption: str) -> tuple
     if kind.caption_of(record) == caption:
         return project, []
     shelf[record_id] = msgspec.structs.replace(record, **{record.__struct_fields__[1]: caption})
-    return with_records(project, records), [f"{named(record)} is now '{printable(caption)}'"]
+    return with_records(project, records), [f"{named(record)} is now '{escape(caption)}'"]
 
 
 def renamed_servo(project: Project, servo_id: int, caption: str) -> tuple[Project, list[str]]:
@@ -100,5 +100,5 @@ def renamed_servo(project: Project, servo_id: int, caption: str) -> tuple[Projec
     if before.servo_caption == caption:
         return project, []
     parameters[servo_id] = msgspec.structs.replace(before, servo_caption=caption)
-    said = f"servo {servo_id} '{printable(before.servo_caption)}' is now '{printable(caption)}'"
+    said = f"servo {servo_id} '{escape(before.servo_caption)}' is now '{escape(caption)}'"
     return msgspec.structs.replace(project, servo_parameters=tuple(parameters.values())), [said]

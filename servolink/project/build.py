@@ -22,8 +22,8 @@ from servolink.project.records import (
     with_records,
 )
 from servolink.project.validate import problems
-from servolink.protocol.record_types import Kind
-from servolink.protocol.records import Action, Called, JoystickTable, Macro, ServoParameter
+from servolink.protocol.record_types import RecordType
+from servolink.protocol.records import Action, JoystickTable, Macro, RecordRef, ServoParameter
 
 Part: TypeAlias = Action | Macro | JoystickTable | ServoParameter
 
@@ -92,7 +92,7 @@ class _Building:
         self._ids[id(record)] = 0
         self._taken[kind.plural].add(kind.id_of(record))
         for _, called in calls(record):
-            if isinstance(called, Called):
+            if isinstance(called, RecordRef):
                 self.expect(called.record, above + 1)
 
     def id_of(self, record: Any) -> int:
@@ -110,13 +110,13 @@ class _Building:
         self._ids[id(record)] = record_id
         return record_id
 
-    def _store(self, kind: Kind, record: Any) -> None:
+    def _store(self, kind: RecordType, record: Any) -> None:
         first = self._records[kind.plural].setdefault(kind.id_of(record), record)
         if record not in (first, _untimed(first)):
             raise ProjectError(f"{named(first)} has the id of {named(record)}; give one of them no id")
 
-    def _number(self, kind: Kind, called: int) -> int:
-        return self.id_of(called.record) if isinstance(called, Called) else called
+    def _number(self, kind: RecordType, called: int) -> int:
+        return self.id_of(called.record) if isinstance(called, RecordRef) else called
 
 
 def _untimed(record: Any) -> Any:

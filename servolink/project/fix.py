@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from servolink.project.model import Project
 from servolink.project.records import named, wrong_times
 from servolink.project.validate import number_of, repeats
-from servolink.protocol.record_types import KINDS
+from servolink.protocol.record_types import RECORD_TYPES
 from servolink.protocol.records import ServoParameter
 
 
@@ -22,7 +22,7 @@ def fixed(project: Project) -> tuple[Project, list[str]]:
     Nothing is done where only its author can know, such as about a call of what is not there.
     """
     done: list[str] = []
-    for place in ("servo_parameters", *(kind.plural for kind in KINDS)):
+    for place in ("servo_parameters", *(kind.plural for kind in RECORD_TYPES)):
         records = _in_order(place, _once(getattr(project, place), _name, done), done)
         project = replace(project, **{place: records})
     for place, word in (("actions", "servo"), ("joystick_tables", "button")):

@@ -7,10 +7,10 @@ from typing import Any
 import msgspec
 
 from servolink.errors import ProjectError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.project.model import Project, telling
 from servolink.project.records import by_kind, by_servo, calls, free_id, named, with_calls, with_id, with_records
-from servolink.protocol.record_types import KINDS, TABLE, Kind
+from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType
 
 
 def merged(one: Project, other: Project) -> tuple[Project, list[str]]:
@@ -23,7 +23,7 @@ def merged(one: Project, other: Project) -> tuple[Project, list[str]]:
     for project in (one, other):
         _refuse_lost_calls(project)
     merging = _Merging(one, other)
-    for kind in KINDS:
+    for kind in RECORD_TYPES:
         merging.settle(kind)
     merging.add()
     said = merging.said
@@ -69,11 +69,11 @@ class _Merging:
         self._taken = {plural: {*self.records[plural], *others} for plural, others in self._others.items()}
         self._ids: dict[tuple[str, int], int] = {}  # of those that are to have another one
 
-    def id_of(self, kind: Kind, record_id: int) -> int:
+    def id_of(self, kind: RecordType, record_id: int) -> int:
         """Return the id that a record of the other project is to have."""
         return self._ids.get((kind.plural, record_id), record_id)
 
-    def settle(self, kind: Kind) -> None:
+    def settle(self, kind: RecordType) -> None:
         """Find the ids of all records of one kind, when those of what they call are known."""
         unsettled = True
         while unsettled:  # a macro that calls one that gets another id has changed itself, and so on
@@ -83,7 +83,7 @@ class _Merging:
 
     def add(self) -> None:
         """Put into `records` what is not there yet."""
-        for kind in KINDS:
+        for kind in RECORD_TYPES:
             shelf = self.records[kind.plural]
             for record_id, record in self._others[kind.plural].items():
                 new_id = self.id_of(kind, record_id)
@@ -93,7 +93,7 @@ class _Merging:
                 elif new_id != record_id:
                     self.said.append(f"{named(record)} is {named(shelf[new_id])}")
 
-    def _settle_one(self, kind: Kind, record_id: int) -> bool:
+    def _settle_one(self, kind: RecordType, record_id: int) -> bool:
         """Return whether a record needed another id."""
         shelf = self.records[kind.plural]
         now = self.id_of(kind, record_id)
@@ -110,7 +110,7 @@ class _Merging:
             self._ids[kind.plural, record_id] = new_id
         return True
 
-    def _under(self, kind: Kind, record: Any, record_id: int) -> Any:
+    def _under(self, kind: RecordType, record: Any, record_id: int) -> Any:
         return with_id(with_calls(record, self.id_of), record_id)
 
 
@@ -120,10 +120,10 @@ def _parameters(one: Project, other: Project, said: list[str]) -> tuple[Any, ...
         ours = parameters.get(theirs.servo_id)
         if ours is None or not telling([ours]):
             parameters[theirs.servo_id] = theirs
-            said.append(f"servo {theirs.servo_id} '{printable(theirs.servo_caption)}' added")
+            said.append(f"servo {theirs.servo_id} '{escape(theirs.servo_caption)}' added")
         elif ours != theirs:
             said.append(
-                f"servo {ours.servo_id} stays '{printable(ours.servo_caption)}' with a correction of "
-                f"{ours.adjusted_degree}; '{printable(theirs.servo_caption)}' with {theirs.adjusted_degree} goes"
+                f"servo {ours.servo_id} stays '{escape(ours.servo_caption)}' with a correction of "
+                f"{ours.adjusted_degree}; '{escape(theirs.servo_caption)}' with {theirs.adjusted_degree} goes"
             )
     return tuple(parameters.values())

@@ -11,10 +11,10 @@ from typing import Any
 import msgspec
 
 from servolink.errors import ProjectError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.project.model import Project
 from servolink.project.records import by_kind, calls, free_id, kind_of, named, with_calls, with_id, with_records
-from servolink.protocol.record_types import Kind, Record
+from servolink.protocol.record_types import Record, RecordType
 from servolink.protocol.records import Action, ServoParameter, Step
 
 _OTHER = {"left": "right", "right": "left", "l": "r", "r": "l", "左": "右", "右": "左"}
@@ -49,10 +49,10 @@ def partners_by_caption(parameters: Iterable[ServoParameter], servo_ids: Iterabl
             continue
         mine, theirs = called[_spoken(caption)], called[_spoken(other)]
         if len(mine) != 1:
-            raise ProjectError(f"{len(mine)} servos are called '{printable(caption)}'; {_BY_HAND}")
+            raise ProjectError(f"{len(mine)} servos are called '{escape(caption)}'; {_BY_HAND}")
         if len(theirs) != 1:
-            found = f"{len(theirs) or 'no'} servo{'s are' if theirs else ' is'} called '{printable(other)}'"
-            raise ProjectError(f"servo {servo_id} is called '{printable(caption)}', and {found}; {_BY_HAND}")
+            found = f"{len(theirs) or 'no'} servo{'s are' if theirs else ' is'} called '{escape(other)}'"
+            raise ProjectError(f"servo {servo_id} is called '{escape(caption)}', and {found}; {_BY_HAND}")
         (partner,) = theirs
         partners[servo_id], partners[partner] = partner, servo_id
     return partners
@@ -143,7 +143,7 @@ class _Imaging:
     def project(self) -> Project:
         return with_records(self._before, self._records)
 
-    def image(self, kind: Kind, record_id: int) -> int:
+    def image(self, kind: RecordType, record_id: int) -> int:
         """Return the id of a record's image, which is its own if it looks the same."""
         key = kind.plural, record_id
         if key not in self._images:
@@ -153,7 +153,7 @@ class _Imaging:
             raise ProjectError(f"{kind.word} {record_id} runs itself")
         return image
 
-    def _made(self, kind: Kind, record_id: int) -> int:
+    def _made(self, kind: RecordType, record_id: int) -> int:
         shelf = self._records[kind.plural]
         if (record := shelf.get(record_id)) is None:
             raise ProjectError(f"there is no {kind.word} {record_id}")

@@ -8,7 +8,7 @@ from servolink.motion import AngleLimits
 from servolink.project.model import Project
 from servolink.project.records import by_kind, calls
 from servolink.project.speed import turns
-from servolink.project.validate import Problem
+from servolink.project.validate import Diagnostic
 from servolink.protocol.record_types import ACTION, MACRO, Record
 
 
@@ -19,18 +19,18 @@ def preflight(
     speed_cap: float | None = None,
     angle_limits: AngleLimits | None = None,
     start: Mapping[int, int] | None = None,
-) -> list[Problem]:
+) -> list[Diagnostic]:
     """Return where `records` and what they call (None: everything) are too fast or go too far.
 
     Looked at as far as it is given: ways faster than `speed_cap` in degrees per second, with `start` as the pose
     (degrees by servo) before the first; angles outside `angle_limits`. ProjectError for ids that are used twice.
     """
-    found: list[Problem] = []
+    found: list[Diagnostic] = []
     if angle_limits is not None:
         found += _too_far(project, angle_limits)
     if speed_cap is not None:
         found += [
-            Problem(turn.path, f"{turn}; its cap is {speed_cap:g}", "warning")
+            Diagnostic(turn.path, f"{turn}; its cap is {speed_cap:g}", "warning")
             for turn in turns(project, start)
             if turn.degrees_per_second > speed_cap
         ]
@@ -40,7 +40,7 @@ def preflight(
     return [one for one in found if one.path.partition(".")[0] in places]
 
 
-def _too_far(project: Project, limits: AngleLimits) -> Iterator[Problem]:
+def _too_far(project: Project, limits: AngleLimits) -> Iterator[Diagnostic]:
     for at, action in enumerate(project.actions):
         for number, step in enumerate(action.steps):
             allowed = limits if isinstance(limits, tuple) else limits.get(step.servo_id)
@@ -49,7 +49,7 @@ def _too_far(project: Project, limits: AngleLimits) -> Iterator[Problem]:
                     f"step {number + 1} asks servo {step.servo_id} to go to {step.degree} degrees; "
                     f"its limits are {allowed[0]:g}..{allowed[1]:g}"
                 )
-                yield Problem(f"actions[{at}].steps[{number}]", text, "warning")
+                yield Diagnostic(f"actions[{at}].steps[{number}]", text, "warning")
 
 
 def _places(project: Project, records: Iterable[Record]) -> set[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from servolink.errors import ProjectError
-from servolink.escaping import printable, shown
+from servolink.escaping import escape, quote
 from servolink.files import write_atomically
 from servolink.json_text import MAX_SIZE, place, read_text, write_text
 from servolink.project.model import Project
@@ -21,41 +21,41 @@ SHIPPED = Path(__file__).with_name("servolink-project.schema.json")
 
 def schema_text() -> str:
     """Return the JSON Schema of what `load_project` takes."""
-    described = msgspec.json.schema(file_type(Project, exact=False))
+    described = msgspec.json.schema(file_type(Project, unchecked=False))
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "servolink project"}
     return json.dumps(head | described, indent=2) + "\n"
 
 
-def load_project(path: Path, *, exact: bool = False) -> Project:
+def load_project(path: Path, *, unchecked: bool = False) -> Project:
     """Return the project in the file `path`; ProjectError says what is wrong with it, and where.
 
-    `exact` lets pass what a board can have said and this library would not say by itself: numbers that the wire
+    `unchecked` lets pass what a board can have said and this library would not say by itself: numbers that the wire
     carries and the document does not allow, captions with control characters.
     """
-    name = printable(str(path))
+    name = escape(str(path))
     try:
         with path.open("rb") as file:
             content = file.read(MAX_SIZE + 1)
     except (OSError, ValueError) as error:  # ValueError: NUL in the name
         raise ProjectError(f"{name}: cannot be read: {_reason(error)}") from error
     try:
-        return parse_project(content, exact=exact)
+        return parse_project(content, unchecked=unchecked)
     except ProjectError as error:
         raise ProjectError(f"{name}: {error}") from error
 
 
-def parse_project(text: str | bytes, *, exact: bool = False) -> Project:
+def parse_project(text: str | bytes, *, unchecked: bool = False) -> Project:
     """Return the project that `text` says, in the order in which it says it; otherwise as `load_project`."""
     said = read_text(text)
     if problem := version_fault(said):
         raise ProjectError(problem)
-    form = file_type(Project, exact=exact)
+    form = file_type(Project, unchecked=unchecked)
     try:
         project: Project = of_file(Project, msgspec.convert(said, form))
     except msgspec.ValidationError as error:
         raise ProjectError(": ".join(filter(None, fault(str(error), said, form)))) from None
     except UnicodeEncodeError as error:
-        what = f"{shown(error.object)} names neither a field nor a type"
+        what = f"{quote(error.object)} names neither a field nor a type"
         raise ProjectError(": ".join(filter(None, (place(said, error.object), what)))) from None
     return project
 
@@ -67,7 +67,7 @@ def format_project(project: Project) -> str:
 
 def save_project(path: Path, project: Project) -> None:
     """Write `project` to `path`, whole or not at all; ProjectError if it cannot be written."""
-    name, content = printable(str(path)), format_project(project).encode()
+    name, content = escape(str(path)), format_project(project).encode()
     if len(content) > MAX_SIZE:
         raise ProjectError(f"{name}: would be larger than the {MAX_SIZE >> 20} MiB that can be read again")
     try:
@@ -78,4 +78,4 @@ def save_project(path: Path, project: Project) -> None:
 
 def _reason(error: OSError | ValueError) -> str:
     """Return what the system says, without the name of the file, which stands in front."""
-    return printable((error.strerror if isinstance(error, OSError) else None) or str(error))
+    return escape((error.strerror if isinstance(error, OSError) else None) or str(error))

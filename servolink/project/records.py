@@ -13,12 +13,12 @@ from typing import Any
 import msgspec
 
 from servolink.errors import ProjectError
-from servolink.escaping import printable, shown
+from servolink.escaping import escape, quote
 from servolink.project.model import Project, telling
 from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.layout import layout
 from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import ACTION, KINDS, MACRO, Kind, Record
+from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, Record, RecordType
 from servolink.protocol.records import Action, JoystickTable, Macro, MacroCommand, ServoParameter
 
 _BY_TYPE = {0: ACTION, 2: MACRO}
@@ -26,25 +26,25 @@ _BY_TYPE = {0: ACTION, 2: MACRO}
 _BUTTON_MACROS = ("button_press_macro", "button_long_press_macro", "button_up_macro")
 
 
-def kind_of(record: object) -> Kind:
+def kind_of(record: object) -> RecordType:
     """Return the kind of a record; ProjectError if it is none."""
-    for kind in KINDS:
+    for kind in RECORD_TYPES:
         if isinstance(record, kind.record):
             return kind
-    raise ProjectError(f"{shown(record)} is no action, macro or joystick table")
+    raise ProjectError(f"{quote(record)} is no action, macro or joystick table")
 
 
 def named(record: Any) -> str:
     """Return what a record is called in texts: `action 3 'Wave'`."""
     kind = kind_of(record)
-    return f"{kind.word} {kind.id_of(record)} '{printable(kind.caption_of(record))}'"
+    return f"{kind.word} {kind.id_of(record)} '{escape(kind.caption_of(record))}'"
 
 
 def by_kind(project: Project) -> dict[str, dict[int, Any]]:
     """Return the records of a project, by the field that they are in and their id; ProjectError for an id twice."""
-    for kind in KINDS:
+    for kind in RECORD_TYPES:
         _refuse_twice(kind.word, [kind.id_of(record) for record in getattr(project, kind.plural)])
-    return {kind.plural: kind.of(project) for kind in KINDS}
+    return {kind.plural: kind.of(project) for kind in RECORD_TYPES}
 
 
 def by_servo(project: Project) -> dict[int, ServoParameter]:
@@ -74,7 +74,7 @@ def with_id(record: Any, record_id: int) -> Any:
     return msgspec.structs.replace(record, **{record.__struct_fields__[0]: record_id})
 
 
-def calls(record: Any) -> Iterator[tuple[Kind, int]]:
+def calls(record: Any) -> Iterator[tuple[RecordType, int]]:
     """Yield kind and id of what a record calls; a button without a macro calls macro 0."""
     if isinstance(record, Macro):
         for command in record.commands:
@@ -85,7 +85,7 @@ def calls(record: Any) -> Iterator[tuple[Kind, int]]:
             yield from ((MACRO, getattr(button, name)) for name in _BUTTON_MACROS)
 
 
-def with_calls(record: Any, instead: Callable[[Kind, int], int]) -> Any:
+def with_calls(record: Any, instead: Callable[[RecordType, int], int]) -> Any:
     """Return `record` with other ids of what it calls."""
     if isinstance(record, Macro):
         return msgspec.structs.replace(record, commands=tuple(_command(one, instead) for one in record.commands))
@@ -98,7 +98,7 @@ def with_calls(record: Any, instead: Callable[[Kind, int], int]) -> Any:
     return record
 
 
-def _command(command: MacroCommand, instead: Callable[[Kind, int], int]) -> MacroCommand:
+def _command(command: MacroCommand, instead: Callable[[RecordType, int], int]) -> MacroCommand:
     if command.type not in _BY_TYPE:
         return command
     return msgspec.structs.replace(command, command_id=instead(_BY_TYPE[command.type], command.command_id))
@@ -111,7 +111,7 @@ def stored_size(record: Record | ServoParameter) -> int:
     """
     if isinstance(record, ServoParameter):
         return layout(AddServoParameterRequest, "little").rule.unit
-    adding: type[Packet] = next(kind.adding for kind in KINDS if isinstance(record, kind.record))
+    adding: type[Packet] = next(kind.adding for kind in RECORD_TYPES if isinstance(record, kind.record))
     rule = layout(adding, "little").rule
     return rule.base + rule.unit * len(getattr(record, record.__struct_fields__[-1]))
 
@@ -128,7 +128,7 @@ LONGEST = 0x7FFF_FFFF
 """Milliseconds that `total_interval` can say, nearly 25 days."""
 
 
-def callees_first(macros: Mapping[int, Macro]) -> list[int]:
+def dependency_order(macros: Mapping[int, Macro]) -> list[int]:
     """Return the ids of macros, each behind those that it calls; without those that never end."""
     sorter = TopologicalSorter(
         {
@@ -155,7 +155,7 @@ def times(project: Project) -> dict[int, tuple[int | None, ...]]:
         macro_id: (None,) * len(macro.commands) for macro_id, macro in macros.items()
     }
     whole: dict[int, int | None] = {}
-    for macro_id in callees_first(macros):
+    for macro_id in dependency_order(macros):
         each = tuple(_time(command, actions, whole) for command in macros[macro_id].commands)
         found[macro_id] = each
         known = [time for time in each if time is not None]
@@ -202,7 +202,7 @@ def _once(command: MacroCommand, actions: Mapping[int, Action], macros: Mapping[
 _NUMBERED = re.compile(r"(?:([a-z]+):)?([0-9]{1,10})", re.ASCII)
 
 
-def find(project: Project, name: str, kinds: Iterable[Kind]) -> Any:
+def find(project: Project, name: str, kinds: Iterable[RecordType]) -> Any:
     """Return the record that `name` means: a caption, an id, or an id behind its kind, as in `action:3`.
 
     ProjectError if there is none, or more than one.
@@ -221,7 +221,7 @@ def find(project: Project, name: str, kinds: Iterable[Kind]) -> Any:
     if len(found) == 1:
         return found[0]
     if found:
-        raise ProjectError(f"'{printable(name)}' may be {' or '.join(map(named, found))}: write it as in action:3")
+        raise ProjectError(f"'{escape(name)}' may be {' or '.join(map(named, found))}: write it as in action:3")
     words = " or ".join(kind.word for kind in kinds)
     there = ", ".join(named(record) for _, record in records[:10]) + (", ..." if len(records) > 10 else "")
-    raise ProjectError(f"there is no {words} '{printable(name)}'; there is {there or 'none at all'}")
+    raise ProjectError(f"there is no {words} '{escape(name)}'; there is {there or 'none at all'}")

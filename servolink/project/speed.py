@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from msgspec import Struct
 
 from servolink.project.model import Project
-from servolink.project.records import callees_first, named
+from servolink.project.records import dependency_order, named
 from servolink.protocol.record_types import ACTION, MACRO
 from servolink.protocol.records import Action, Macro, MacroCommand
 
@@ -72,7 +72,7 @@ def turns(project: Project, start: Mapping[int, int] | None = None) -> Iterator[
                 yield Turn(f"actions[{at}].steps[{step}]", action, step, before[servo_id], seconds)
     places = {macro.macro_id: f"macros[{at}]" for at, macro in enumerate(project.macros)}
     of_macros: dict[int, _Effect] = {}
-    for macro_id in callees_first(macros):
+    for macro_id in dependency_order(macros):
         of_macros[macro_id] = _Effect()
         called = [_called(command, effects, of_macros) for command in macros[macro_id].commands]
         yield from _of_macro(places[macro_id], macros[macro_id], called, before, of_macros[macro_id])

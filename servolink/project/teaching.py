@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from msgspec import Struct
 
 from servolink.errors import ProjectError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.project.model import Project
 from servolink.protocol.records import Action, Macro
 
@@ -25,7 +25,7 @@ class Pose(Struct, frozen=True):
     """From the pose before."""
 
 
-class Lesson:
+class PoseRecorder:
     """Takes poses, each with the time that it took to get there."""
 
     def __init__(
@@ -85,4 +85,4 @@ def refuse_taken(project: Project, caption: str) -> None:
         for taken in captions:
             name, _, number = taken.rpartition(" ")
             if taken == caption or (word == "action" and name == caption and number.isdecimal()):
-                raise ProjectError(f"there is {word} '{printable(taken)}' already; take another name")
+                raise ProjectError(f"there is {word} '{escape(taken)}' already; take another name")

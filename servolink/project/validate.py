@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from servolink.errors import EncodeError
 from servolink.project.model import UNFINISHED, Project
-from servolink.project.records import callees_first, calls, named, total_size, wrong_times
+from servolink.project.records import calls, dependency_order, named, total_size, wrong_times
 from servolink.project.speed import turns
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.editing import AddServoParameterRequest
@@ -20,7 +20,7 @@ from servolink.protocol.json_errors import fault
 from servolink.protocol.json_form import file_type, to_file
 from servolink.protocol.layout import layout
 from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import ACTION, KINDS, MACRO
+from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES
 from servolink.protocol.records import Button, Macro, ServoParameter, Step
 from servolink.protocol.servos import ALL_SERVOS
 
@@ -28,7 +28,7 @@ Severity: TypeAlias = Literal["error", "warning"]
 """`error`: a board cannot store it, or would run for ever; `warning`: a board does something else than was meant."""
 
 
-class Problem(Struct, frozen=True):
+class Diagnostic(Struct, frozen=True):
     """One thing that is wrong with a project."""
 
     path: str
@@ -73,25 +73,25 @@ _NAMED = 6
 """Macros of a cycle that are named."""
 
 
-def wrong_calls(project: Project) -> Iterator[Problem]:
+def wrong_calls(project: Project) -> Iterator[Diagnostic]:
     """Yield calls of what is not there, macros that never end, and buttons that start nothing."""
     action_ids, macros = ACTION.of(project).keys(), MACRO.of(project)
     for at, macro in enumerate(project.macros):
         for number, command in enumerate(macro.commands):
             path = f"macros[{at}].commands[{number}]"
             if command.type == 0 and command.command_id not in action_ids:
-                yield Problem(f"{path}.action_id", f"there is no action {command.command_id}", "warning")
+                yield Diagnostic(f"{path}.action_id", f"there is no action {command.command_id}", "warning")
             if command.type == 2 and command.command_id not in macros:
-                yield Problem(f"{path}.macro_id", f"there is no macro {command.command_id}", "warning")
+                yield Diagnostic(f"{path}.macro_id", f"there is no macro {command.command_id}", "warning")
     yield from _endless(project, macros)
     for at, table in enumerate(project.joystick_tables):
         for number, button in enumerate(table.buttons):
             yield from _wrong_button(f"joystick_tables[{at}].buttons[{number}]", button, macros)
 
 
-def _endless(project: Project, macros: Mapping[int, Macro]) -> Iterator[Problem]:
+def _endless(project: Project, macros: Mapping[int, Macro]) -> Iterator[Diagnostic]:
     """Name macros that call themselves, also through others: of those that have macros in common, one way round."""
-    ends = set(callees_first(macros))
+    ends = set(dependency_order(macros))
     goes_on = {
         macro_id: next(
             called for kind, called in calls(macro) if kind is MACRO and called in macros and called not in ends
@@ -112,7 +112,7 @@ def _endless(project: Project, macros: Mapping[int, Macro]) -> Iterator[Problem]
             cycle = list(way)[list(way).index(here) :]
             calling = (one.type == 2 and one.command_id == goes_on[here] for one in macros[here].commands)
             path = f"macros[{places[here]}].commands[{list(calling).index(True)}].macro_id"
-            yield Problem(path, f"{named(macros[here])} calls itself{_round(cycle)}, so it never ends", "error")
+            yield Diagnostic(path, f"{named(macros[here])} calls itself{_round(cycle)}, so it never ends", "error")
 
 
 def _round(cycle: list[int]) -> str:
@@ -123,67 +123,71 @@ def _round(cycle: list[int]) -> str:
     return f" ({' -> '.join([*map(str, cycle[:_NAMED]), *between, str(cycle[0])])})"
 
 
-def _wrong_button(path: str, button: Button, macros: Mapping[int, Macro]) -> Iterator[Problem]:
+def _wrong_button(path: str, button: Button, macros: Mapping[int, Macro]) -> Iterator[Diagnostic]:
     starts = {name: getattr(button, name) for name in _STARTS}
     if not any(starts.values()):
-        yield Problem(path, f"button {button.button_id} starts no macro", "warning")
+        yield Diagnostic(path, f"button {button.button_id} starts no macro", "warning")
     for name, macro_id in starts.items():
         if macro_id and macro_id not in macros:
-            yield Problem(f"{path}.{name}", f"there is no macro {macro_id}", "warning")
+            yield Diagnostic(f"{path}.{name}", f"there is no macro {macro_id}", "warning")
 
 
-def unstorable(project: Project, caption_encoding: str = "utf-8", memory: int | None = None) -> Iterator[Problem]:
+def unstorable(project: Project, caption_encoding: str = "utf-8", memory: int | None = None) -> Iterator[Diagnostic]:
     """Yield why a board with `memory` bytes cannot store `project`."""
     yield from _numbers_of_all(project)
     yield from _shelf("servo_parameters", project.servo_parameters, 0x100, _servo_parameter_request, caption_encoding)
-    for kind in KINDS:
+    for kind in RECORD_TYPES:
         most = layout(PACKETS[kind.listing.packet_id + 1], "little").rule.limit
         yield from _shelf(kind.plural, getattr(project, kind.plural), most, kind.add, caption_encoding)
     size = total_size(project)
     if memory is not None and size > memory:
-        yield Problem("", f"all of it takes {size:,} bytes; the board has {memory:,}", "error")
+        yield Diagnostic("", f"all of it takes {size:,} bytes; the board has {memory:,}", "error")
 
 
-def _numbers_of_all(project: Project) -> Iterator[Problem]:
+def _numbers_of_all(project: Project) -> Iterator[Diagnostic]:
     if project.project_id in UNFINISHED:
         text = f"{project.project_id} means that an import is under way; take another id, such as 1"
-        yield Problem("project_id", text, "error")
+        yield Diagnostic("project_id", text, "error")
     alone = replace(project, servo_parameters=(), actions=(), macros=(), joystick_tables=())
-    yield from misfit("", alone)
+    yield from schema_errors("", alone)
     ids = {table.table_id for table in project.joystick_tables}
     active = project.active_joystick_table
     if active is not None and active not in ids:
-        yield Problem("active_joystick_table", f"there is no joystick table {active}", "error", fixable=len(ids) <= 1)
+        yield Diagnostic(
+            "active_joystick_table", f"there is no joystick table {active}", "error", fixable=len(ids) <= 1
+        )
 
 
 def _shelf(
     place: str, records: tuple[Any, ...], most: int, request: Callable[[Any], Packet], caption_encoding: str
-) -> Iterator[Problem]:
+) -> Iterator[Diagnostic]:
     """Look at all records of a kind, of which `request` stores one."""
     if len(records) > most:
-        yield Problem(place, f"there are {len(records):,}; a board can list {most:,}", "error")
+        yield Diagnostic(place, f"there are {len(records):,}; a board can list {most:,}", "error")
     yield from _ids(place, records)
     for at, record in enumerate(records):
         yield from _unsendable(f"{place}[{at}]", record, request, caption_encoding)
 
 
-def _ids(place: str, records: tuple[Any, ...]) -> Iterator[Problem]:
+def _ids(place: str, records: tuple[Any, ...]) -> Iterator[Diagnostic]:
     """Find ids that no record can have, or that several have."""
     for at, record in enumerate(records):
         record_id, path = number_of(record), f"{place}[{at}].{record.__struct_fields__[0]}"
         if record_id == 0 and place != "servo_parameters":
-            yield Problem(path, "0 is no id: boards say it for what is not there", "error")
+            yield Diagnostic(path, "0 is no id: boards say it for what is not there", "error")
         elif record_id < 0:
-            yield Problem(path, f"{record_id} is negative; take an id from 1 on, as boards do", "warning")
+            yield Diagnostic(path, f"{record_id} is negative; take an id from 1 on, as boards do", "warning")
     for at, before, same in repeats(records):
         path = f"{place}[{at}].{records[at].__struct_fields__[0]}"
         text = f"{number_of(records[at])} is also the id of {place}[{before}]{', which is the same' if same else ''}"
-        yield Problem(path, text, "error", fixable=same)
+        yield Diagnostic(path, text, "error", fixable=same)
 
 
-def _unsendable(path: str, record: Any, request: Callable[[Any], Packet], caption_encoding: str) -> Iterator[Problem]:
+def _unsendable(
+    path: str, record: Any, request: Callable[[Any], Packet], caption_encoding: str
+) -> Iterator[Diagnostic]:
     """Find the first thing in a record that the request for storing it cannot carry."""
-    if misfits := list(misfit(path, record)):
+    if misfits := list(schema_errors(path, record)):
         yield from misfits
         return
     packet = request(record)
@@ -192,21 +196,21 @@ def _unsendable(path: str, record: Any, request: Callable[[Any], Packet], captio
     except EncodeError as error:
         where, _, text = str(error).partition(": ")
         within = where.removeprefix(type(packet).__name__).removeprefix(".servos[0]")
-        yield Problem(path + within, text, "error")
+        yield Diagnostic(path + within, text, "error")
 
 
 def _servo_parameter_request(parameter: ServoParameter) -> Packet:
     return AddServoParameterRequest((parameter,))
 
 
-def misfit(path: str, part: Struct, *, exact: bool = False) -> Iterator[Problem]:
-    """Find the first value that no project file may have, in the file's words; `exact` as for `load_project`."""
-    said, form = to_file(part), file_type(type(part), exact=exact)
+def schema_errors(path: str, part: Struct, *, unchecked: bool = False) -> Iterator[Diagnostic]:
+    """Find the first value that no project file may have, in the file's words; `unchecked` as for `load_project`."""
+    said, form = to_file(part), file_type(type(part), unchecked=unchecked)
     try:
         msgspec.convert(said, form)
     except msgspec.ValidationError as error:
         within, text = fault(str(error), said, form)
-        yield Problem(".".join(filter(None, (path, within))), text, "error")
+        yield Diagnostic(".".join(filter(None, (path, within))), text, "error")
 
 
 _NUMBER = re.compile(r"\d+")
@@ -221,36 +225,36 @@ def problems(
     memory: int | None = None,
     start: Mapping[int, int] | None = None,
     caption_encoding: str = "utf-8",
-) -> list[Problem]:
+) -> list[Diagnostic]:
     """Return what is wrong with `project`, in the order of its file.
 
     Looked at as far as it is given: whether there are servos other than `servo_ids`; ways faster than `speed_cap`
     in degrees per second, with `start` as the pose (degrees by servo) before the first; whether all fits into
     `memory` bytes of a board, in whose `caption_encoding` captions are written.
     """
-    if misfits := list(misfit("", project, exact=True)):
+    if misfits := list(schema_errors("", project, unchecked=True)):
         return misfits  # values of other types, which no other check expects
     found = [*unstorable(project, caption_encoding, memory), *wrong_calls(project), *_twice(project)]
     found += _wrong_times(project)
     found += _unknown_servos(project, servo_ids)
     if speed_cap is not None:
         found += (
-            Problem(turn.path, f"{turn}; its cap is {speed_cap:g}", "warning")
+            Diagnostic(turn.path, f"{turn}; its cap is {speed_cap:g}", "warning")
             for turn in turns(project, start)
             if turn.degrees_per_second > speed_cap
         )
     return sorted(found, key=_place)
 
 
-def _wrong_times(project: Project) -> Iterator[Problem]:
+def _wrong_times(project: Project) -> Iterator[Diagnostic]:
     for at, number, takes in wrong_times(project):
         stated = project.macros[at].commands[number].total_interval
         given = f"is {stated}" if stated else "is not given"
         path = f"macros[{at}].commands[{number}].total_interval_ms"
-        yield Problem(path, f"{given}; the command takes {takes} ms", "warning", fixable=True)
+        yield Diagnostic(path, f"{given}; the command takes {takes} ms", "warning", fixable=True)
 
 
-def _twice(project: Project) -> Iterator[Problem]:
+def _twice(project: Project) -> Iterator[Diagnostic]:
     """Find servos with two steps in one action, and buttons that are twice in one table."""
     for at, action in enumerate(project.actions):
         yield from _repeated(f"actions[{at}].steps", action.steps)
@@ -258,14 +262,14 @@ def _twice(project: Project) -> Iterator[Problem]:
         yield from _repeated(f"joystick_tables[{at}].buttons", table.buttons)
 
 
-def _repeated(place: str, parts: tuple[Step, ...] | tuple[Button, ...]) -> Iterator[Problem]:
+def _repeated(place: str, parts: tuple[Step, ...] | tuple[Button, ...]) -> Iterator[Diagnostic]:
     for at, before, same in repeats(parts):
         which = "with the same values" if same else "and boards differ in which they take"
         text = f"{number_of(parts[at])} is also in {place}[{before}], {which}"
-        yield Problem(f"{place}[{at}].{parts[at].__struct_fields__[0]}", text, "warning", fixable=same)
+        yield Diagnostic(f"{place}[{at}].{parts[at].__struct_fields__[0]}", text, "warning", fixable=same)
 
 
-def _unknown_servos(project: Project, servo_ids: Collection[int] | None) -> Iterator[Problem]:
+def _unknown_servos(project: Project, servo_ids: Collection[int] | None) -> Iterator[Diagnostic]:
     """Find what is for servos that are not there: boards refuse their parameters, and pass over their steps."""
     places = [(f"servo_parameters[{at}]", one.servo_id) for at, one in enumerate(project.servo_parameters)]
     for at, action in enumerate(project.actions):
@@ -273,12 +277,12 @@ def _unknown_servos(project: Project, servo_ids: Collection[int] | None) -> Iter
     for path, servo_id in places:
         severity: Severity = "warning" if "steps" in path else "error"
         if servo_id == ALL_SERVOS:
-            yield Problem(f"{path}.servo_id", f"{ALL_SERVOS} means all servos and is none", severity)
+            yield Diagnostic(f"{path}.servo_id", f"{ALL_SERVOS} means all servos and is none", severity)
         elif servo_ids is not None and servo_id not in servo_ids:
-            yield Problem(f"{path}.servo_id", f"there is no servo {servo_id}", severity)
+            yield Diagnostic(f"{path}.servo_id", f"there is no servo {servo_id}", severity)
 
 
-def _place(problem: Problem) -> tuple[int, list[int]]:
+def _place(problem: Diagnostic) -> tuple[int, list[int]]:
     """Return what sorts problems as a file does."""
     name = problem.path.partition("[")[0].partition(".")[0]
     return _PLACES.index(name) if name in _PLACES else -1, [int(number) for number in _NUMBER.findall(problem.path)]

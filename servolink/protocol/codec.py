@@ -39,13 +39,13 @@ class Codec:
         self.caption_encoding = check_encoding(caption_encoding)
         self._decoders: dict[int, Decoder] = {}  # filled as packets come
 
-    def encode(self, packet: Packet, *, exact: bool = False) -> bytes:
+    def encode(self, packet: Packet, *, unchecked: bool = False) -> bytes:
         """Return the frame of `packet`; EncodeError names packet, field, value and range.
 
-        `exact` is for giving back to a board what was read from one: captions may then hold control characters,
+        `unchecked` is for giving back to a board what was read from one: captions may then hold control characters,
         numbers all that the wire carries.
         """
-        content = layout(type(packet), self.byte_order).encode(packet, self.caption_encoding, exact=exact)
+        content = layout(type(packet), self.byte_order).encode(packet, self.caption_encoding, unchecked=unchecked)
         return encode_frame(packet.packet_id, content, self.byte_order)
 
     def decode(self, packet_id: int, content: bytes) -> Packet:

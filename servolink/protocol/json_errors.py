@@ -8,7 +8,7 @@ from typing import Any
 
 from msgspec import inspect
 
-from servolink.escaping import printable, shown
+from servolink.escaping import escape, quote
 from servolink.protocol.json_form import SCHEMA
 
 _PART = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
@@ -38,7 +38,7 @@ def fault(message: str, said: Any, file_type: Any) -> tuple[str, str]:
     for found in _PART.finditer(path):
         key, number = found.groups()
         info, value = (_field(info, value, key), value[key]) if key else (_item(info), value[int(number)])
-    return path.removeprefix("."), _reason(info, value) or printable(opinion or message)
+    return path.removeprefix("."), _reason(info, value) or escape(opinion or message)
 
 
 def _item(info: Any) -> Any:
@@ -110,5 +110,5 @@ def _no_object(kinds: tuple[Any, ...], value: Any) -> str:
 def _written(value: Any) -> str:
     """Return `value` as it is written in the file, safe to show and not long."""
     return (
-        shown(value) if isinstance(value, (int, str, list, dict)) and not isinstance(value, bool) else json.dumps(value)
+        quote(value) if isinstance(value, (int, str, list, dict)) and not isinstance(value, bool) else json.dumps(value)
     )

@@ -16,7 +16,7 @@ import msgspec
 from msgspec import NODEFAULT, UNSET, Meta, Struct, UnsetType
 
 from servolink.errors import EncodeError
-from servolink.escaping import printable, shown
+from servolink.escaping import escape, quote
 from servolink.project.model import Project
 from servolink.protocol.caption import CAPTION_SIZE
 from servolink.protocol.codec import PACKETS, PACKETS_BY_NAME
@@ -41,10 +41,10 @@ def from_object(described: Any) -> Packet:
     declared = _declared(described)
     fields = described.get("fields", {})
     if not isinstance(fields, dict):
-        raise EncodeError(f"{declared.__name__}.fields: {shown(fields)} is no object")
+        raise EncodeError(f"{declared.__name__}.fields: {quote(fields)} is no object")
     if unknown := sorted(str(name) for name in fields if name not in declared.__struct_fields__):
         known = ", ".join(declared.__struct_fields__) or "none"
-        raise EncodeError(f"{declared.__name__}.{printable(unknown[0])}: no such field; it has {known}")
+        raise EncodeError(f"{declared.__name__}.{escape(unknown[0])}: no such field; it has {known}")
     if declared.__struct_fields__ == ("data",) and "data" in fields:
         fields = {"data": _from_hex(fields["data"], f"{declared.__name__}.data")}
     try:
@@ -52,21 +52,21 @@ def from_object(described: Any) -> Packet:
     except msgspec.ValidationError as error:
         raise EncodeError(_explain(declared, fields, str(error))) from None
     except UnicodeEncodeError as error:
-        raise EncodeError(f"{declared.__name__}: {shown(error.object)} names no field of a record") from None
+        raise EncodeError(f"{declared.__name__}: {quote(error.object)} names no field of a record") from None
 
 
 def _declared(described: Any) -> type[Packet]:
     if not isinstance(described, dict):
-        raise EncodeError(f"{shown(described)} is no object with packet and fields")
+        raise EncodeError(f"{quote(described)} is no object with packet and fields")
     name, packet_id = described.get("packet"), described.get("id")
     if name is None and packet_id is None:
         raise EncodeError("the object names neither packet nor id")
     by_name = PACKETS_BY_NAME.get(name) if isinstance(name, str) else None
     by_id = PACKETS.get(packet_id) if isinstance(packet_id, int) else None
     if name is not None and by_name is None:
-        raise EncodeError(f"packet: there is no {shown(name)}")
+        raise EncodeError(f"packet: there is no {quote(name)}")
     if packet_id is not None and by_id is None:
-        raise EncodeError(f"id: no packet has the id {shown(packet_id)}")
+        raise EncodeError(f"id: no packet has the id {quote(packet_id)}")
     if by_name and by_id and by_name is not by_id:
         raise EncodeError(f"id: {by_name.__name__} has the id {by_name.packet_id}, not {packet_id}")
     declared = by_name or by_id
@@ -78,12 +78,12 @@ def _from_hex(text: Any, where: str) -> bytes:
     try:
         return bytes.fromhex(text)
     except (TypeError, ValueError):
-        raise EncodeError(f"{where}: {shown(text)} is no text of hex digits") from None
+        raise EncodeError(f"{where}: {quote(text)} is no text of hex digits") from None
 
 
 def _explain(declared: type[Packet], fields: Any, message: str) -> str:
     """Turn "Expected `int` <= 255 - at `$.steps[1].servo_id`" into our form, with the value that was given."""
-    problem, at, path = printable(message).rpartition(" - at `$")  # the last: a name in a message may hold one too
+    problem, at, path = escape(message).rpartition(" - at `$")  # the last: a name in a message may hold one too
     if not at:
         return f"{declared.__name__}: {path}"
     path = path.rstrip("`")
@@ -95,7 +95,7 @@ def _explain(declared: type[Packet], fields: Any, message: str) -> str:
             value, name = value[part], part
     if isinstance(value, int) and (fault := layout(declared, "little").fault(name, value)):
         return f"{declared.__name__}{path}: {fault}"
-    return f"{declared.__name__}{path}: {shown(value)}: {problem[:1].lower()}{problem[1:]}"
+    return f"{declared.__name__}{path}: {quote(value)}: {problem[:1].lower()}{problem[1:]}"
 
 
 SCHEMA = 1
@@ -136,11 +136,11 @@ class _Field:
 
 
 @cache
-def file_type(record: type[Struct], *, exact: bool) -> Any:
+def file_type(record: type[Struct], *, unchecked: bool) -> Any:
     """Return the type in the file of `record`, which is Project or a part of one."""
     if record is MacroCommand:
-        return _command_types(exact=exact)
-    fields = [(field.key, _in_file(field, exact=exact), field.default) for field in _fields(record)]
+        return _command_types(unchecked=unchecked)
+    fields = [(field.key, _in_file(field, unchecked=unchecked), field.default) for field in _fields(record)]
     if record is Project:
         fields = [
             ("schema", Annotated[Literal[SCHEMA], Meta(description="version of the format")], NODEFAULT),
@@ -211,10 +211,10 @@ def _item(hint: Any) -> type[Struct] | None:
     return get_args(bare)[0] if get_origin(bare) is tuple else None
 
 
-def _in_file(field: _Field, *, exact: bool) -> Any:
+def _in_file(field: _Field, *, unchecked: bool) -> Any:
     """Return the type of one field."""
     if field.item is not None:
-        return GenericAlias(tuple, (file_type(field.item, exact=exact), ...))
+        return GenericAlias(tuple, (file_type(field.item, unchecked=unchecked), ...))
     metadata = field.hint.__metadata__
     code = next((one.code for one in metadata if isinstance(one, Wire)), "")
     if not code:
@@ -226,23 +226,23 @@ def _in_file(field: _Field, *, exact: bool) -> Any:
     if code.endswith("s"):
         return (
             Annotated[str, about]
-            if exact
+            if unchecked
             else Annotated[str, Meta(max_length=CAPTION_SIZE, pattern=_NO_CONTROLS), about]
         )
     low, high = wire_range(code)
-    if not exact:
+    if not unchecked:
         low = max([low, *(int(one.ge) for one in metas if one.ge is not None)])
         high = min([high, *(int(one.le) for one in metas if one.le is not None)])
     step = field.unit if field.unit > 1 else None
     return Annotated[int, Meta(ge=low * field.unit, le=high * field.unit, multiple_of=step), about]
 
 
-def _command_types(*, exact: bool) -> Any:
+def _command_types(*, unchecked: bool) -> Any:
     """Return the union of the types of a macro's commands, which `type` tells apart."""
-    shared = [(field.key, _in_file(field, exact=exact), field.default) for field in _fields(MacroCommand)[2:]]
+    shared = [(field.key, _in_file(field, unchecked=unchecked), field.default) for field in _fields(MacroCommand)[2:]]
     types = []
-    for word, key, description in (*_COMMANDS.values(), _OTHER) if exact else _COMMANDS.values():
-        number = Natural32 if key == "delay_ms" and not exact else I32
+    for word, key, description in (*_COMMANDS.values(), _OTHER) if unchecked else _COMMANDS.values():
+        number = Natural32 if key == "delay_ms" and not unchecked else I32
         own: list[tuple[str, Any, Any]] = [(key, Annotated[number, Meta(description=description)], NODEFAULT)]
         if word == _OTHER[0]:
             own.insert(0, ("type_number", Annotated[int, Meta(ge=len(_COMMANDS), le=0xFF)], NODEFAULT))

@@ -79,21 +79,21 @@ class Layout:
             return LengthRule(base, self._whole.format.size - base, 1)
         return LengthRule(base)
 
-    def encode(self, packet: Packet, encoding: str, *, exact: bool = False) -> bytes:
+    def encode(self, packet: Packet, encoding: str, *, unchecked: bool = False) -> bytes:
         """Return the content of `packet`; EncodeError names the field whose value does not fit.
 
-        `exact` writes whatever a board can have said, which is more than this library says by itself.
+        `unchecked` writes whatever a board can have said, which is more than this library says by itself.
         """
         values = astuple(packet)
         if self._pack is not None:
             try:
-                if exact or self._head.free or self._head.in_range(values):
+                if unchecked or self._head.free or self._head.in_range(values):
                     return self._pack(*values)
             except (struct_error, TypeError):
                 pass  # it is said in words below
         if self._tail and self._item is None:
             return self._encode_rest(*values)
-        how = _writing(encoding, self._from_us and not exact, not exact)
+        how = _writing(encoding, self._from_us and not unchecked, not unchecked)
         if self._item is not None:
             return self._encode_group(self._item, values, how)
         if self._whole is not None and values[-1] is None:

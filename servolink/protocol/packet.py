@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Generic, TypeVar, Union, get_args, 
 from msgspec import Meta, Struct
 from msgspec import Struct as Record
 
-from servolink.escaping import shown
+from servolink.escaping import quote
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +73,8 @@ class Value:
         try:
             fits = self.low <= index(value) <= self.high  # type: ignore[arg-type]
         except TypeError:
-            return f"{shown(value)} is no integer"
-        return "" if fits else f"{shown(value)} is outside {self.low}..{self.high}"
+            return f"{quote(value)} is no integer"
+        return "" if fits else f"{quote(value)} is outside {self.low}..{self.high}"
 
 
 def value(name: str, hint: Any) -> Value:

@@ -13,7 +13,7 @@ Record: TypeAlias = Action | Macro | JoystickTable
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class RecordType:
     """One kind of records."""
 
     word: str
@@ -63,7 +63,7 @@ class Kind:
         return self.deleting(**{field: record_id})
 
 
-ACTION = Kind(
+ACTION = RecordType(
     "action",
     "actions",
     Action,
@@ -72,7 +72,7 @@ ACTION = Kind(
     editing.AddActionRequest,
     editing.DeleteActionRequest,
 )
-MACRO = Kind(
+MACRO = RecordType(
     "macro",
     "macros",
     Macro,
@@ -81,7 +81,7 @@ MACRO = Kind(
     editing.AddMacroRequest,
     editing.DeleteMacroRequest,
 )
-TABLE = Kind(
+TABLE = RecordType(
     "joystick table",
     "joystick_tables",
     JoystickTable,
@@ -91,5 +91,5 @@ TABLE = Kind(
     joystick.DeleteJoystickTableRequest,
 )
 
-KINDS = (ACTION, MACRO, TABLE)
+RECORD_TYPES = (ACTION, MACRO, TABLE)
 """In the order in which they are written: what a record calls is there before it."""

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from msgspec import Meta, Struct
 
 from servolink.errors import EncodeError
-from servolink.escaping import shown
+from servolink.escaping import quote
 from servolink.protocol.packet import (
     I16,
     I32,
@@ -24,13 +24,13 @@ from servolink.protocol.packet import (
 )
 
 
-class Called(int):
+class RecordRef(int):
     """The id of `record`, and the record itself: a macro can be written before what it calls has an id."""
 
     record: Any
 
     @classmethod
-    def of(cls, record: Any) -> Called:
+    def of(cls, record: Any) -> RecordRef:
         """Return the reference to an Action or a Macro; it is 0 as long as that has no id."""
         called = cls(getattr(record, record.__struct_fields__[0]))
         called.record = record
@@ -92,9 +92,9 @@ class MacroCommand(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
         Its `total_interval` is filled in by `Project.of`. EncodeError for a pause that is not possible.
         """
         if isinstance(part, Action):
-            return MacroCommand(Called.of(part), 0, ratio, loop)
+            return MacroCommand(RecordRef.of(part), 0, ratio, loop)
         if isinstance(part, Macro):
-            return MacroCommand(Called.of(part), 2, ratio, loop)
+            return MacroCommand(RecordRef.of(part), 2, ratio, loop)
         return MacroCommand(_whole(part, 1000, 0x7FFF_FFFF), 1, ratio, loop)
 
 
@@ -126,7 +126,7 @@ class ServoParameter(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 def _whole(seconds: float, units: int, most: int) -> int:
     """Return a time in units of which a second has so many."""
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 <= seconds * units <= most:
-        raise EncodeError(f"{shown(seconds)} is no time of 0..{most / units:g} s")
+        raise EncodeError(f"{quote(seconds)} is no time of 0..{most / units:g} s")
     return round(seconds * units)
 
 
@@ -190,5 +190,5 @@ def _started(macro: object, name: str) -> int:
     if macro is None:
         return 0
     if not isinstance(macro, Macro):
-        raise EncodeError(f"{name}: buttons start macros, and {shown(macro)} is none; Macro.of(caption, ...) makes one")
-    return Called.of(macro)
+        raise EncodeError(f"{name}: buttons start macros, and {quote(macro)} is none; Macro.of(caption, ...) makes one")
+    return RecordRef.of(macro)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from urllib.parse import unquote
 
 from servolink.errors import TransportUnavailable
-from servolink.escaping import printable
+from servolink.escaping import escape
 
 _BARE_DEVICE = re.compile(r"/|\\\\\.\\|com\d+(\?|$)", re.IGNORECASE | re.ASCII)
 _SCHEME = re.compile(r"[a-z][a-z0-9+.-]*", re.ASCII)
@@ -158,4 +158,4 @@ def _unescaped(url: str, text: str) -> str:
 
 
 def _shown(text: str) -> str:
-    return printable(text if len(text) <= _SHOWN else text[:_SHOWN] + "...")
+    return escape(text if len(text) <= _SHOWN else text[:_SHOWN] + "...")

@@ -10,12 +10,12 @@ from typing import Protocol, TypeVar
 from urllib.parse import quote
 
 from servolink.errors import OpenError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.address import Address
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class DeviceInfo:
     """Where a board may be: `problem` says why it cannot be opened and what to do, empty if nothing is known."""
 
     url: str
@@ -28,7 +28,7 @@ UDEV_CURE = "`servolink doctor --print-udev` prints the udev rule that gives it,
 """What to do about a USB device that may not be opened, on Linux."""
 
 
-def may_use(path: str) -> bool:
+def is_accessible(path: str) -> bool:
     """Tell whether this process may read and write `path`; yes if there is no such file, as on other systems."""
     try:
         os.stat(path)  # noqa: PTH116 - a port's or device's name need not be that of a file
@@ -43,7 +43,7 @@ _NUMBER = re.compile(r"(0x)?[0-9a-f]{1,4}", re.ASCII | re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
-class UsbId:
+class PortIdentity:
     """Vendor and product id, and serial number, empty for any; `UsbId()` is any device."""
 
     vendor_id: int | None = None
@@ -51,7 +51,7 @@ class UsbId:
     serial_number: str = ""
 
     @classmethod
-    def of(cls, address: Address) -> UsbId:
+    def of(cls, address: Address) -> PortIdentity:
         """Read it from `scheme://VID:PID/SERIAL`, `scheme://VID:PID` or `scheme://`."""
         serial_number = address.path.removeprefix("/")
         if not address.host and not address.port and not serial_number:
@@ -78,7 +78,7 @@ class UsbId:
         """Name it as a person reads it."""
         if self.vendor_id is None or self.product_id is None:
             return "with a vendor-defined interface"
-        serial = f" with the serial number {printable(self.serial_number)!r}" if self.serial_number else ""
+        serial = f" with the serial number {escape(self.serial_number)!r}" if self.serial_number else ""
         return f"{self.vendor_id:04x}:{self.product_id:04x}{serial}"
 
 
@@ -100,11 +100,11 @@ def only(url: str, looked_for: str, found: Sequence[_Found], present: Iterable[_
     """Return the only one of `found`; OpenError says what is `present` instead."""
     if len(found) == 1:
         return found[0]
-    urls = sorted(printable(each.url) for each in found)
+    urls = sorted(escape(each.url) for each in found)
     if len(set(urls)) < len(urls):
-        raise OpenError(f"{printable(url)}: {len(urls)} devices cannot be told apart ({urls[0]}); unplug the others")
+        raise OpenError(f"{escape(url)}: {len(urls)} devices cannot be told apart ({urls[0]}); unplug the others")
     if urls:
-        raise OpenError(f"{printable(url)}: {len(urls)} devices can be the board; choose one: {', '.join(urls)}")
-    others = sorted(printable(each.url) for each in present)
+        raise OpenError(f"{escape(url)}: {len(urls)} devices can be the board; choose one: {', '.join(urls)}")
+    others = sorted(escape(each.url) for each in present)
     what_is = f"what is there: {', '.join(others)}" if others else "nothing of that kind is there"
-    raise OpenError(f"{printable(url)}: found no {looked_for}; plug the board in and switch it on; {what_is}")
+    raise OpenError(f"{escape(url)}: found no {looked_for}; plug the board in and switch it on; {what_is}")

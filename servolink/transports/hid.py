@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 
 from servolink.errors import OpenError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.address import Address
-from servolink.transports.device_info import UDEV_CURE, UsbId, only
+from servolink.transports.device_info import UDEV_CURE, PortIdentity, only
 from servolink.transports.hid_devices import (
     LIBRARY_LOCK,
     VENDOR_PAGES,
@@ -44,7 +44,7 @@ class HidDevice:
         self,
         api: HidApi,
         url: str,
-        wanted: UsbId,
+        wanted: PortIdentity,
         *,
         usage_page: int | None = None,
         report_id: int | None = None,
@@ -79,8 +79,8 @@ class HidDevice:
                 handle.open_path(interface.path)
             except OSError as error:
                 raise OpenError(
-                    f"{printable(self._url)}: cannot open {printable(os.fsdecode(interface.path))}: "
-                    f"{printable(str(error))}; close the program that has it, or plug the board in again"
+                    f"{escape(self._url)}: cannot open {escape(os.fsdecode(interface.path))}: "
+                    f"{escape(str(error))}; close the program that has it, or plug the board in again"
                 ) from error
         return handle
 
@@ -99,7 +99,7 @@ class HidDevice:
         if not fitting and reports and self._report_size is None:
             ids = sorted({f"{report.way.name.lower()} {report.report_id}" for report in reports})
             raise OpenError(
-                f"{printable(self._url)}: the device has no {way.name.lower()}put report"
+                f"{escape(self._url)}: the device has no {way.name.lower()}put report"
                 f"{'' if self._report_id is None else f' with the id {self._report_id}'}; it has: {', '.join(ids)}"
             )
         report = fitting[0] if fitting else Report(way, self._report_id or 0, 0, _USUAL_SIZE)
@@ -122,7 +122,7 @@ class OpenHid:
         try:
             report = bytes(self._handle.read(size + 1 if report_id else size, _READ_LIMIT))
         except (OSError, ValueError) as error:
-            raise _gone(printable(str(error))) from error
+            raise _gone(escape(str(error))) from error
         if not report_id:
             return report
         return report[1:] if report[:1] == bytes([report_id]) else b""
@@ -134,7 +134,7 @@ class OpenHid:
     def write(self, piece: bytes) -> None:
         """Send one report; Linux waits up to 5 s for the device to take it."""
         if self._handle.write(piece) < 0:  # otherwise what it returns differs between systems
-            raise _gone(printable(self._handle.error()))
+            raise _gone(escape(self._handle.error()))
 
     def close(self) -> None:
         """Close it, and let other programs have it."""
@@ -155,7 +155,7 @@ if sys.platform == "linux":
             undo.callback(os.close, claim)
             fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            raise OpenError(f"{printable(url)}: {_reason(error, printable(path))}") from error
+            raise OpenError(f"{escape(url)}: {_reason(error, escape(path))}") from error
 
     def _reason(error: OSError, path: str) -> str:
         if error.errno == errno.EWOULDBLOCK:
@@ -164,7 +164,7 @@ if sys.platform == "linux":
             return f"no permission for {path}; {UDEV_CURE}"
         if error.errno in {errno.ENOENT, errno.ENODEV, errno.ENXIO}:
             return f"{path} has just vanished; plug the board in again"
-        return f"cannot open {path}: {printable(str(error))}"
+        return f"cannot open {path}: {escape(str(error))}"
 
 else:
 
@@ -174,7 +174,7 @@ else:
 
 def from_address(address: Address) -> DeviceTransport:
     """Make the transport for `hid://VID:PID/SERIAL?report_size=64&report_id=0&usage_page=0xFF00`."""
-    wanted = UsbId.of(address)
+    wanted = PortIdentity.of(address)
     report_size = address.integer("report_size", 0, 1, 4096) or None
     report_id = address.integer("report_id", -1, 0, 255)
     usage_page = address.integer("usage_page", -1, 0, 0xFFFF)

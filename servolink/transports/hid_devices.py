@@ -14,8 +14,8 @@ from threading import Lock
 from typing import Any, Protocol
 
 from servolink.errors import TransportUnavailable
-from servolink.escaping import printable
-from servolink.transports.device_info import UDEV_CURE, Candidate, UsbId, may_use, url_of
+from servolink.escaping import escape
+from servolink.transports.device_info import UDEV_CURE, DeviceInfo, PortIdentity, is_accessible, url_of
 
 _INSTALL = "pip install --force-reinstall hidapi"
 _INPUT_USAGES = {(0x01, 0x02), (0x01, 0x06), (0x01, 0x07)}  # mouse, keyboard, keypad
@@ -72,7 +72,7 @@ def load() -> HidApi:
         try:
             module: Any = import_module(name)
         except Exception as error:  # noqa: BLE001 - the package of another maker fails in ways of its own
-            reason = printable(f"hidapi cannot be loaded: {type(error).__name__}: {error}")
+            reason = escape(f"hidapi cannot be loaded: {type(error).__name__}: {error}")
         else:
             if hasattr(module, "device") and hasattr(module, "enumerate"):
                 return module  # type: ignore[no-any-return]
@@ -127,7 +127,7 @@ class HidInterface:
     def problem(self) -> str:
         """Why it cannot be opened, and what to do; empty if nothing is known."""
         path = os.fsdecode(self.path)
-        return "" if may_use(path) else f"no permission for {printable(path)}; {UDEV_CURE}"
+        return "" if is_accessible(path) else f"no permission for {escape(path)}; {UDEV_CURE}"
 
     def has_page(self, wanted: int | None) -> bool:
         """Tell whether it has the usage page `wanted`, or for None one that is the maker's own."""
@@ -158,10 +158,10 @@ def interfaces(api: HidApi) -> list[HidInterface]:
     return list(found.values())
 
 
-def boards(api: HidApi, wanted: UsbId | None = None, usage_page: int | None = None) -> list[HidInterface]:
+def boards(api: HidApi, wanted: PortIdentity | None = None, usage_page: int | None = None) -> list[HidInterface]:
     """List what can be a board and fits; a keyboard's or mouse's other interfaces only when its id is given."""
     everything = interfaces(api)
-    wanted = wanted or UsbId()
+    wanted = wanted or PortIdentity()
     inputs = {each.identity for each in everything if each.is_input}
     found = [
         each
@@ -175,9 +175,9 @@ def boards(api: HidApi, wanted: UsbId | None = None, usage_page: int | None = No
     return [replace(each, alone=siblings[each.identity] == 1) for each in found]
 
 
-def candidates() -> list[Candidate]:
+def candidates() -> list[DeviceInfo]:
     """List the HID devices that can be boards; TransportUnavailable says what to install."""
-    return [Candidate(each.url, each.product, each.serial_number, each.problem) for each in boards(load())]
+    return [DeviceInfo(each.url, each.product, each.serial_number, each.problem) for each in boards(load())]
 
 
 VENDOR_PAGES = range(0xFF00, 0x10000)

@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.base import STALL_LIMIT, Receiver, Transport
 
 _STALL_STEP = STALL_LIMIT / 8
@@ -101,13 +101,13 @@ class WrappedTransport:
 
     def _check_unused(self) -> None:
         if self._receiver is not None or self._ended:
-            raise OpenError(f"{printable(self.url)}: a transport is opened once; make another")
+            raise OpenError(f"{escape(self.url)}: a transport is opened once; make another")
 
     def _check_open(self) -> None:
         if self._cause is not None:
             raise ConnectionLost(*self._cause.args) from self._cause
         if self._ended or not self._opened:
-            raise ConnectionLost(f"{printable(self.url)}: it is {'closed' if self._ended else 'not open yet'}")
+            raise ConnectionLost(f"{escape(self.url)}: it is {'closed' if self._ended else 'not open yet'}")
 
     def _deliver(self, chunk: bytes) -> None:
         if self._receiver is not None and not self._ended:
@@ -118,11 +118,11 @@ class WrappedTransport:
         if not self._ended:
             self._breaking = asyncio.ensure_future(self._inner.close())
             self._breaking.add_done_callback(self._broken)
-            self._end(ConnectionLost(f"{printable(self.url)}: the connection was lost: {reason}"))
+            self._end(ConnectionLost(f"{escape(self.url)}: the connection was lost: {reason}"))
 
     def _broken(self, closing: asyncio.Task[None]) -> None:
         if not closing.cancelled() and (error := closing.exception()):  # nobody waits for it to be told
-            _logger.warning("%s: closing it failed: %s", printable(self.url), printable(str(error)))
+            _logger.warning("%s: closing it failed: %s", escape(self.url), escape(str(error)))
 
     def _end(self, error: Exception | None) -> None:
         if not self._ended and self._receiver is not None:

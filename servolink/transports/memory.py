@@ -7,7 +7,7 @@ from collections import deque
 from weakref import WeakKeyDictionary
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.address import Address
 from servolink.transports.base import Receiver
 
@@ -44,12 +44,12 @@ class MemoryTransport:
     async def open(self, receiver: Receiver) -> None:
         """Be ready; what the other end has sent so far arrives next."""
         if self._receiver is not None or self._ended:
-            raise OpenError(f"{printable(self.url)}: a transport is opened once; make another")
+            raise OpenError(f"{escape(self.url)}: a transport is opened once; make another")
         self._loop = asyncio.get_running_loop()
         if self._name:
             ends = _lines.setdefault(self._loop, {}).setdefault(self._name, [])
             if len(ends) == 2:
-                raise OpenError(f"{printable(self.url)}: both ends are in use; close one, or take another name")
+                raise OpenError(f"{escape(self.url)}: both ends are in use; close one, or take another name")
             if ends:
                 self._join(ends[0])
             ends.append(self)
@@ -60,7 +60,7 @@ class MemoryTransport:
     async def send(self, data: bytes) -> None:
         """Send all of `data`, or raise ConnectionLost."""
         if self._ended or self._receiver is None:
-            raise ConnectionLost(f"{printable(self.url)}: {self._ended or 'it is not open yet'}")
+            raise ConnectionLost(f"{escape(self.url)}: {self._ended or 'it is not open yet'}")
         if data:
             self._going.append(data)
             if self._peer is not None and self._peer._loop is not None:
@@ -89,7 +89,7 @@ class MemoryTransport:
         try:
             self._receiver.data(self._coming.popleft())
         except Exception as error:  # noqa: BLE001 - whatever the bug is
-            self._lose(f"the receiver failed: {printable(str(error))}")
+            self._lose(f"the receiver failed: {escape(str(error))}")
 
     def _lose_soon(self, why: str) -> None:
         if self._loop is None:
@@ -100,7 +100,7 @@ class MemoryTransport:
     def _lose(self, why: str) -> None:
         if not self._ended:
             reason = f"the connection was lost: {why}"
-            self._end(reason, ConnectionLost(f"{printable(self.url)}: {reason}"))
+            self._end(reason, ConnectionLost(f"{escape(self.url)}: {reason}"))
 
     def _end(self, why: str, error: ConnectionLost | None) -> None:
         self._ended = why

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple, TextIO
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.files import read_file
 from servolink.transports.address import Address
 from servolink.transports.base import Receiver, Transport
@@ -40,9 +40,7 @@ class RecordingTransport(WrappedTransport):
         except FileExistsError as error:
             raise OpenError(f"{self._shown()} exists already; remove it or record to another file") from error
         except (OSError, ValueError) as error:
-            raise OpenError(
-                f"cannot record to {self._shown()}: {printable(str(error))}; choose another file"
-            ) from error
+            raise OpenError(f"cannot record to {self._shown()}: {escape(str(error))}; choose another file") from error
         self._start = asyncio.get_running_loop().time()
         try:
             await super().open(receiver)
@@ -77,7 +75,7 @@ class RecordingTransport(WrappedTransport):
             self._file.write(json.dumps({"t": seconds, what: text}) + "\n")
         except OSError as error:  # going on with a hole in the recording would mislead whoever reads it
             self._close_file()
-            self._break(f"{self._shown()} cannot be written: {printable(str(error))}")
+            self._break(f"{self._shown()} cannot be written: {escape(str(error))}")
 
     def _close_file(self) -> None:
         file, self._file = self._file, None
@@ -88,7 +86,7 @@ class RecordingTransport(WrappedTransport):
                 return  # the disk is full, which the write before has told
 
     def _shown(self) -> str:
-        return printable(str(self._path))
+        return escape(str(self._path))
 
 
 class _Line(NamedTuple):
@@ -131,7 +129,7 @@ class ReplayTransport:
     async def open(self, receiver: Receiver) -> None:
         """Read the recording; OpenError names the line that is none."""
         if self._receiver is not None or self._ended:
-            raise OpenError(f"{printable(self.url)}: a transport is opened once; make another")
+            raise OpenError(f"{escape(self.url)}: a transport is opened once; make another")
         self._receiver = receiver
         for line in _read(self._path):
             if line.what == "sent":
@@ -148,7 +146,7 @@ class ReplayTransport:
         if self._cause is not None:
             raise ConnectionLost(*self._cause.args) from self._cause
         if self._receiver is None or self._ended:
-            raise ConnectionLost(f"{printable(self.url)}: it is {'closed' if self._ended else 'not open yet'}")
+            raise ConnectionLost(f"{escape(self.url)}: it is {'closed' if self._ended else 'not open yet'}")
         before, self._said = self._said, self._said + len(data)
         if self._expected[before : self._said] != data:
             raise self._mismatch(data, before)
@@ -173,7 +171,7 @@ class ReplayTransport:
         self._timer = None
         _, line = self._coming.popleft()
         if line.what == "lost":
-            self._end(ConnectionLost(f"{printable(self.url)}: line {line.number}: {printable(line.text)}"))
+            self._end(ConnectionLost(f"{escape(self.url)}: line {line.number}: {escape(line.text)}"))
         elif self._receiver is not None:
             self._receiver.data(line.data)
             self._arm()
@@ -188,7 +186,7 @@ class ReplayTransport:
             index = bisect_right(self._ends, before + same)
             rest = self._expected[before + same : self._ends[index]][:32]
             reason = f"line {self._sends[index].number}: expected {rest.hex()}, {got}"
-        error = ConnectionLost(f"{printable(self.url)}: the program went another way: {reason}")
+        error = ConnectionLost(f"{escape(self.url)}: the program went another way: {reason}")
         self._end(error)
         return error
 
@@ -205,14 +203,14 @@ def _read(path: Path) -> list[_Line]:
     try:
         lines = read_file(path).split(b"\n")
     except (OSError, ValueError) as error:
-        raise OpenError(f"cannot read the recording {printable(str(path))}: {printable(str(error))}") from error
+        raise OpenError(f"cannot read the recording {escape(str(path))}: {escape(str(error))}") from error
     read: list[_Line] = []
     for number, text in enumerate(lines[:-1], 1):  # after the last newline is nothing, or what a crash left
         try:
             read.append(_parse(number, text, read[-1].seconds if read else 0.0))
         except (ValueError, TypeError, OverflowError, RecursionError) as error:
             raise OpenError(
-                f"{printable(str(path))}, line {number}: no line of a recording: {printable(str(error))[:200]}"
+                f"{escape(str(path))}, line {number}: no line of a recording: {escape(str(error))[:200]}"
             ) from error
     return read
 

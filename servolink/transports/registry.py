@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
 
 from servolink.errors import TransportError, TransportUnavailable
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
 
@@ -75,9 +75,9 @@ def _from_plug_in(address: Address, plug_in: EntryPoint) -> Transport:
 def _broken(address: Address, plug_in: EntryPoint, reason: str) -> TransportUnavailable:
     package = plug_in.dist.name if plug_in.dist else plug_in.value
     return address.refusal(
-        f"the plug-in {printable(package)} for {address.scheme}:// is broken: {reason}; update or remove it"
+        f"the plug-in {escape(package)} for {address.scheme}:// is broken: {reason}; update or remove it"
     )
 
 
 def _named(error: Exception) -> str:
-    return printable(f"{type(error).__name__}: {error}")
+    return escape(f"{type(error).__name__}: {error}")

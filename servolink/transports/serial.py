@@ -14,7 +14,7 @@ import serial  # type: ignore[import-untyped]
 import serial_asyncio  # type: ignore[import-untyped]
 
 from servolink.errors import OpenError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.address import Address
 from servolink.transports.serial_ports import present
 from servolink.transports.stream import StreamTransport
@@ -115,7 +115,7 @@ class SerialTransport(StreamTransport):
             self._port.port = self._device
             self._port.open()
         except Exception as error:  # OSError, ValueError for baud rate or name, termios.error, which is neither
-            raise OpenError(f"{printable(self.url)}: {_reason(self._device, error)}") from error
+            raise OpenError(f"{escape(self.url)}: {_reason(self._device, error)}") from error
 
     def _close_late(self, opening: asyncio.Future[None]) -> None:
         if not opening.cancelled() and opening.exception() is None:
@@ -142,23 +142,25 @@ class SerialTransport(StreamTransport):
 def _reason(device: str, error: Exception) -> str:
     code = getattr(error, "errno", None)
     text = str(error)  # on Windows, pyserial has only the text
-    shown = printable(device)
+    displayed = escape(device)
     if code in _ABSENT or "FileNotFoundError" in text:
-        return f"there is no {shown}; plug the board in and switch it on; {_present()}"
+        return f"there is no {displayed}; plug the board in and switch it on; {_present()}"
     if code in _BUSY or "PermissionError" in text:
-        return f"{shown} is in use; close the program that has it (another servolink, a serial monitor, ModemManager)"
+        return (
+            f"{displayed} is in use; close the program that has it (another servolink, a serial monitor, ModemManager)"
+        )
     if code in _FORBIDDEN:
         return (
-            f"no permission for {shown}; on Linux join its group, `sudo usermod -aG dialout $USER` "
+            f"no permission for {displayed}; on Linux join its group, `sudo usermod -aG dialout $USER` "
             f"(uucp on Arch), then log out and in"
         )
     if code in {errno.EISDIR, errno.ENOTTY} or "Could not configure port" in text:
-        return f"{shown} is no serial port; {_present()}"
-    return f"cannot open {shown}: {printable(text)}"
+        return f"{displayed} is no serial port; {_present()}"
+    return f"cannot open {displayed}: {escape(text)}"
 
 
 def _present() -> str:
-    ports = ", ".join(sorted(printable(port.device) for port in present()))
+    ports = ", ".join(sorted(escape(port.device) for port in present()))
     return f"ports that are there: {ports}" if ports else "no serial port is there"
 
 

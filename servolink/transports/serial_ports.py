@@ -9,9 +9,9 @@ from typing import Any
 from urllib.parse import quote
 
 from servolink.errors import TransportError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.address import Address
-from servolink.transports.device_info import Candidate, may_use
+from servolink.transports.device_info import DeviceInfo, is_accessible
 
 _TRIES = 3
 
@@ -31,26 +31,26 @@ def present() -> list[Any]:
     return []
 
 
-def candidates() -> list[Candidate]:
+def candidates() -> list[DeviceInfo]:
     """List the serial ports on USB; others, such as that of a modem or of a Raspberry Pi's pins, have to be named."""
     return list(_candidates())
 
 
-def _candidates() -> Iterator[Candidate]:
+def _candidates() -> Iterator[DeviceInfo]:
     for port in sorted(present()):
         if port.vid is not None:
             url = f"serial://{quote(port.device)}"
-            yield Candidate(url, port.product or "", port.serial_number or "", _problem(port.device))
+            yield DeviceInfo(url, port.product or "", port.serial_number or "", _problem(port.device))
 
 
 def _problem(device: str) -> str:
     """Return why it cannot be opened, and what to do; empty if nothing is known, as where a port is no file."""
-    if not os.path.exists(device) or may_use(device):  # noqa: PTH110 - on Windows it is only a name
+    if not os.path.exists(device) or is_accessible(device):  # noqa: PTH110 - on Windows it is only a name
         return ""
-    return f"no permission for {printable(device)}; `servolink doctor` says how to get it"
+    return f"no permission for {escape(device)}; `servolink doctor` says how to get it"
 
 
-class Whereabouts:
+class PortTracker:
     """Follows the board behind one address."""
 
     def __init__(self, url: str) -> None:

@@ -7,7 +7,7 @@ import socket
 from abc import ABC, abstractmethod
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.address import Address
 from servolink.transports.base import Receiver
 from servolink.transports.lifecycle import StallWatch
@@ -52,12 +52,12 @@ class StreamTransport(asyncio.Protocol, ABC):
     async def open(self, receiver: Receiver) -> None:
         """Connect; OpenError says what to do."""
         if self._receiver is not None or self._closing:
-            raise OpenError(f"{printable(self.url)}: a transport is opened once; make another")
+            raise OpenError(f"{escape(self.url)}: a transport is opened once; make another")
         self._receiver = receiver
         pipe = await self._connect()
         if self._gone.is_set():
             pipe.abort()
-            raise OpenError(f"{printable(self.url)}: it was closed while being opened; try again")
+            raise OpenError(f"{escape(self.url)}: it was closed while being opened; try again")
         pipe.set_write_buffer_limits(high=0)  # so that resume_writing means: all has been taken
         self._pipe = pipe
 
@@ -124,10 +124,10 @@ class StreamTransport(asyncio.Protocol, ABC):
 
     def _lost(self) -> ConnectionLost:
         if self._cause is not None:
-            why = f"the connection was lost: {printable(str(self._cause))}"
+            why = f"the connection was lost: {escape(str(self._cause))}"
         else:
             why = "it is closed" if self._closing else "it is not open yet"
-        error = ConnectionLost(f"{printable(self.url)}: {why}")
+        error = ConnectionLost(f"{escape(self.url)}: {why}")
         error.__cause__ = self._cause
         return error
 
@@ -174,12 +174,12 @@ class TcpTransport(StreamTransport):
             async with asyncio.timeout(self._timeout):
                 pipe, _ = await asyncio.get_running_loop().create_connection(lambda: self, self._host, self._port)
         except (OSError, UnicodeError) as error:  # UnicodeError: the name can be no host's
-            raise OpenError(f"{printable(self.url)}: {self._reason(error)}") from error
+            raise OpenError(f"{escape(self.url)}: {self._reason(error)}") from error
         self._tune(pipe.get_extra_info("socket"))
         return pipe
 
     def _reason(self, error: Exception) -> str:
-        host = printable(self._host)
+        host = escape(self._host)
         if isinstance(error, TimeoutError):
             return f"no answer within {self._timeout:g} s; check address, network and firewall, or give timeout=SECONDS"
         if isinstance(error, ConnectionRefusedError):
@@ -188,7 +188,7 @@ class TcpTransport(StreamTransport):
             )
         if isinstance(error, socket.gaierror | UnicodeError):
             return f"there is no host '{host}'; check the name, or write its IP address"
-        return f"cannot connect: {printable(str(error))}; check address and network"
+        return f"cannot connect: {escape(str(error))}; check address and network"
 
     @staticmethod
     def _tune(connection: socket.socket) -> None:

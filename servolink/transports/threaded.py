@@ -22,7 +22,7 @@ from queue import SimpleQueue
 from typing import NamedTuple, Protocol, TypeAlias
 
 from servolink.errors import ConnectionLost, OpenError, TransportError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.base import Receiver
 from servolink.transports.lifecycle import StallWatch
 
@@ -73,7 +73,7 @@ class _Frame(NamedTuple):
     taken: asyncio.Future[bool]
 
 
-class Owner:
+class DeviceThread:
     """Owns a device, and brings its news to the event loop: one wake-up for as much as there is by then."""
 
     def __init__(self, device: Device, loop: asyncio.AbstractEventLoop, hear: Callable[[Iterator[News]], None]) -> None:
@@ -184,14 +184,14 @@ _END_LIMIT = 0.5  # seconds that close() then gives the device to let go: a read
 
 
 class DeviceTransport:
-    """Sends, receives, notices the end and closes, while the threads of an `Owner` do what blocks."""
+    """Sends, receives, notices the end and closes, while the threads of an `DeviceThread` do what blocks."""
 
     def __init__(self, url: str, device: Device) -> None:
         """Lead to `device`, shown as `url` in errors."""
         self._url = url
         self._device = device
         self._receiver: Receiver | None = None
-        self._owner: Owner | None = None
+        self._owner: DeviceThread | None = None
         self._opened: asyncio.Future[None] | None = None
         self._ready = False
         self._closing = False
@@ -210,11 +210,11 @@ class DeviceTransport:
     async def open(self, receiver: Receiver) -> None:
         """Open the device; OpenError says what to do."""
         if self._receiver is not None or self._closing:
-            raise OpenError(f"{printable(self.url)}: a transport is opened once; make another")
+            raise OpenError(f"{escape(self.url)}: a transport is opened once; make another")
         loop = asyncio.get_running_loop()
         self._receiver = receiver
         self._opened = loop.create_future()
-        self._owner = Owner(self._device, loop, self._hear)
+        self._owner = DeviceThread(self._device, loop, self._hear)
         self._owner.start()
         try:
             await self._opened
@@ -249,7 +249,7 @@ class DeviceTransport:
             await _within(_END_LIMIT, self._freed)
         finally:
             self._owner.stop()
-            self._fail_opening(OpenError(f"{printable(self.url)}: it was closed while being opened; try again"))
+            self._fail_opening(OpenError(f"{escape(self.url)}: it was closed while being opened; try again"))
             self._end()
 
     def _hear(self, everything: Iterator[News]) -> None:
@@ -284,7 +284,7 @@ class DeviceTransport:
         """Tell whoever opens that it failed; False if it is open."""
         if self._opened is not None and not self._opened.done():
             if not isinstance(error, TransportError):
-                error = OpenError(f"{printable(self.url)}: cannot open it: {printable(str(error))}")
+                error = OpenError(f"{escape(self.url)}: cannot open it: {escape(str(error))}")
             self._opened.set_exception(error)
         return not self._ready
 
@@ -329,10 +329,10 @@ class DeviceTransport:
 
     def _lost(self) -> ConnectionLost:
         if self._cause is not None:
-            why = f"the connection was lost: {printable(str(self._cause))}"
+            why = f"the connection was lost: {escape(str(self._cause))}"
         else:
             why = "it is closed" if self._closing or self._over else "it is not open yet"
-        error = ConnectionLost(f"{printable(self.url)}: {why}")
+        error = ConnectionLost(f"{escape(self.url)}: {why}")
         error.__cause__ = self._cause
         return error
 

@@ -12,9 +12,9 @@ import usb.core  # type: ignore[import-untyped]
 import usb.util  # type: ignore[import-untyped]
 
 from servolink.errors import OpenError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.address import Address
-from servolink.transports.device_info import UDEV_CURE, UsbId, only
+from servolink.transports.device_info import UDEV_CURE, PortIdentity, only
 from servolink.transports.threaded import DeviceTransport
 from servolink.transports.usb_devices import Endpoints, UsbInterface, backend, boards
 
@@ -30,7 +30,7 @@ class UsbDevice:
     def __init__(
         self,
         url: str,
-        wanted: UsbId,
+        wanted: PortIdentity,
         *,
         interface: int | None = None,
         incoming: int | None = None,
@@ -56,7 +56,7 @@ class UsbDevice:
         endpoints = board.endpoints(self._incoming, self._outgoing)
         if endpoints is None:
             present = ", ".join(f"{each.bEndpointAddress:#04x}" for each in board.interface)
-            raise OpenError(f"{printable(self._url)}: the interface has no such endpoints; it has {present}")
+            raise OpenError(f"{escape(self._url)}: the interface has no such endpoints; it has {present}")
         undo = ExitStack()
         try:
             _claim(board, undo)
@@ -64,7 +64,7 @@ class UsbDevice:
             opened.drop_stale()
         except Exception as error:
             undo.close()
-            raise OpenError(f"{printable(self._url)}: {_reason(error)}") from error
+            raise OpenError(f"{escape(self._url)}: {_reason(error)}") from error
         return opened
 
 
@@ -176,16 +176,16 @@ def _reason(error: Exception) -> str:
         return "it has just vanished; plug the board in again"
     if isinstance(error, NotImplementedError):
         return "Windows has no driver for it that lets programs use it; give it WinUSB, with the program Zadig"
-    return f"cannot open it: {printable(str(error))}; plug the board in again"
+    return f"cannot open it: {escape(str(error))}; plug the board in again"
 
 
 def _gone(error: Exception) -> ConnectionResetError:
-    return ConnectionResetError(f"the device is gone: {printable(str(error))}; is it unplugged or switched off?")
+    return ConnectionResetError(f"the device is gone: {escape(str(error))}; is it unplugged or switched off?")
 
 
 def from_address(address: Address) -> DeviceTransport:
     """Make the transport for `usb://VID:PID/SERIAL?interface=0&in=0x81&out=0x01`."""
-    wanted = UsbId.of(address)
+    wanted = PortIdentity.of(address)
     interface = address.integer("interface", -1, 0, 255)
     incoming = address.integer("in", 0, 0x81, 0x8F) or None
     outgoing = address.integer("out", 0, 0x01, 0x0F) or None

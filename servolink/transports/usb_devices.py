@@ -12,8 +12,8 @@ import usb.core  # type: ignore[import-untyped]
 import usb.util  # type: ignore[import-untyped]
 
 from servolink.errors import TransportUnavailable
-from servolink.escaping import printable
-from servolink.transports.device_info import UDEV_CURE, Candidate, UsbId, may_use, url_of
+from servolink.escaping import escape
+from servolink.transports.device_info import UDEV_CURE, DeviceInfo, PortIdentity, is_accessible, url_of
 
 _DESCRIPTIONS = Path("/sys/bus/usb/devices")
 _NODES = Path("/dev/bus/usb")
@@ -58,7 +58,7 @@ class UsbInterface:
     def problem(self) -> str:
         """Why it cannot be opened, and what to do; empty if nothing is known."""
         node = _NODES / f"{self.device.bus or 0:03d}" / f"{self.device.address or 0:03d}"
-        if not may_use(str(node)):
+        if not is_accessible(str(node)):
             return f"no permission for {node}; {UDEV_CURE}"
         if self.driver == "usbfs":
             return "it is in use by another program; close that"
@@ -92,15 +92,15 @@ def backend() -> Any:
 
         found = libusb_package.get_libusb1_backend()
     except Exception as error:
-        raise TransportUnavailable(f"usb:// cannot load libusb: {printable(str(error))}; try: {cure}") from error
+        raise TransportUnavailable(f"usb:// cannot load libusb: {escape(str(error))}; try: {cure}") from error
     if found is None:
         raise TransportUnavailable(f"usb:// found no libusb that can be loaded; try: {cure}")
     return found
 
 
-def boards(library: Any, wanted: UsbId | None = None, number: int | None = None) -> list[UsbInterface]:
+def boards(library: Any, wanted: PortIdentity | None = None, number: int | None = None) -> list[UsbInterface]:
     """List what can be a board and fits; what a kernel driver uses, as of serial adapters, only if its id is given."""
-    wanted = wanted or UsbId()
+    wanted = wanted or PortIdentity()
     of_its_kind = replace(wanted, serial_number="")  # the serial number is asked of these only
     found: list[UsbInterface] = []
     devices: Any = usb.core.find(find_all=True, backend=library)
@@ -182,6 +182,6 @@ def _text(device: Any, name: str) -> str:
         return ""
 
 
-def candidates() -> list[Candidate]:
+def candidates() -> list[DeviceInfo]:
     """List the USB interfaces that can be a board's; TransportUnavailable says what to install."""
-    return [Candidate(each.url, each.product, each.serial_number, each.problem) for each in boards(backend())]
+    return [DeviceInfo(each.url, each.product, each.serial_number, each.problem) for each in boards(backend())]

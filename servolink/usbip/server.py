@@ -108,7 +108,7 @@ class UsbIpServer:
         if self._host is not None:
             self._host.transport.abort()
 
-    async def converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def run_with_board(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one connection until it ends."""
         try:
             async with asyncio.timeout(_OPENING_LIMIT):
@@ -168,5 +168,5 @@ async def serve_usbip(
 ) -> AsyncIterator[tuple[str, UsbIpServer]]:
     """Export `board` at `host` and `port`, and give the address, HOST:PORT, and the server."""
     server = UsbIpServer(board, serial_number)
-    async with listen(server.converse, host, port) as place:
+    async with listen(server.run_with_board, host, port) as place:
         yield place, server

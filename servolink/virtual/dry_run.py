@@ -48,7 +48,7 @@ class Timeline:
     """Not so if it was cut off, because it is endless or nearly so."""
 
 
-class Rehearsal:
+class DryRun:
     """A virtual board with these actions and macros, whose servos all begin at 0 degrees."""
 
     def __init__(self, actions: Iterable[Action], macros: Iterable[Macro], servo_ids: Iterable[int]) -> None:

@@ -11,7 +11,7 @@ from servolink.transports.base import Transport
 from servolink.transports.faults import Faults
 from servolink.usbip.server import serve_usbip
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import FaultyVirtualTransport, Pacemaker, VirtualTransport
+from servolink.virtual.transport import BoardDriver, FaultyVirtualTransport, VirtualTransport
 
 
 @asynccontextmanager
@@ -36,7 +36,7 @@ async def serve(
         return line if faults is None else FaultyVirtualTransport(line, faults, seed=next(seeds))
 
     async with AsyncExitStack() as stack:
-        stack.callback(Pacemaker(board).stop)
+        stack.callback(BoardDriver(board).stop)
         urls = []
         if pty:
             urls.append(await stack.enter_async_context(serve_terminal(connect)))

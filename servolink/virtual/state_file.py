@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from servolink.errors import OpenError, PacketError, ServolinkError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.files import read_file, write_atomically
 from servolink.protocol import editing, joystick
 from servolink.protocol.frame import HEADER_SIZE, ByteOrder, encode_frame
@@ -50,7 +50,7 @@ def save_state(board: VirtualBoard, path: Path) -> None:
     try:
         write_atomically(path, msgspec.json.format(msgspec.json.encode(state), indent=1) + b"\n")
     except OSError as error:
-        raise ServolinkError(f"{printable(str(path))}: the board cannot be saved: {printable(str(error))}") from error
+        raise ServolinkError(f"{escape(str(path))}: the board cannot be saved: {escape(str(error))}") from error
 
 
 def load_state(board: VirtualBoard, path: Path) -> None:
@@ -59,7 +59,7 @@ def load_state(board: VirtualBoard, path: Path) -> None:
     Records come back as they were, doubles and torn ones too, whatever this board does with such. OpenError if the file
     cannot be read, is no state of a board, or does not fit this one, which is then as it was.
     """
-    name = printable(str(path))
+    name = escape(str(path))
     try:
         state = msgspec.json.decode(read_file(path), type=BoardState)
     except FileNotFoundError as error:
@@ -67,9 +67,9 @@ def load_state(board: VirtualBoard, path: Path) -> None:
             raise OpenError(f"{name}: there is no such folder; make it first") from error
         return
     except OSError as error:
-        raise OpenError(f"{name}: cannot be read: {printable(str(error))}") from error
+        raise OpenError(f"{name}: cannot be read: {escape(str(error))}") from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise OpenError(f"{name}: is no saved board: {printable(str(error))}; delete it to begin anew") from error
+        raise OpenError(f"{name}: is no saved board: {escape(str(error))}; delete it to begin anew") from error
     if state.byte_order != board.codec.byte_order:
         raise OpenError(f"{name}: was saved by a {state.byte_order}-endian board; use --byte-order {state.byte_order}")
     before, board.storage.contents = board.storage.contents, Contents()
@@ -104,7 +104,7 @@ def _store(board: VirtualBoard, request: str) -> str:
         frame = bytes.fromhex(request)
         packet = board.codec.decode_frame(frame)
     except (PacketError, ValueError) as error:
-        return printable(str(error))
+        return escape(str(error))
     kept = _kept(board, packet, frame[HEADER_SIZE:-1])
     if kept is None:
         return f"{type(packet).__name__} stores nothing"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import cast
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.protocol.codec import Codec
 from servolink.transports.address import Address
 from servolink.transports.base import Receiver
@@ -17,7 +17,7 @@ from servolink.virtual.state_file import load_state, save_state
 from servolink.virtual.storage import ADDS, CLEARS, Add, Clear
 
 
-class Pacemaker:
+class BoardDriver:
     """Wakes a board whenever it has something to do by itself; several for one board do no harm."""
 
     def __init__(self, board: VirtualBoard) -> None:
@@ -86,7 +86,7 @@ class VirtualTransport:
         self._state = state
         self._receiver: Receiver | None = None
         self._session: Session | None = None
-        self._pacemaker: Pacemaker | None = None
+        self._pacemaker: BoardDriver | None = None
         self._spent = False
         self._unsaved = False
         self._said: list[bytes] = []
@@ -100,19 +100,19 @@ class VirtualTransport:
     async def open(self, receiver: Receiver) -> None:
         """Attach to the board; OpenError if this transport was opened before or its file is no state."""
         if self._spent:
-            raise OpenError(f"{printable(self.url)}: a transport is opened once; make another")
+            raise OpenError(f"{escape(self.url)}: a transport is opened once; make another")
         if self._state is not None:
             load_state(self.board, self._state)
         self._spent = True
         self._receiver = receiver
         self._unsaved = True
         self._session = self.board.attach(self._hear, lambda: self._waiting)
-        self._pacemaker = Pacemaker(self.board)
+        self._pacemaker = BoardDriver(self.board)
 
     async def send(self, data: bytes) -> None:
         """Give `data` to the board, which answers in a later turn of the loop."""
         if self._session is None:
-            raise ConnectionLost(f"{printable(self.url)}: {'closed' if self._spent else 'open it before sending'}")
+            raise ConnectionLost(f"{escape(self.url)}: {'closed' if self._spent else 'open it before sending'}")
         self._session.receive(data, asyncio.get_running_loop().time())
 
     async def close(self) -> None:
@@ -125,7 +125,7 @@ class VirtualTransport:
 
     def unplug(self) -> None:
         """Pull the plug: the connection is lost at once, with all that the receiver does not have yet."""
-        self._end(ConnectionLost(f"{printable(self.url)}: the connection was lost: it was unplugged"))
+        self._end(ConnectionLost(f"{escape(self.url)}: the connection was lost: it was unplugged"))
 
     def _hear(self, data: bytes) -> None:
         # Never from within send(): a real board cannot answer before its caller has finished writing.
@@ -142,7 +142,7 @@ class VirtualTransport:
         try:
             self._receiver.data(chunk)
         except Exception as error:  # noqa: BLE001 - whatever it is, bytes were lost, and that ends the connection
-            lost = ConnectionLost(f"{printable(self.url)}: the receiver failed: {printable(str(error))}")
+            lost = ConnectionLost(f"{escape(self.url)}: the receiver failed: {escape(str(error))}")
             lost.__cause__ = error
             self._end(lost)
         self._waiting -= len(chunk)

@@ -75,7 +75,7 @@ def test_one_reply_was_damaged(steps: dict[str, Any]) -> None:
 def test_one_reply_was_late(steps: dict[str, Any]) -> None:
     counted = measured(steps, "late")
     assert counted["delayed_replies"] == 1
-    assert min(counted["timeouts"], counted["fences"], counted["late_replies"]) >= 1
+    assert min(counted["timeouts"], counted["fences"], counted["late_responses"]) >= 1
     assert (counted["late_angle"] != 0, counted["angle"]) == (True, 0)
 
 
@@ -141,7 +141,7 @@ def test_an_error_ends_the_play(capsys: pytest.CaptureFixture[str], monkeypatch:
     assert said.objects[0]["measured"] == {"error": "nothing came in time"}
 
 
-class Heard:
+class ProbeResult:
     """Collects what comes through the line."""
 
     def __init__(self) -> None:
@@ -157,9 +157,9 @@ class Heard:
 def test_the_line_does_one_thing_once() -> None:
     async def main() -> None:
         ours, theirs = MemoryTransport.pair()
-        line, heard = FaultyLine(ours), Heard()
+        line, heard = FaultyLine(ours), ProbeResult()
         await line.open(heard)
-        await theirs.open(Heard())
+        await theirs.open(ProbeResult())
 
         async def comes(chunk: bytes) -> list[bytes]:
             heard.chunks.clear()

@@ -11,7 +11,7 @@ from servolink.client.board import Board
 from servolink.errors import ConnectionLost
 from servolink.project.model import Project
 from servolink.project.project_file import save_project
-from servolink.project.transfer.results import Applied, Progress
+from servolink.project.transfer.results import ApplyResult, Progress
 from servolink.protocol.records import Action
 from tests.cli.programs import Said, call
 
@@ -30,13 +30,13 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 def lost_at(progress: Progress, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let imports be lost at this moment."""
 
-    async def lost(*_: object, progress: Any, **__: object) -> Applied:
-        progress(moment)
+    async def lost(*_: object, on_progress: Any, **__: object) -> ApplyResult:
+        on_progress(moment)
         raise ConnectionLost("gone")
 
     moment = progress
     for name in ("apply", "rollback"):
-        monkeypatch.setattr(Board, name, lost)
+        monkeypatch.setattr(Board, f"{name}_project", lost)
 
 
 def said_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> Said:
@@ -103,10 +103,10 @@ def test_an_import_that_is_lost_says_what_is_left_and_what_to_do(
 def test_what_was_there_before_is_named_where_it_can_come_back(
     command: str, file: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *, resumed: bool
 ) -> None:
-    async def done(*_: object, **__: object) -> Applied:
-        return Applied(changed=True, resumed=resumed, backup=Path("kept"))
+    async def done(*_: object, **__: object) -> ApplyResult:
+        return ApplyResult(changed=True, resumed=resumed, backup=Path("kept"))
 
-    monkeypatch.setattr(Board, command, done)
+    monkeypatch.setattr(Board, f"{command}_project", done)
     said = said_of(capsys, command, "--yes", file).out.splitlines()[-1]
     begun = " the unfinished import" if resumed else ""
     assert (said == f"what was there before{begun} is in kept; `servolink rollback` brings it back") == (

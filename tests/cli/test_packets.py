@@ -152,16 +152,16 @@ def test_a_live_stream_comes_out_as_it_arrives() -> None:
 
 
 def test_captions_in_any_encoding_survive_json(capsys: Capture) -> None:
-    shown = {
+    quote = {
         "packet": "AddActionRequest",
         "id": 30030,
         "fields": {"action_id": 1, "action_caption": "揮手", "steps": []},
     }
-    assert main(["encode", "--caption-encoding", "big5", json.dumps(shown)]) == 0
+    assert main(["encode", "--caption-encoding", "big5", json.dumps(quote)]) == 0
     frame = capsys.readouterr().out.strip()
     assert "揮手".encode("big5").hex() in frame
     assert main(["decode", "--json", "--caption-encoding", "big5", frame]) == 0
-    assert objects(capsys) == [shown]
+    assert objects(capsys) == [quote]
     assert main(["decode", "--json", frame]) == 0  # as UTF-8 it is no text: the bytes are kept
     line = capsys.readouterr().out
     assert line.isascii()
@@ -239,9 +239,9 @@ def test_hostile_lines_are_one_error_each_and_never_a_traceback() -> None:
     assert (done.returncode, done.stderr) == (1, "")
     found = [json.loads(line) for line in done.stdout.splitlines()]
     assert found[1::2] == [{"bytes": ASK}] * len(HOSTILE)
-    for (line, fault), shown in zip(HOSTILE, found[::2], strict=True):
-        assert fault in shown["error"], line[:60]
-        assert len(shown["error"]) < 400
+    for (line, fault), quote in zip(HOSTILE, found[::2], strict=True):
+        assert fault in quote["error"], line[:60]
+        assert len(quote["error"]) < 400
 
 
 @pytest.mark.parametrize(("line", "fault"), [case for case in HOSTILE if b"\xff" not in case[0]])

@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.errors import ConnectionLost
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet
@@ -158,9 +158,9 @@ class FakeBoard:
 
 
 @asynccontextmanager
-async def linked(board: FakeBoard, **options: Any) -> AsyncIterator[Link]:
+async def linked(board: FakeBoard, **options: Any) -> AsyncIterator[Connection]:
     """Open a link to `board`, and close it."""
-    link = Link(board, Codec(), **options)
+    link = Connection(board, Codec(), **options)
     await link.open()
     try:
         yield link

@@ -24,10 +24,10 @@ from servolink import (
 )
 from servolink.client import connect as connecting
 from servolink.client.session import LONGEST_PAUSE
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
-from servolink.transports.serial_ports import Whereabouts
+from servolink.transports.serial_ports import PortTracker
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import FakeBoard, lie
@@ -354,7 +354,7 @@ def test_a_link_keeps_counting_in_the_same_stats(socket: Socket) -> None:
             socket.plug(there)
             await until(board, "connected")
             assert board.stats.frames_sent > sent
-            assert isinstance(board._link, Link)
+            assert isinstance(board._link, Connection)
 
     run(main())
 
@@ -442,11 +442,11 @@ def test_a_board_that_does_not_tell_which_it_is_is_not_connected_to(socket: Sock
 
 
 def test_who_is_cancelled_while_connecting_leaves_nothing_open(socket: Socket, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def learn(_: Whereabouts) -> None:
+    async def learn(_: PortTracker) -> None:
         await asyncio.sleep(1)
 
     async def main() -> None:
-        monkeypatch.setattr(Whereabouts, "learn", learn)
+        monkeypatch.setattr(PortTracker, "learn", learn)
         with pytest.raises(TimeoutError):
             async with asyncio.timeout(0.5):
                 await connect("virtual://", reconnect=True)
@@ -472,7 +472,7 @@ def test_no_failure_of_a_library_ends_the_tries(
             there = socket.board
             assert there is not None
             if broken == "opening":
-                monkeypatch.setattr(Whereabouts, "url", fail_once)
+                monkeypatch.setattr(PortTracker, "url", fail_once)
             else:
                 monkeypatch.setattr(board, "_restore_units", fail_once)
             socket.pull()

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.frame import HEADER
@@ -77,7 +77,7 @@ class WiredBoard(FakeBoard):
 
 
 @asynccontextmanager
-async def wired(piece: int, stall: float, **options: Any) -> AsyncIterator[tuple[WiredBoard, Link]]:
+async def wired(piece: int, stall: float, **options: Any) -> AsyncIterator[tuple[WiredBoard, Connection]]:
     board = WiredBoard(piece, stall)
     async with linked(board, **options) as link:
         yield board, link
@@ -330,9 +330,9 @@ def test_the_answer_to_what_a_stop_overtook_is_not_taken_for_the_answer_to_the_s
             await link.send_stop(SetServoParameterRequest(ALL_SERVOS, 0, 1))
             await asyncio.wait((waiting,))
             await asyncio.sleep(2.4)
-            assert link.stats.late_replies == 1
+            assert link.stats.late_responses == 1
             following = SetServoParameterRequest(ALL_SERVOS, 1, 0)
             assert (await link.request(following)).is_start == 1  # and not the stop's own answer, which comes at 3.1
-            assert link.stats.late_replies == 2
+            assert link.stats.late_responses == 2
 
     run(main())

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from servolink.connection.dispatcher import Carrier
+from servolink.connection.dispatcher import NestedFrameFilter
 from servolink.errors import RequestTimeout
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (
@@ -46,7 +46,7 @@ def hidden(packet: Packet) -> bytes:
 
 @pytest.mark.parametrize("byte_order", ["little", "big"])
 def test_frames_inside_a_frame_are_hidden_each_as_often_as_it_is_there(byte_order: ByteOrder) -> None:
-    codec, carrier = Codec(byte_order), Carrier(byte_order)
+    codec, carrier = Codec(byte_order), NestedFrameFilter(byte_order)
     event, project = codec.encode(EVENT), codec.encode(PROJECT)
     outer = 30011, hostile_list(event, project, event, byte_order=byte_order)[8:-1]
     frames = [outer, *(frame_of(packet, byte_order) for packet in (EVENT, PROJECT, EVENT, EVENT, OTHER))]
@@ -54,13 +54,13 @@ def test_frames_inside_a_frame_are_hidden_each_as_often_as_it_is_there(byte_orde
 
 
 def test_what_comes_after_another_frame_is_not_hidden() -> None:
-    carrier = Carrier("little")
+    carrier = NestedFrameFilter("little")
     frames = [carrier_of(hidden(EVENT)), frame_of(OTHER), frame_of(EVENT)]
     assert [carrier.hides(frame) for frame in frames] == [False, False, False]
 
 
 def test_a_frame_that_begins_inside_and_reaches_out_is_hidden() -> None:
-    carrier = Carrier("little")
+    carrier = NestedFrameFilter("little")
     last = HEADER["little"].pack(MAGIC, 30011, 2 + 36) + b"\1\0"
     outer = hostile_list(bytes(32 - len(last)) + last)
     reaching = 30011, b"\1\0" + outer[-1:] + bytes(35)
@@ -70,13 +70,13 @@ def test_a_frame_that_begins_inside_and_reaches_out_is_hidden() -> None:
 
 
 def test_a_second_beginning_counts_where_the_first_leads_nowhere() -> None:
-    carrier = Carrier("little")
+    carrier = NestedFrameFilter("little")
     assert not carrier.hides(carrier_of(MAGIC, hidden(EVENT)))
     assert carrier.hides(frame_of(EVENT))
 
 
 def test_a_carrier_behind_a_carrier_takes_its_place() -> None:
-    carrier = Carrier("little")
+    carrier = NestedFrameFilter("little")
     frames = [carrier_of(hidden(EVENT)), carrier_of(hidden(PROJECT)), frame_of(EVENT)]
     assert [carrier.hides(frame) for frame in frames] == [False, False, False]
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from servolink.connection.dispatcher import Deadlines
+from servolink.connection.dispatcher import DeadlineTimer
 from tests.client.fake_board import now, turns_of_the_loop
 from tests.virtual_time import VirtualTimeLoop, run
 
@@ -21,7 +21,7 @@ class Clock:
         self.received = 0
         self.passed: list[float] = []
         self.received_then: list[int] = []
-        self.deadlines = Deadlines(self._note, lambda: self.received)
+        self.deadlines = DeadlineTimer(self._note, lambda: self.received)
 
     def _note(self, now: float) -> None:
         self.passed.append(now)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from servolink.connection.lanes import Lanes, Pending
+from servolink.connection.lanes import Lanes, PendingRequest
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.packet import Request, Response
@@ -14,9 +14,9 @@ from tests.virtual_time import run
 PROJECT, MEMORY, POWER = QueryProjectIDRequest(), QueryMemorySizeRequest(), QueryRemainPowerRequest()
 
 
-def sending(lanes: Lanes, request: Request[Response]) -> Pending:
+def sending(lanes: Lanes, request: Request[Response]) -> PendingRequest:
     answer: asyncio.Future[Response | None] = asyncio.get_running_loop().create_future()
-    return Pending(request, lanes.next_number(), 0.0, 1.0, 1.0, answer)
+    return PendingRequest(request, lanes.next_number(), 0.0, 1.0, 1.0, answer)
 
 
 def test_each_request_has_the_lane_of_its_response_and_no_two_share_one() -> None:

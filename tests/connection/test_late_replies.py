@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.errors import OutcomeUnknown, RequestTimeout
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionRequest, QueryProjectIDRequest, WriteProjectIDRequest
@@ -95,7 +95,7 @@ async def converse(client: Any, board: NumberedBoard, requests: int, seed: int) 
 
 async def with_link(requests: int, seed: int) -> tuple[dict[str, int], Any]:
     board = NumberedBoard(BOARD, seed)
-    link = Link(board, Codec(), timeout=TIMEOUT)
+    link = Connection(board, Codec(), timeout=TIMEOUT)
     await link.open()
     outcomes = await converse(link, board, requests, seed)
     await link.close()
@@ -124,5 +124,5 @@ def test_no_wrong_answer_in_many_requests_where_a_plain_future_per_id_has_many(r
     assert ours["right"] > 0.96 * requests
     assert ours["cancelled"] > many
     assert stats.fences > many
-    assert stats.late_replies > many
+    assert stats.late_responses > many
     assert stats.rescued > many

@@ -9,7 +9,7 @@ from contextlib import suppress
 
 import pytest
 
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.errors import ConnectionLost
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import WriteProjectIDRequest
@@ -20,7 +20,7 @@ from tests.client.fake_board import FakeBoard, linked, turns_of_the_loop
 from tests.virtual_time import run
 
 STOP = SetServoParameterRequest(255, 0, 1)
-SENDS: dict[str, Callable[[Link], Awaitable[object]]] = {
+SENDS: dict[str, Callable[[Connection], Awaitable[object]]] = {
     "move": lambda link: link.send(ExecuteActionRequest((Step(1, 5, 10),))),
     "query": lambda link: link.request(QueryMemorySizeRequest()),
     "change": lambda link: link.request(WriteProjectIDRequest(5)),
@@ -83,7 +83,7 @@ def test_a_line_that_is_lost_meanwhile_tells_so_itself() -> None:
 
     async def main() -> None:
         board = Stalled()
-        link = Link(board, Codec())
+        link = Connection(board, Codec())
         await link.open()
         board.taking = asyncio.Event()
         await give_up(SENDS["move"](link), 0.01)
@@ -122,7 +122,7 @@ def test_the_end_of_a_program_with_something_left_behind_is_quiet(caplog: pytest
 
     async def main() -> None:
         board = FakeBoard()
-        link = Link(board, Codec())
+        link = Connection(board, Codec())
         await link.open()
         board.taking = asyncio.Event()
         kept.append((link, asyncio.create_task(link.send(ExecuteActionRequest((Step(1, 6, 10),))))))

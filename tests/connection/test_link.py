@@ -148,7 +148,7 @@ def test_answers_that_nobody_asked_for_are_counted_and_change_nothing() -> None:
             board.speak(QueryProjectIDResponse(5), QueryServoListRequest(), QueryActionResponse(1, "x"))
             await link.request(PROJECT)
             assert link.stats.unsolicited == 3
-            assert link.stats.late_replies == 0
+            assert link.stats.late_responses == 0
 
     run(main())
 

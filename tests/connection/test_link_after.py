@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from servolink.connection.connection import FENCES, MORE_FENCES, Link
+from servolink.connection.connection import FENCES, MORE_FENCES, Connection
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
 from servolink.protocol.editing import (
     QueryProjectIDRequest,
@@ -26,7 +26,7 @@ FENCE_KINDS = tuple(type(fence) for fence in FENCES)
 MORE_KINDS = tuple(type(fence) for fence in MORE_FENCES)
 
 
-async def left_unanswered(*requests: Request[Any], before: Link | None = None) -> Link:
+async def left_unanswered(*requests: Request[Any], before: Connection | None = None) -> Connection:
     """Return a closed link on which these were asked and not answered."""
     board = FakeBoard(usual=LOST)
     async with linked(board, before=before) as link:
@@ -50,7 +50,7 @@ def test_an_answer_that_the_connection_before_was_owed_is_dropped() -> None:
             assert (await link.request(WriteProjectIDRequest(2))).result == 1
             assert kinds(board)[0] in FENCE_KINDS
             assert kinds(board)[1:] == [WriteProjectIDRequest]
-            assert link.stats.late_replies == 1
+            assert link.stats.late_responses == 1
             assert link.stats.fences == 1
 
     run(main())

@@ -10,7 +10,7 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
 from servolink.protocol.editing import (
     AddActionRequest,
@@ -42,7 +42,7 @@ async def cancelled_at(moment: float, turns: int, call: Coroutine[Any, Any, obje
     return running
 
 
-async def assert_in_order(link: Link, board: FakeBoard) -> None:
+async def assert_in_order(link: Connection, board: FakeBoard) -> None:
     """Check that what is asked now is answered rightly and that no lane or turn is stuck."""
     wrong = board.executed_of(WriteProjectIDRequest)
     assert len(wrong) <= 1
@@ -58,7 +58,7 @@ async def assert_in_order(link: Link, board: FakeBoard) -> None:
     assert not list(link.lanes.pending())
 
 
-CALLS: dict[str, Callable[[Link], Awaitable[object]]] = {
+CALLS: dict[str, Callable[[Connection], Awaitable[object]]] = {
     "query": lambda link: link.request(QueryProjectIDRequest()),
     "change": lambda link: link.request(WriteProjectIDRequest(5)),
     "clear": lambda link: link.request(ClearAllDataRequest()),

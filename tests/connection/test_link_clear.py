@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from servolink.connection.connection import FENCES, Link
+from servolink.connection.connection import FENCES, Connection
 from servolink.errors import OutcomeUnknown, RequestTimeout
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.packet import Packet
@@ -50,7 +50,7 @@ def test_nothing_overlaps_clear_all_data() -> None:
 
 @pytest.mark.parametrize("follow", FOLLOWERS)
 def test_nothing_is_sent_after_an_unanswered_clear_all_data_before_a_fence(
-    follow: Callable[[Link], Awaitable[object]],
+    follow: Callable[[Connection], Awaitable[object]],
 ) -> None:
     async def main() -> None:
         board = FakeBoard()
@@ -71,7 +71,7 @@ def test_nothing_is_sent_after_an_unanswered_clear_all_data_before_a_fence(
 
 @pytest.mark.parametrize("follow", FOLLOWERS)
 def test_nothing_at_all_is_sent_when_no_fence_after_clear_all_data_is_answered(
-    follow: Callable[[Link], Awaitable[object]],
+    follow: Callable[[Connection], Awaitable[object]],
 ) -> None:
     async def main() -> None:
         board = FakeBoard(usual=SWALLOWED)

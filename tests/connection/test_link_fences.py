@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from servolink.connection.connection import FENCES, Link
+from servolink.connection.connection import FENCES, Connection
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
 from servolink.protocol.editing import (
     QueryActionRequest,
@@ -25,14 +25,14 @@ from tests.virtual_time import run
 FENCE_KINDS = tuple(type(fence) for fence in FENCES)
 
 
-async def leave_owed(link: Link, board: FakeBoard, fate: Fate = LOST) -> None:
+async def leave_owed(link: Connection, board: FakeBoard, fate: Fate = LOST) -> None:
     """Let a write of the project id go unanswered."""
     board.plan(WriteProjectIDRequest, fate)
     with pytest.raises(OutcomeUnknown):
         await link.request(WriteProjectIDRequest(1))
 
 
-async def leave_all_fences_owed(link: Link, board: FakeBoard) -> None:
+async def leave_all_fences_owed(link: Connection, board: FakeBoard) -> None:
     for fence in FENCES:
         board.plan(type(fence), LOST)
         with pytest.raises(RequestTimeout):
@@ -82,7 +82,7 @@ def test_an_answer_to_what_was_sent_before_proves_nothing() -> None:
             following = await link.request(WriteProjectIDRequest(2))
             assert following.result == 1
             assert link.stats.fences == 1
-            assert link.stats.late_replies == 1
+            assert link.stats.late_responses == 1
 
     run(main())
 
@@ -95,7 +95,7 @@ def test_a_late_answer_that_comes_before_the_fence_is_dropped() -> None:
             begun = now()
             assert (await link.request(WriteProjectIDRequest(2))).result == 1
             assert now() > begun + 0.5
-            assert link.stats.late_replies == 1
+            assert link.stats.late_responses == 1
 
     run(main())
 
@@ -106,7 +106,7 @@ def test_a_late_answer_that_comes_while_nobody_asks_is_dropped_and_is_proof_itse
         async with linked(board) as link:
             await leave_owed(link, board, Fate(after=1.5, says=WriteProjectIDResponse(0)))
             await asyncio.sleep(1)
-            assert link.stats.late_replies == 1
+            assert link.stats.late_responses == 1
             assert (await link.request(WriteProjectIDRequest(2))).result == 1
             assert link.stats.fences == 0
 
@@ -122,7 +122,7 @@ def test_a_late_answer_rescues_the_retry_of_the_same_query() -> None:
             assert (await link.request(QueryActionRequest(7))).action_caption == "late"
             assert now() == pytest.approx(begun + 1.2)
             assert len(board.sent_of(QueryActionRequest)) == 1
-            assert (link.stats.rescued, link.stats.late_replies, link.stats.retries) == (1, 1, 0)
+            assert (link.stats.rescued, link.stats.late_responses, link.stats.retries) == (1, 1, 0)
 
     run(main())
 
@@ -164,7 +164,7 @@ def test_a_late_answer_about_something_else_rescues_nobody_and_proves_nothing() 
         async with linked(board) as link:
             assert (await link.request(QueryActionRequest(7))).action_id == 0
             assert link.stats.mismatched == 1
-            assert link.stats.rescued == link.stats.late_replies == 0
+            assert link.stats.rescued == link.stats.late_responses == 0
             assert len(board.sent_of(QueryActionRequest)) == 2
 
     run(main())
@@ -179,7 +179,7 @@ def test_a_damaged_late_answer_is_counted_and_proves_nothing() -> None:
         async with linked(board) as link:
             assert len((await link.request(QueryServoListRequest())).servo_id_list) == 4
             assert link.stats.undecodable == 1
-            assert link.stats.rescued == link.stats.late_replies == 0
+            assert link.stats.rescued == link.stats.late_responses == 0
 
     run(main())
 

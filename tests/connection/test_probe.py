@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from servolink.connection import probe as probing
-from servolink.connection.probe import PATIENCE, Heard, probe
+from servolink.connection.probe import PATIENCE, ProbeResult, probe
 from servolink.doctor.line_quality import QUESTIONS, Line, check_line, measure
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
@@ -16,7 +16,7 @@ from servolink.virtual.transport import VirtualTransport
 from tests.virtual_time import run
 
 
-def heard_from(board: VirtualBoard, monkeypatch: pytest.MonkeyPatch, faults: Faults | None = None) -> Heard:
+def heard_from(board: VirtualBoard, monkeypatch: pytest.MonkeyPatch, faults: Faults | None = None) -> ProbeResult:
     def create(url: str) -> Transport:
         line = VirtualTransport(board)
         return line if faults is None else FaultyTransport(line, faults)
@@ -41,7 +41,7 @@ def test_a_board_is_found_in_any_order_and_mode(
 
 
 def test_a_line_that_loses_everything_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert heard_from(VirtualBoard(4), monkeypatch, Faults(drop=1.0)) == Heard(None, 0, 0)
+    assert heard_from(VirtualBoard(4), monkeypatch, Faults(drop=1.0)) == ProbeResult(None, 0, 0)
 
 
 def test_a_line_that_ends_meanwhile_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,7 +55,7 @@ def test_what_cannot_be_opened_is_a_problem() -> None:
     assert "unknown kind of address" in run(probe("gopher://x")).problem
 
 
-async def _heard_nowhere() -> Heard:
+async def _heard_nowhere() -> ProbeResult:
     class Nowhere:
         url = "serial:///dev/nowhere"
 

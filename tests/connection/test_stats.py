@@ -34,7 +34,7 @@ def test_as_dict_has_plain_numbers_under_names_that_programs_rely_on() -> None:
         "undecodable",
         "unsolicited",
         "mismatched",
-        "late_replies",
+        "late_responses",
         "rescued",
         "timeouts",
         "retries",

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from servolink.connection.lanes import Lane
-from servolink.connection.scheduler import Turns
+from servolink.connection.scheduler import RequestScheduler
 from tests.client.fake_board import turns_of_the_loop
 from tests.virtual_time import run
 
@@ -21,7 +21,7 @@ class Waiting:
     """Tasks that wait for turns, and the order in which they got them."""
 
     def __init__(self, window: int = 1) -> None:
-        self.turns = Turns(window)
+        self.turns = RequestScheduler(window)
         self.granted: list[str] = []
         self.tasks: dict[str, asyncio.Task[None]] = {}
 
@@ -240,7 +240,7 @@ def test_the_first_lane_that_is_idle_is_borrowed_and_nobody_else_has_it_until_it
 def test_in_any_mixture_with_cancels_the_rules_hold_and_nobody_is_forgotten(seed: int) -> None:
     random = Random(seed)
     window = random.choice((1, 2, 3))
-    turns = Turns(window)
+    turns = RequestScheduler(window)
     active: list[tuple[Lane | None, bool]] = []
     done: list[int] = []
 

@@ -6,16 +6,16 @@ import pytest
 
 from servolink.discovery.search import boards, only
 from servolink.errors import OpenError
-from servolink.transports.device_info import Candidate
+from servolink.transports.device_info import DeviceInfo
 
-SERIAL = Candidate("serial:///dev/ttyACM0", "board", "A1")
-HID = Candidate("hid://1234:5678/A1", "board", "A1")
-USB = Candidate("usb://1234:5678/A1", "board", "A1", "no permission")
-OTHER = Candidate("serial:///dev/ttyUSB0", "adapter")
+SERIAL = DeviceInfo("serial:///dev/ttyACM0", "board", "A1")
+HID = DeviceInfo("hid://1234:5678/A1", "board", "A1")
+USB = DeviceInfo("usb://1234:5678/A1", "board", "A1", "no permission")
+OTHER = DeviceInfo("serial:///dev/ttyUSB0", "adapter")
 
 
-def forbidden(candidate: Candidate) -> Candidate:
-    return Candidate(candidate.url, candidate.product, candidate.serial_number, "no permission")
+def forbidden(candidate: DeviceInfo) -> DeviceInfo:
+    return DeviceInfo(candidate.url, candidate.product, candidate.serial_number, "no permission")
 
 
 @pytest.mark.parametrize(
@@ -27,17 +27,17 @@ def forbidden(candidate: Candidate) -> Candidate:
         ([forbidden(SERIAL), USB], [forbidden(SERIAL)]),
         ([SERIAL, OTHER], [SERIAL, OTHER]),
         (
-            [OTHER, Candidate("serial:///dev/ttyUSB1", "adapter")],
-            [OTHER, Candidate("serial:///dev/ttyUSB1", "adapter")],
+            [OTHER, DeviceInfo("serial:///dev/ttyUSB1", "adapter")],
+            [OTHER, DeviceInfo("serial:///dev/ttyUSB1", "adapter")],
         ),
     ],
 )
-def test_a_board_is_reached_in_several_ways(candidates: list[Candidate], found: list[Candidate]) -> None:
+def test_a_board_is_reached_in_several_ways(candidates: list[DeviceInfo], found: list[DeviceInfo]) -> None:
     assert boards(candidates) == found
 
 
 def test_a_number_that_two_ports_have_tells_nothing() -> None:
-    twin = Candidate("serial:///dev/ttyACM1", "board", "A1")
+    twin = DeviceInfo("serial:///dev/ttyACM1", "board", "A1")
     assert boards([SERIAL, twin]) == [SERIAL, twin]
 
 
@@ -50,7 +50,7 @@ def test_the_only_board_is_taken() -> None:
     ("candidates", "named"),
     [([], ["servolink doctor"]), ([USB], [USB.url, "no permission"]), ([SERIAL, OTHER], [SERIAL.url, OTHER.url])],
 )
-def test_otherwise_it_says_what_is_here(candidates: list[Candidate], named: list[str]) -> None:
+def test_otherwise_it_says_what_is_here(candidates: list[DeviceInfo], named: list[str]) -> None:
     with pytest.raises(OpenError) as refused:
         only(candidates)
     assert all(text in str(refused.value) for text in named)
@@ -58,4 +58,4 @@ def test_otherwise_it_says_what_is_here(candidates: list[Candidate], named: list
 
 def test_what_a_device_calls_itself_is_made_safe() -> None:
     with pytest.raises(OpenError, match=r"hid://1:2/\\x1b\[2J"):
-        only([SERIAL, Candidate("hid://1:2/\x1b[2J", serial_number="\x1b[2J")])
+        only([SERIAL, DeviceInfo("hid://1:2/\x1b[2J", serial_number="\x1b[2J")])

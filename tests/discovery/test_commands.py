@@ -12,12 +12,12 @@ import pytest
 from servolink.cli import boards as list_command
 from servolink.cli import boards as use
 from servolink.cli import session as choosing
-from servolink.transports.device_info import Candidate
+from servolink.transports.device_info import DeviceInfo
 from tests.cli.programs import call, finished, in_terminal, program, started
 
-BOARD = Candidate("virtual://?servos=3", "toy board", "A1")
-CLOSED = Candidate("hid://1234:5678/B2", "other \x1b[31mboard", "B2", "no permission for /dev/hidraw0")
-PORT = Candidate("serial:///dev/ttyACM7", "board", "C3")
+BOARD = DeviceInfo("virtual://?servos=3", "toy board", "A1")
+CLOSED = DeviceInfo("hid://1234:5678/B2", "other \x1b[31mboard", "B2", "no permission for /dev/hidraw0")
+PORT = DeviceInfo("serial:///dev/ttyACM7", "board", "C3")
 
 
 @pytest.fixture(autouse=True)
@@ -31,8 +31,8 @@ def _own_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def _here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Let these be all that is found."""
 
-    def here(*candidates: Candidate) -> None:
-        async def discover() -> list[Candidate]:
+    def here(*candidates: DeviceInfo) -> None:
+        async def discover() -> list[DeviceInfo]:
             return list(candidates)
 
         for module in (choosing, use):
@@ -76,16 +76,16 @@ def test_list_without_a_board_is_3(here: Callable[..., None], capsys: pytest.Cap
 
 
 def test_list_names_boards(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
-    here(BOARD, PORT, Candidate("serial:///dev/ttyACM9", "board", "D4"))
+    here(BOARD, PORT, DeviceInfo("serial:///dev/ttyACM9", "board", "D4"))
     assert call(capsys, "use", "left", "serial:///dev/ttyACM7").code == 0
     assert call(capsys, "use", "gone", "serial:///dev/ttyACM9").code == 0
-    here(BOARD, Candidate("serial:///dev/ttyACM8", "board", "C3"))
+    here(BOARD, DeviceInfo("serial:///dev/ttyACM8", "board", "C3"))
     boards = call(capsys, "list", "--json").json["boards"]
     assert [(board["url"], board["name"]) for board in boards] == [(BOARD.url, None), ("serial:///dev/ttyACM8", "left")]
 
 
 def test_list_asks_each_only_with_probe(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
-    here(BOARD, Candidate("serial:///dev/nowhere"))
+    here(BOARD, DeviceInfo("serial:///dev/nowhere"))
     assert "answer" not in call(capsys, "list", "--json").json["boards"][0]
     answered, absent = call(capsys, "list", "--probe", "--json").json["boards"]
     assert answered["answer"]["byte_order"] == "little"

@@ -13,10 +13,10 @@ from servolink.discovery import names as resolve
 from servolink.discovery import search
 from servolink.discovery.names import Alias, alias_for, current_url, resolved, save_alias
 from servolink.errors import OpenError, TransportUnavailable
-from servolink.transports.device_info import Candidate
+from servolink.transports.device_info import DeviceInfo
 
-BOARD = Candidate("serial:///dev/ttyACM0", "board", "A1")
-MOVED = Candidate("serial:///dev/ttyACM7", "board", "A1")
+BOARD = DeviceInfo("serial:///dev/ttyACM0", "board", "A1")
+MOVED = DeviceInfo("serial:///dev/ttyACM7", "board", "A1")
 
 
 @pytest.fixture(autouse=True)
@@ -26,7 +26,7 @@ def _own_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(name="here")
 def _here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    def here(*candidates: Candidate) -> None:
+    def here(*candidates: DeviceInfo) -> None:
         monkeypatch.setattr(resolve, "search", lambda: list(candidates))
 
     return here
@@ -39,7 +39,7 @@ def test_an_address_is_left_as_it_is(address: str) -> None:
 
 def test_a_name_follows_its_board_and_keeps_its_options(here: Callable[..., None]) -> None:
     save_alias("left", alias_for("serial:///dev/ttyACM0?baudrate=9600", [BOARD]))
-    here(Candidate("hid://1:2/A1", "board", "A1"), MOVED)
+    here(DeviceInfo("hid://1:2/A1", "board", "A1"), MOVED)
     assert asyncio.run(resolved("left")) == "serial:///dev/ttyACM7?baudrate=9600"
 
 
@@ -48,7 +48,7 @@ def test_a_bare_device_path_is_the_same_device(tmp_path: Path) -> None:
     link.symlink_to("/dev/ttyACM0")
     for url in ("/dev/ttyACM0", f"serial://{link}", str(link)):
         assert alias_for(url, [BOARD]).serial_number == "A1"
-    assert alias_for("COM3", [Candidate("serial://COM3", "", "C3")]).serial_number == "C3"
+    assert alias_for("COM3", [DeviceInfo("serial://COM3", "", "C3")]).serial_number == "C3"
 
 
 @pytest.mark.parametrize("url", ["tcp://pi:9000", "hid://1:2/A1", "serial:///dev/ttyUSB5"])
@@ -74,13 +74,13 @@ def test_an_unknown_name_lists_the_known_ones() -> None:
 def test_nothing_at_all_is_the_only_board(here: Callable[..., None]) -> None:
     here(BOARD)
     assert asyncio.run(resolved(None)) == BOARD.url
-    here(BOARD, Candidate("tcp://127.0.0.1:1"))
+    here(BOARD, DeviceInfo("tcp://127.0.0.1:1"))
     with pytest.raises(OpenError, match="2 boards are here"):
         asyncio.run(resolved(None))
 
 
 def test_programs_connect_to_the_only_board_and_by_name(here: Callable[..., None]) -> None:
-    here(Candidate("virtual://?servos=5"))
+    here(DeviceInfo("virtual://?servos=5"))
     save_alias("toy", Alias("virtual://?servos=2"))
 
     async def count() -> tuple[int, int]:

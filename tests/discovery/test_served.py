@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from servolink.discovery.announcements import announced, candidates
-from servolink.transports.device_info import Candidate
+from servolink.transports.device_info import DeviceInfo
 from tests.cli.programs import finished, started
 
-BOARD = Candidate("tcp://127.0.0.1:9000", "virtual board")
+BOARD = DeviceInfo("tcp://127.0.0.1:9000", "virtual board")
 
 
 @pytest.fixture(autouse=True)
@@ -23,7 +23,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_board_is_found_from_beginning_to_end(folder: Path) -> None:
     assert candidates() == []
-    with announced(BOARD), announced(Candidate("tcp://127.0.0.1:9001")):
+    with announced(BOARD), announced(DeviceInfo("tcp://127.0.0.1:9001")):
         assert {board.url for board in candidates()} == {"tcp://127.0.0.1:9000", "tcp://127.0.0.1:9001"}
     assert candidates() == []
     assert list(folder.iterdir()) == []
@@ -36,7 +36,7 @@ def test_a_server_that_ends_in_any_way_is_not_found(number: signal.Signals, fold
     try:
         assert process.stdout is not None
         urls = [process.stdout.readline().split()[1] for _ in range(2)]
-        assert candidates() == [Candidate(urls[1], "virtual board with 3 servos")]
+        assert candidates() == [DeviceInfo(urls[1], "virtual board with 3 servos")]
     finally:
         finished(process, number)
     assert len(list(folder.iterdir())) == (number == signal.SIGKILL)

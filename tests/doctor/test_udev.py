@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from servolink.cli import doctor
 from servolink.doctor.permissions import rules
 from servolink.doctor.system import UsbDevice, usb_device
-from servolink.transports.device_info import Candidate
+from servolink.transports.device_info import DeviceInfo
 from tests.cli.programs import call
 from tests.doctor.recorded import RecordedFacts
 
@@ -73,7 +73,7 @@ def test_the_command_prints_them_for_what_is_here(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(doctor, "SystemFacts", lambda: RecordedFacts("desktop", tmp_path))
-    monkeypatch.setattr(doctor, "search", lambda: [Candidate("usb://1234:5678/A1"), Candidate("tcp://x:1")])
+    monkeypatch.setattr(doctor, "search", lambda: [DeviceInfo("usb://1234:5678/A1"), DeviceInfo("tcp://x:1")])
     said = call(capsys, "doctor", "--print-udev")
     assert (said.code, said.err, len(rule_lines(said.out))) == (0, "", 3)
 

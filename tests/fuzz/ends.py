@@ -11,7 +11,7 @@ from typing import Any
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.connection.connection import Link
+from servolink.connection.connection import Connection
 from servolink.errors import ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (
@@ -127,7 +127,7 @@ def answer(data: bytes) -> None:
 async def _answer(cursor: Cursor) -> None:
     options = cursor.byte()
     wire = _Wire()
-    link = Link(wire, Codec(), retries=options & 1, window=1 + (options >> 1 & 3))
+    link = Connection(wire, Codec(), retries=options & 1, window=1 + (options >> 1 & 3))
     await link.open()
     requests = [_REQUESTS[cursor.byte() % len(_REQUESTS)] for _ in range(1 + (options >> 3 & 3))]
     tasks = [asyncio.ensure_future(link.request(request)) for request in requests]
@@ -147,7 +147,7 @@ async def _answer(cursor: Cursor) -> None:
             assert request.packet_id + 1 == result.packet_id
             assert request.accepts(result)
     stats = link.stats
-    kinds = stats.unsolicited, stats.mismatched, stats.undecodable, stats.events_received, stats.late_replies
+    kinds = stats.unsolicited, stats.mismatched, stats.undecodable, stats.events_received, stats.late_responses
     assert stats.frames_received == sum(kinds) + len(stats.round_trips)
     assert stats.bytes_received == size
 

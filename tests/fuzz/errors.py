@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from servolink.errors import DecodeError
-from servolink.escaping import printable
+from servolink.escaping import escape
 
 _LONGEST = 2000
 
@@ -11,7 +11,7 @@ _LONGEST = 2000
 def check(error: Exception) -> None:
     """Fail unless `error` can be shown, and printed by a debugger or a log."""
     for text in (str(error), repr(error)):
-        assert printable(text) == text, ascii(text)
+        assert escape(text) == text, ascii(text)
     assert 0 < len(str(error)) <= _LONGEST
 
 

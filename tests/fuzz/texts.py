@@ -8,10 +8,10 @@ from pathlib import Path
 from servolink.discovery.announcements import candidates
 from servolink.discovery.names import Alias, aliases_path, is_name, load_aliases, save_alias
 from servolink.errors import OpenError, ProjectError, TransportUnavailable
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.listeners import host_and_port
 from servolink.project.project_file import format_project, parse_project
-from servolink.project.transfer.backups import Store
+from servolink.project.transfer.backups import BackupStore
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
 from servolink.transports.faults import Faults, LineFaults
@@ -84,15 +84,15 @@ def script(data: bytes) -> None:
 
 def project(data: bytes) -> None:
     """Take the bytes for a project file; what is read is written so that it is read the same."""
-    for exact in (False, True):
+    for unchecked in (False, True):
         try:
-            read = parse_project(data, exact=exact)
+            read = parse_project(data, unchecked=unchecked)
         except ProjectError as error:
             check(error)
         else:
             text = format_project(read)
-            assert all(character == "\n" or printable(character) == character for character in text)
-            assert parse_project(text, exact=exact) == read.sorted()
+            assert all(character == "\n" or escape(character) == character for character in text)
+            assert parse_project(text, unchecked=unchecked) == read.sorted()
 
 
 def recording(path: Path) -> None:
@@ -142,13 +142,13 @@ def journal(content: bytes, folder: Path, marker: int) -> None:
     (folder / "imports").mkdir(exist_ok=True)
     (folder / f"imports/{marker:08x}.json").write_bytes(content)
     try:
-        found = Store(folder).journals(marker)
+        found = BackupStore(folder).journals(marker)
     except ProjectError as error:
         check(error)
     else:
         assert [one.marker for one in found] == [marker]
-        Store(folder).write(found[0])
-        assert Store(folder).journals(marker) == found
+        BackupStore(folder).write(found[0])
+        assert BackupStore(folder).journals(marker) == found
 
 
 def announcement(path: Path) -> None:

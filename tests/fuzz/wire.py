@@ -105,7 +105,7 @@ def decode(data: bytes) -> None:
 def _check_exact(codec: Codec, packet: Packet, content: bytes) -> None:
     """What a board said can be given back to it: all but what stands behind the end of a caption."""
     try:
-        again = codec.encode(packet, exact=True)[HEADER_SIZE:-1]
+        again = codec.encode(packet, unchecked=True)[HEADER_SIZE:-1]
     except EncodeError as error:
         assert codec.caption_encoding != "utf-8", "what was read cannot be written"
         check(error)

@@ -77,7 +77,7 @@ def calls(folder: Path) -> dict[str, Call]:
         "took_effect": lambda board: board.took_effect(AddActionRequest(1, "wave", ACTION.steps)),
         "has_unfinished_import": lambda board: board.has_unfinished_import(),
         "export_project": lambda board: board.export_project(),
-        "plan": lambda board: board.plan(PROJECT),
-        "apply": lambda board: board.apply(PROJECT, folder=folder),
-        "rollback": lambda board: board.rollback(folder=folder),
+        "plan_project": lambda board: board.plan_project(PROJECT),
+        "apply_project": lambda board: board.apply_project(PROJECT, folder=folder),
+        "rollback_project": lambda board: board.rollback_project(folder=folder),
     }

@@ -93,7 +93,7 @@ def _listing(entries: int, record_id: Callable[[int], int], *, of_each: bool = T
                 said = QueryJoystickTableListResponse(tuple(JoystickTableEntry(one, "pad") for one in ids))
             case _:
                 return truth(packet, answer)
-        return [(LATENCY, Codec().encode(said, exact=True))]
+        return [(LATENCY, Codec().encode(said, unchecked=True))]
 
     return lambda: lie
 
@@ -193,7 +193,7 @@ LIES: dict[str, Lying] = {
     "says the longest, all different": Lying(_content(_longest(bytes(range(1, 252)))), long=True),
     "answers for another": Lying(_content(lambda response_id, content: bytes([content[0] ^ 3]) + content[1:])),
     "answers another request": Lying(_said(lambda packet, answer: encode_frame(30011, b"\0\0", _ORDER))),
-    "answers as a host": Lying(_said(lambda packet, answer: Codec().encode(packet, exact=True))),
+    "answers as a host": Lying(_said(lambda packet, answer: Codec().encode(packet, unchecked=True))),
     "answers with the other byte order": Lying(
         _said(lambda packet, answer: encode_frame(packet.packet_id + 1, answer[HEADER_SIZE:-1], "big"))
     ),

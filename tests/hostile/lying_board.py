@@ -60,7 +60,7 @@ class LyingBoard:
             packet = self._codec.decode(packet_id, content)
             self.asked.append(packet)
             self._truth.clear()
-            self._board.receive(self._codec.encode(packet, exact=True), now)
+            self._board.receive(self._codec.encode(packet, unchecked=True), now)
             self._begin(self.lie(packet, b"".join(self._truth)))
 
     async def close(self) -> None:

@@ -34,7 +34,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> World:
 def on_the_wire(action_id: int, text: str) -> bytes:
     """Return the caption of an action as the board gets it, without its padding."""
     packet = AddActionRequest(action_id, text)
-    return Codec().encode(packet, exact=True)[HEADER_SIZE + 4 : HEADER_SIZE + 36].partition(b"\0")[0]
+    return Codec().encode(packet, unchecked=True)[HEADER_SIZE + 4 : HEADER_SIZE + 36].partition(b"\0")[0]
 
 
 def test_programs_get_the_captions_as_they_are(world: World) -> None:
@@ -49,16 +49,16 @@ def test_a_project_file_keeps_the_captions_as_they_are(world: World, tmp_path: P
     path = tmp_path / "file"
     assert in_pipe("--url", world.url("few"), "export", str(path)).code == 0
     assert not controls(path.read_text(encoding="utf-8"))
-    actions = load_project(path, exact=True).actions
+    actions = load_project(path, unchecked=True).actions
     assert [on_the_wire(one.action_id, one.action_caption) for one in actions] == [
         payload.caption.partition(b"\0")[0] for payload in ONE_OF_EACH
     ]
 
 
 def test_markup_is_shown_as_it_is(world: World) -> None:
-    shown = in_pipe("--url", world.url("all"), "actions").out
+    quote = in_pipe("--url", world.url("all"), "actions").out
     for text in ("[bold]x[/]", "[link=file:///]x[/link]", "[@click=app.bell()]x", ":bomb:", "<b>x</b>", "\\[bold]"):
-        assert text in shown
+        assert text in quote
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")

@@ -18,7 +18,7 @@ from servolink.project.records import find
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, QueryActionResponse
 from servolink.protocol.json_form import from_object
-from servolink.protocol.record_types import KINDS
+from servolink.protocol.record_types import RECORD_TYPES
 from servolink.protocol.records import Action
 from servolink.transports.address import Address
 from servolink.transports.faults import Faults
@@ -35,7 +35,7 @@ from tests.virtual_time import run
 def _stored_on_a_full_board(text: str) -> None:
     async def store() -> None:
         async with connect(VirtualTransport(VirtualBoard(1, memory=0), f"virtual://{text}")) as board:
-            await board.request(AddActionRequest(1, text), exact=True)
+            await board.request(AddActionRequest(1, text), unchecked=True)
             await board.add_action(Action(1, text))
 
     run(store())
@@ -81,9 +81,9 @@ SAYINGS: dict[str, Callable[[str], object]] = {
     ),
     "file of a project": lambda text: load_project(_nowhere(text)),
     "file for a project": lambda text: save_project(_nowhere(text), PROJECT),
-    "name of a record": lambda text: find(PROJECT, text, KINDS),
+    "name of a record": lambda text: find(PROJECT, text, RECORD_TYPES),
     "name among hostile names": lambda text: find(
-        Project(actions=(Action(1, text), Action(2, text), Action(3, f"{text}!"))), text, KINDS
+        Project(actions=(Action(1, text), Action(2, text), Action(3, f"{text}!"))), text, RECORD_TYPES
     ),
 }
 
@@ -93,8 +93,8 @@ def test_an_error_is_text(name: str) -> None:
     errors = [error for payload in PAYLOADS if (error := _error(SAYINGS[name], payload.text)) is not None]
     assert errors
     for error in errors:
-        for shown in (str(error), repr(error)):
-            assert not controls(shown), ascii(shown)
+        for quote in (str(error), repr(error)):
+            assert not controls(quote), ascii(quote)
 
 
 def _nowhere(text: str) -> Path:

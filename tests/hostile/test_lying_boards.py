@@ -27,7 +27,7 @@ from tests.virtual_time import run
 _NO_CALLS = {"close", "states", "unit_of", "codec", "connection", "stats", "url"}
 _MOST_SECONDS = 600.0
 """Of virtual time, which the longest of them takes, whatever the board does."""
-_WHOLE_PROJECTS = {"plan", "apply", "rollback"}
+_WHOLE_PROJECTS = {"plan_project", "apply_project", "rollback_project"}
 """Calls that read all of a board, as `export_project` does."""
 _AFTERWARDS = 1.0
 _LONGEST = 2000  # characters of an error, which may name all servos
@@ -55,8 +55,10 @@ def test_every_method_of_a_board_is_called(tmp_path: Path) -> None:
 def test_the_truth_is_told_from_a_lie(tmp_path: Path) -> None:
     for method, call in calls(tmp_path).items():
         outcome = run(_outcome(lying(LIES["none"]), call))
-        assert isinstance(outcome, Exception) == (method == "rollback"), outcome  # there is nothing to go back to
-    plan = run(_outcome(lying(LIES["none"]), calls(tmp_path)["plan"]))
+        assert isinstance(outcome, Exception) == (method == "rollback_project"), (
+            outcome
+        )  # there is nothing to go back to
+    plan = run(_outcome(lying(LIES["none"]), calls(tmp_path)["plan_project"]))
     assert isinstance(plan, Plan)
     assert plan.changes == ()
 

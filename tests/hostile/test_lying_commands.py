@@ -13,7 +13,7 @@ from servolink.cli.main import COMMANDS, FAILED, NO_BOARD, OK
 from servolink.client import connect
 from servolink.connection import probe
 from servolink.project.project_file import save_project
-from servolink.transports.device_info import Candidate
+from servolink.transports.device_info import DeviceInfo
 from tests.hostile.calls import PROJECT
 from tests.hostile.corpus import controls
 from tests.hostile.lies import LIES
@@ -98,5 +98,5 @@ def test_a_command_ends(name: str, seconds: list[float], tmp_path: Path, monkeyp
     assert max(seconds) < _MOST_SECONDS
 
 
-async def _one_board() -> list[Candidate]:
-    return [Candidate("lying://board")]
+async def _one_board() -> list[DeviceInfo]:
+    return [DeviceInfo("lying://board")]

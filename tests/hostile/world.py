@@ -24,7 +24,7 @@ from servolink.protocol.frame import HEADER_SIZE, encode_frame
 from servolink.protocol.joystick import AddJoystickTableRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
-from servolink.transports.device_info import Candidate
+from servolink.transports.device_info import DeviceInfo
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.state_file import save_state
 from servolink.virtual.storage import Kind
@@ -76,7 +76,7 @@ class World:
                 folder.mkdir(mode=0o700, exist_ok=True)
                 patch.setenv(name, str(folder))
             name = _only_text(self.name)
-            with announced(Candidate(f"serial:///dev/{_only_text(self.place)}", name, name, name)):
+            with announced(DeviceInfo(f"serial:///dev/{_only_text(self.place)}", name, name, name)):
                 yield
 
     def url(self, board: str) -> str:

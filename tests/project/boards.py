@@ -43,7 +43,7 @@ async def stopped_import(
     board: Board, folder: Path, when: Callable[[Progress], bool], *, replace: bool = False
 ) -> None:
     """Begin to import NEW and cancel it."""
-    await stopped(lambda tell: board.apply(NEW, folder=folder, progress=tell, replace=replace), when)
+    await stopped(lambda tell: board.apply_project(NEW, folder=folder, on_progress=tell, replace=replace), when)
 
 
 def writing(progress: Progress) -> bool:
@@ -64,7 +64,7 @@ def unfinished(contents: Contents = OLD_CONTENTS) -> Contents:
 async def cleared(virtual: VirtualBoard, folder: Path, url: str = HERE) -> None:
     """Interrupt an import of NEW when everything, the project id too, has just been deleted."""
     async with connect(VirtualTransport(virtual, url)) as board:
-        task = asyncio.ensure_future(board.apply(NEW, replace=True, folder=folder))
+        task = asyncio.ensure_future(board.apply_project(NEW, replace=True, folder=folder))
         while virtual.storage.project_id:
             await asyncio.sleep(0)
         task.cancel()

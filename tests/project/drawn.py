@@ -13,7 +13,7 @@ from servolink.protocol.editing import QueryActionResponse, QueryMacroResponse, 
 from servolink.protocol.joystick import QueryJoystickTableResponse
 from servolink.protocol.layout import layout
 from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import KINDS, Kind
+from servolink.protocol.record_types import RECORD_TYPES, RecordType
 from servolink.protocol.servos import ALL_SERVOS
 from tests.protocol.declared import plain_captions, values_of
 
@@ -36,7 +36,7 @@ projects = cast("st.SearchStrategy[Project]", values_of(inspect.type_info(Projec
 
 def _storable(project: Project) -> Project:
     shelves: dict[str, Any] = {
-        kind.plural: tuple(one for record_id, one in kind.of(project).items() if record_id) for kind in KINDS
+        kind.plural: tuple(one for record_id, one in kind.of(project).items() if record_id) for kind in RECORD_TYPES
     }
     parameters = {one.servo_id: one for one in project.servo_parameters if one.servo_id != ALL_SERVOS}
     return replace(project, servo_parameters=tuple(parameters.values()), active_joystick_table=None, **shelves)
@@ -64,7 +64,7 @@ def said_projects(draw: st.DrawFn) -> Project:
     """Draw what a board can say, whatever nonsense it is."""
     encoding = draw(st.sampled_from(ENCODINGS))
 
-    def records(kind: Kind, declared: type[Packet]) -> tuple[Any, ...]:
+    def records(kind: RecordType, declared: type[Packet]) -> tuple[Any, ...]:
         answers = draw(st.lists(_answered(declared, encoding), max_size=3))
         return tuple(found for answer in answers if (found := kind.found(answer)) is not None)
 
@@ -72,5 +72,5 @@ def said_projects(draw: st.DrawFn) -> Project:
         draw(_ids),
         draw(_answered(QueryServoParameterResponse, encoding)).servos,
         active_joystick_table=draw(_ids | st.none()),
-        **{kind.plural: records(kind, declared) for kind, declared in zip(KINDS, _ANSWERS, strict=True)},
+        **{kind.plural: records(kind, declared) for kind, declared in zip(RECORD_TYPES, _ANSWERS, strict=True)},
     )

@@ -49,7 +49,7 @@ class Killer:
 async def main(url: str, folder: Path, replace: bool) -> None:
     """Import."""
     async with connect(url) as board:
-        await board.apply(NEW, replace=replace, folder=folder)
+        await board.apply_project(NEW, replace=replace, folder=folder)
 
 
 def status_of(url: str, folder: str, step: str, how: str) -> int:

@@ -15,7 +15,7 @@ from servolink.client.connect import connect
 from servolink.errors import ProjectError, ServolinkError
 from servolink.project.model import Project
 from servolink.project.project_file import load_project
-from servolink.project.transfer.backups import Store
+from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.plan import writes
 from servolink.project.transfer.read import Content
 from servolink.protocol.caption import CAPTION_SIZE
@@ -89,7 +89,7 @@ def contents_of(project: Project) -> Contents:
     session = board.attach(lambda _: None)
     codec = Codec()
     for write in writes(Content(), project):
-        session.receive(codec.encode(write.request, exact=True), 0.0)
+        session.receive(codec.encode(write.request, unchecked=True), 0.0)
     board.storage.project_id = project.project_id
     return board.storage.contents
 
@@ -177,7 +177,7 @@ class History:
         return Verdict(lost, new, old, max(connections, back))
 
     async def _import(self, board: Board, folder: Path) -> object:
-        return await board.apply(NEW, replace=self.replace, folder=folder)
+        return await board.apply_project(NEW, replace=self.replace, folder=folder)
 
     def _line(self, board: VirtualBoard, pull: Pull, at: int) -> Transport:
         cable = Cable(board, sent=pull.sent, received=pull.received)
@@ -216,7 +216,7 @@ MOST = 20
 async def undo(board: Board, folder: Path) -> None:
     """Roll back, unless the import was interrupted before there was anything to roll back."""
     try:
-        await board.rollback(folder=folder)
+        await board.rollback_project(folder=folder)
     except ProjectError as error:
         if "there is none to undo" not in str(error):
             raise
@@ -225,7 +225,7 @@ async def undo(board: Board, folder: Path) -> None:
 async def bytes_of_import(make: Make, *, replace: bool, folder: Path) -> tuple[int, int]:
     """Return how many bytes an import that nothing interrupts sends and receives."""
     cable = Cable(make.board(OLD_CONTENTS, 0))
-    error = await attempt(cable, lambda board: board.apply(NEW, replace=replace, folder=folder))
+    error = await attempt(cable, lambda board: board.apply_project(NEW, replace=replace, folder=folder))
     if error is not None:
         raise error
     return cable.sent, cable.received
@@ -233,7 +233,7 @@ async def bytes_of_import(make: Make, *, replace: bool, folder: Path) -> tuple[i
 
 def has_backup(folder: Path, project: Project) -> bool:
     """Tell whether one of the backups holds `project`."""
-    return any(load_project(backup.path, exact=True) == project for backup in Store(folder).backups())
+    return any(load_project(backup.path, unchecked=True) == project for backup in BackupStore(folder).backups())
 
 
 OLD_CONTENTS = contents_of(OLD)

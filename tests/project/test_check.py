@@ -11,11 +11,11 @@ from msgspec.structs import replace
 from servolink.errors import EncodeError
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import format_project, parse_project
-from servolink.project.validate import Problem, problems
+from servolink.project.validate import Diagnostic, problems
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import KINDS
+from servolink.protocol.record_types import RECORD_TYPES
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from tests.project.drawn import projects, said_projects, storable_projects
 
@@ -308,7 +308,7 @@ def test_what_the_encoder_refuses_is_an_error(project: Project) -> None:
 def unencodable(project: Project) -> str:
     """Return what the encoder has against a project."""
     requests: list[Packet] = [AddServoParameterRequest(project.servo_parameters)]
-    requests += [kind.add(record) for kind in KINDS for record in getattr(project, kind.plural)]
+    requests += [kind.add(record) for kind in RECORD_TYPES for record in getattr(project, kind.plural)]
     for request in requests:
         try:
             Codec().encode(request)
@@ -317,7 +317,7 @@ def unencodable(project: Project) -> str:
     return ""
 
 
-def within(project: Project, problem: Problem) -> bool:
+def within(project: Project, problem: Diagnostic) -> bool:
     """Tell whether the place of a problem is one."""
     place = problem.path.partition("[")[0]
     return place == "" or hasattr(project, place)

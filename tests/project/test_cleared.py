@@ -10,7 +10,7 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.project.model import Project
-from servolink.project.transfer.backups import Store
+from servolink.project.transfer.backups import BackupStore
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.project.boards import (
@@ -32,12 +32,12 @@ def test_a_board_that_lost_its_marker_when_cleared_is_known_by_its_address(tmp_p
         await cleared(virtual, tmp_path)
         async with connect(VirtualTransport(virtual, HERE)) as board:
             if back:
-                await board.rollback(folder=tmp_path)
+                await board.rollback_project(folder=tmp_path)
             else:
-                applied = await board.apply(NEW, folder=tmp_path)
+                applied = await board.apply_project(NEW, folder=tmp_path)
                 assert applied.resumed
-                assert applied.backup == Store(tmp_path).backups()[0].path
-            assert len(Store(tmp_path).backups()) == 1
+                assert applied.backup == BackupStore(tmp_path).backups()[0].path
+            assert len(BackupStore(tmp_path).backups()) == 1
 
     run(main())
     assert same(virtual.storage.contents, OLD_CONTENTS if back else NEW_CONTENTS)
@@ -55,9 +55,9 @@ def test_what_is_on_a_board_that_only_looks_cleared_is_kept(
         virtual.storage.contents = contents_of(left)
         async with connect(VirtualTransport(virtual, HERE)) as board:
             with caplog.at_level(logging.WARNING):
-                assert (await board.apply(NEW, folder=tmp_path)).resumed
-            assert [Store(tmp_path).backups()[1].path.name in line for line in caplog.messages] == [True]
-            await board.rollback(Store(tmp_path).backups()[1].path, folder=tmp_path)
+                assert (await board.apply_project(NEW, folder=tmp_path)).resumed
+            assert [BackupStore(tmp_path).backups()[1].path.name in line for line in caplog.messages] == [True]
+            await board.rollback_project(BackupStore(tmp_path).backups()[1].path, folder=tmp_path)
             assert (await board.export_project()) == left
 
     run(main())
@@ -69,12 +69,12 @@ def test_a_board_without_project_id_is_not_taken_for_one_that_was_cleared_elsewh
     async def main() -> None:
         await cleared(Make().board(OLD_CONTENTS, 1), tmp_path)
         async with connect(VirtualTransport(VirtualBoard(3), THERE)) as board:
-            assert not (await board.apply(NEW, folder=tmp_path)).resumed
+            assert not (await board.apply_project(NEW, folder=tmp_path)).resumed
         async with connect(VirtualTransport(Make().board(OTHER_CONTENTS, 1), HERE)) as board:
-            await board.apply(NEW, folder=tmp_path)
+            await board.apply_project(NEW, folder=tmp_path)
         async with connect(VirtualTransport(VirtualBoard(3), HERE)) as board:
-            assert not (await board.apply(NEW, folder=tmp_path)).resumed
-            await board.rollback(folder=tmp_path)
+            assert not (await board.apply_project(NEW, folder=tmp_path)).resumed
+            await board.rollback_project(folder=tmp_path)
             assert await board.export_project() == Project()
 
     run(main())
@@ -87,8 +87,8 @@ def test_nothing_is_kept_of_a_board_that_only_looks_cleared_where_no_backup_is_w
         await cleared(virtual, tmp_path)
         virtual.storage.contents = contents_of(msgspec.structs.replace(OTHER, project_id=0))
         async with connect(VirtualTransport(virtual, HERE)) as board:
-            applied = await board.apply(NEW, folder=tmp_path, backup=False)
-        (backup,) = Store(tmp_path).backups()
+            applied = await board.apply_project(NEW, folder=tmp_path, backup=False)
+        (backup,) = BackupStore(tmp_path).backups()
         assert applied.backup == backup.path
 
     run(main())

@@ -44,7 +44,7 @@ def test_a_board_that_is_plugged_in_while_files_are_written_is_left_alone(
             with pytest.raises(
                 ConnectionLost, match=r"was lost and came back .* perhaps to another board; do it again"
             ):
-                await board.apply(NEW, folder=tmp_path)
+                await board.apply_project(NEW, folder=tmp_path)
 
     run(main())
     assert other.storage.contents == before

@@ -66,7 +66,7 @@ async def judge(left: Contents, folder: Path, whole: bool) -> None:
         shutil.copytree(folder, kept)
     forth, back = Make().board(left, 1), Make().board(left, 1)
     async with connect(VirtualTransport(forth)) as board:
-        await board.apply(AFTER, folder=folder, replace=whole)
+        await board.apply_project(AFTER, folder=folder, replace=whole)
     assert same(forth.storage.contents, AFTER_CONTENTS)
     async with connect(VirtualTransport(back)) as board:
         await undo(board, kept)
@@ -88,7 +88,7 @@ def test_a_sending_that_fails_leaves_both_projects(how: str, tmp_path: Path, *, 
         """Tell whether there was such a sending."""
         virtual = Make().board(BEFORE_CONTENTS, 1)
         line = Line(VirtualTransport(virtual), how, at)
-        error = await attempt(line, lambda board: board.apply(AFTER, folder=folder, replace=whole))
+        error = await attempt(line, lambda board: board.apply_project(AFTER, folder=folder, replace=whole))
         if how in ("lost", "not answered"):
             assert error is None
             assert same(virtual.storage.contents, AFTER_CONTENTS)
@@ -114,7 +114,7 @@ def test_a_disk_that_fails_leaves_both_projects(
             async with connect(VirtualTransport(virtual)) as board:
                 disk = Disk(patch, at)
                 with suppress(ProjectError):  # or none, where it does not matter
-                    await board.apply(AFTER, folder=folder, replace=whole)
+                    await board.apply_project(AFTER, folder=folder, replace=whole)
                     assert same(virtual.storage.contents, AFTER_CONTENTS)
         await judge(virtual.storage.contents, folder, whole)
         return disk.failed

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from servolink.errors import ProjectError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.json_text import MAX_SIZE
 from servolink.project.model import Project
 from servolink.project.project_file import format_project, load_project, parse_project, save_project
@@ -89,10 +89,10 @@ TEXT = """\
 """
 
 
-def refusal(text: str, *, exact: bool = False) -> str:
+def refusal(text: str, *, unchecked: bool = False) -> str:
     """Return what is said of a file, empty if it is taken."""
     try:
-        parse_project(text, exact=exact)
+        parse_project(text, unchecked=unchecked)
     except ProjectError as error:
         return str(error)
     return ""
@@ -126,9 +126,9 @@ def test_every_project_comes_back(project: Project) -> None:
 @settings(max_examples=200)
 def test_whatever_a_board_says_comes_back_from_text_that_can_be_shown(project: Project) -> None:
     text = format_project(project)
-    assert parse_project(text, exact=True) == project.sorted()
-    assert all(printable(line) == line for line in text.split("\n"))
-    assert parse_project(text.encode(), exact=True) == project.sorted()
+    assert parse_project(text, unchecked=True) == project.sorted()
+    assert all(escape(line) == line for line in text.split("\n"))
+    assert parse_project(text.encode(), unchecked=True) == project.sorted()
 
 
 @given(said_projects())
@@ -149,7 +149,7 @@ def test_a_type_of_command_that_nobody_knows_is_kept_as_a_number_for_backups_onl
         '{"type": "other", "type_number": 7, "command_id": -5, "ratio_percent": 0, "loop": -1, "total_interval_ms": -2}'
     )
     assert line in text
-    assert parse_project(text, exact=True) == project
+    assert parse_project(text, unchecked=True) == project
     with pytest.raises(
         ProjectError, match=r"^macros\[0\].commands\[0\].type: 'other' is none of action, delay, macro$"
     ):
@@ -279,7 +279,7 @@ _nonsense = st.recursive(
 
 @given(st.data(), _nonsense, st.booleans())
 @settings(max_examples=300)
-def test_nonsense_in_any_place_gives_one_clear_error(data: st.DataObject, nonsense: Any, exact: bool) -> None:
+def test_nonsense_in_any_place_gives_one_clear_error(data: st.DataObject, nonsense: Any, unchecked: bool) -> None:
     said = place = json.loads(TEXT)
     while True:
         key = data.draw(st.sampled_from(list(place) if isinstance(place, dict) else range(len(place))))
@@ -287,8 +287,8 @@ def test_nonsense_in_any_place_gives_one_clear_error(data: st.DataObject, nonsen
             break
         place = place[key]
     place[key] = nonsense
-    message = refusal(json.dumps(said), exact=exact)
-    assert printable(message) == message
+    message = refusal(json.dumps(said), unchecked=unchecked)
+    assert escape(message) == message
     assert len(message) < 400
     assert not any(word in message for word in ("Expected", "Object", "Invalid"))  # msgspec's
 

@@ -7,7 +7,7 @@ import pytest
 from servolink.errors import ProjectError
 from servolink.project.model import Project
 from servolink.project.records import find
-from servolink.protocol.record_types import ACTION, KINDS, MACRO, TABLE, Kind
+from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, TABLE, RecordType
 from servolink.protocol.records import Action, Macro
 from tests.project.projects import HUMANOID, NOD, PAD, RAISE, SHOW, WAVE
 
@@ -27,7 +27,7 @@ from tests.project.projects import HUMANOID, NOD, PAD, RAISE, SHOW, WAVE
     ],
 )
 def test_what_is_meant(name: str, record: object) -> None:
-    assert find(HUMANOID, name, KINDS) is record
+    assert find(HUMANOID, name, RECORD_TYPES) is record
 
 
 TWO = Project(actions=(Action(3, "Wave"), Action(4, "wave")), macros=(Macro(3, "Wave"), Macro(5, "4")))
@@ -61,7 +61,7 @@ def test_exactly_that_caption_comes_first() -> None:
 
 
 @pytest.mark.parametrize("kind", [ACTION, MACRO, TABLE], ids=str)
-def test_of_nothing_nothing_is_found(kind: Kind) -> None:
+def test_of_nothing_nothing_is_found(kind: RecordType) -> None:
     with pytest.raises(ProjectError, match="there is none at all"):
         find(Project(), "1", (kind,))
     many = Project(actions=tuple(Action(number) for number in range(1, 40)))

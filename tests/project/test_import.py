@@ -14,7 +14,7 @@ from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import ProjectError
 from servolink.project.model import UNFINISHED, Project
-from servolink.project.transfer.backups import Store
+from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.results import Progress
 from servolink.protocol.editing import AddActionRequest, WriteProjectIDRequest
 from servolink.protocol.records import Action, Step
@@ -33,10 +33,10 @@ def test_an_import_tells_how_far_it_is_and_what_it_did(tmp_path: Path, *, whole:
     told: list[Progress] = []
 
     async def work(board: Board) -> None:
-        applied = await board.apply(NEW, replace=whole, folder=tmp_path, progress=told.append)
+        applied = await board.apply_project(NEW, replace=whole, folder=tmp_path, on_progress=told.append)
         assert applied.changed
         assert not applied.resumed
-        assert applied.backup == Store(tmp_path).backups()[-1].path
+        assert applied.backup == BackupStore(tmp_path).backups()[-1].path
 
     assert same(on_board(work), NEW_CONTENTS)
     phases = [
@@ -45,13 +45,13 @@ def test_an_import_tells_how_far_it_is_and_what_it_did(tmp_path: Path, *, whole:
     middle = ["clearing"] if whole else []
     assert phases == ["reading", "saving", "marking", *middle, "writing", "verifying", "finishing"]
     assert all(0 <= at.done <= at.total for at in told)
-    (journal,) = Store(tmp_path).journals(0)
+    (journal,) = BackupStore(tmp_path).journals(0)
     assert journal.phase == "finished"
 
 
 def test_what_is_there_already_is_not_written_again(tmp_path: Path) -> None:
     async def work(board: Board, fake: FakeBoard) -> None:
-        assert not (await board.apply(OLD, replace=True, folder=tmp_path)).changed
+        assert not (await board.apply_project(OLD, replace=True, folder=tmp_path)).changed
 
     fake = on_fake(work)
     assert not [
@@ -67,7 +67,7 @@ def test_only_what_differs_is_written(tmp_path: Path) -> None:
     changed = msgspec.structs.replace(OLD, actions=(bow, *OLD.actions[1:]))
 
     async def work(board: Board, fake: FakeBoard) -> None:
-        await board.apply(changed, folder=tmp_path)
+        await board.apply_project(changed, folder=tmp_path)
 
     fake = on_fake(work)
     assert [packet.action_id for packet in fake.executed_of(AddActionRequest)] == [1]  # type: ignore[attr-defined]
@@ -79,8 +79,8 @@ def test_a_project_that_does_not_fit_is_refused_before_anything_changes(tmp_path
 
     async def work(board: Board) -> None:
         with pytest.raises(ProjectError, match=r"takes .* bytes more than what is on virtual://, which has .* free"):
-            await board.apply(huge, folder=tmp_path)
-        assert (await board.plan(huge)).free_after < 0
+            await board.apply_project(huge, folder=tmp_path)
+        assert (await board.plan_project(huge)).free_after < 0
 
     assert on_board(work) == OLD_CONTENTS
 
@@ -95,9 +95,9 @@ def test_a_project_that_just_fits_is_taken(tmp_path: Path, *, spare: int) -> Non
         async with connect(VirtualTransport(virtual)) as board:
             if spare < 0:
                 with pytest.raises(ProjectError, match=r"takes 538 bytes more than .* which has 537 free"):
-                    await board.apply(wanted, folder=tmp_path)
+                    await board.apply_project(wanted, folder=tmp_path)
             else:
-                await board.apply(wanted, folder=tmp_path)
+                await board.apply_project(wanted, folder=tmp_path)
 
     run(main())
     assert same(virtual.storage.contents, OLD_CONTENTS if spare < 0 else contents_of(wanted))
@@ -108,7 +108,7 @@ def test_a_project_with_an_error_is_refused_before_anything_is_asked(tmp_path: P
 
     async def work(board: Board, fake: FakeBoard) -> None:
         with pytest.raises(ProjectError, match="project_id"):
-            await board.apply(wrong, folder=tmp_path)
+            await board.apply_project(wrong, folder=tmp_path)
 
     assert on_fake(work).sent == []
 
@@ -116,7 +116,7 @@ def test_a_project_with_an_error_is_refused_before_anything_is_asked(tmp_path: P
 def test_an_answer_that_never_comes_is_no_reason_to_write_twice(tmp_path: Path) -> None:
     async def work(board: Board, fake: FakeBoard) -> None:
         fake.plan(AddActionRequest, SWALLOWED)
-        await board.apply(NEW, folder=tmp_path)
+        await board.apply_project(NEW, folder=tmp_path)
 
     fake = on_fake(work)
     assert len(fake.sent_of(AddActionRequest)) == 2
@@ -125,7 +125,7 @@ def test_an_answer_that_never_comes_is_no_reason_to_write_twice(tmp_path: Path) 
 
 def test_stop_gets_through_in_the_middle_of_an_import(tmp_path: Path) -> None:
     async def work(board: Board, fake: FakeBoard) -> None:
-        task = asyncio.ensure_future(board.apply(NEW, folder=tmp_path))
+        task = asyncio.ensure_future(board.apply_project(NEW, folder=tmp_path))
         while not fake.sent_of(AddActionRequest):
             await asyncio.sleep(0.001)
         sent = len(fake.sent)
@@ -148,7 +148,7 @@ def test_clearing_overlaps_nothing(tmp_path: Path, *, window: int) -> None:
         done = asyncio.Event()
         others = (board.battery, board.servos, board.joystick_tables, board.memory)
         asking = [asyncio.ensure_future(ask(other)) for other in others]
-        await board.apply(NEW, replace=True, folder=tmp_path)
+        await board.apply_project(NEW, replace=True, folder=tmp_path)
         done.set()
         await asyncio.gather(*asking)
 
@@ -167,29 +167,31 @@ def test_captions_are_checked_in_the_encoding_of_the_connection(tmp_path: Path) 
     project = Project(1, actions=(Action(1, caption, ()),))
 
     async def work(board: Board) -> None:
-        await board.apply(project, folder=tmp_path)
+        await board.apply_project(project, folder=tmp_path)
         assert await board.export_project() == project
 
     on_board(work, caption_encoding="big5")
 
     async def refused(board: Board) -> None:
         with pytest.raises(ProjectError, match=r"actions\[0\]\.action_caption: .* takes 36 bytes in utf-8"):
-            await board.apply(project, folder=tmp_path)
+            await board.apply_project(project, folder=tmp_path)
 
     on_board(refused)
 
 
 def test_a_backup_is_restored_in_the_encoding_in_which_it_was_read(tmp_path: Path) -> None:
     old = Project(3, actions=(Action(1, "\u52d5\u4f5c", ()),))
-    there = on_board(lambda board: board.apply(old, folder=tmp_path / "first"), Contents(), caption_encoding="big5")
-    new = on_board(lambda board: board.apply(NEW, folder=tmp_path), there, caption_encoding="big5")
+    there = on_board(
+        lambda board: board.apply_project(old, folder=tmp_path / "first"), Contents(), caption_encoding="big5"
+    )
+    new = on_board(lambda board: board.apply_project(NEW, folder=tmp_path), there, caption_encoding="big5")
 
     async def refused(board: Board) -> None:
         with pytest.raises(ProjectError, match="captions in big5; connect with that caption encoding, not utf-8"):
-            await board.rollback(folder=tmp_path)
+            await board.rollback_project(folder=tmp_path)
 
     assert on_board(refused, new) == new
-    assert same(on_board(lambda board: board.rollback(folder=tmp_path), new, caption_encoding="big5"), there)
+    assert same(on_board(lambda board: board.rollback_project(folder=tmp_path), new, caption_encoding="big5"), there)
 
 
 def test_doubled_records_make_room_where_they_go(tmp_path: Path) -> None:
@@ -201,9 +203,9 @@ def test_doubled_records_make_room_where_they_go(tmp_path: Path) -> None:
         virtual = Make().board(doubled, 1)
         virtual.storage.memory = doubled.size + 10
         async with connect(VirtualTransport(virtual)) as board:
-            plan = await board.plan(project)
+            plan = await board.plan_project(project)
             assert plan.faults == ("action 1 is listed more than once",)
-            await board.apply(project, folder=tmp_path)
+            await board.apply_project(project, folder=tmp_path)
             assert (await board.memory()).size == plan.free_after
 
     run(main())
@@ -214,11 +216,11 @@ def test_a_project_that_is_there_but_for_a_doubled_record_is_not_there_yet(tmp_p
     doubled = replace(OLD_CONTENTS, records={**OLD_CONTENTS.records, Kind.ACTION: (*actions, actions[0])})
 
     async def work(board: Board) -> None:
-        plan = await board.plan(OLD)
+        plan = await board.plan_project(OLD)
         assert plan.differs
         assert plan.requests
         assert (plan.changes, plan.faults) == ((), ("action 1 is listed more than once",))
-        assert (await board.apply(OLD, folder=tmp_path)).changed
-        assert not (await board.plan(OLD)).differs
+        assert (await board.apply_project(OLD, folder=tmp_path)).changed
+        assert not (await board.plan_project(OLD)).differs
 
     assert same(on_board(work, doubled), OLD_CONTENTS)

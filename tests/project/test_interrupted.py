@@ -14,7 +14,7 @@ from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, ProjectError, RequestTimeout
 from servolink.project.model import UNFINISHED, Project
-from servolink.project.transfer.backups import Journal, Store
+from servolink.project.transfer.backups import BackupStore, Journal
 from servolink.project.transfer.results import Progress
 from servolink.protocol.editing import AddActionRequest
 from servolink.protocol.records import Action
@@ -44,7 +44,7 @@ def test_an_import_that_is_cancelled_at_any_moment_is_gone_on_with(tmp_path: Pat
         """Tell whether the import was cancelled, and not done before."""
         virtual = Make().board(OLD_CONTENTS, 1)
         async with connect(VirtualTransport(virtual)) as board:
-            task = asyncio.ensure_future(board.apply(NEW, folder=folder))
+            task = asyncio.ensure_future(board.apply_project(NEW, folder=folder))
             for _ in range(turns):
                 await asyncio.sleep(0)
             if task.done():
@@ -53,7 +53,7 @@ def test_an_import_that_is_cancelled_at_any_moment_is_gone_on_with(tmp_path: Pat
             with pytest.raises(asyncio.CancelledError):
                 await task
             unfinished = await board.has_unfinished_import()
-            assert (await board.apply(NEW, folder=folder)).resumed == unfinished
+            assert (await board.apply_project(NEW, folder=folder)).resumed == unfinished
         assert same(virtual.storage.contents, NEW_CONTENTS)
         return True
 
@@ -66,12 +66,12 @@ def test_an_import_that_is_cancelled_at_any_moment_is_gone_on_with(tmp_path: Pat
 def test_an_import_of_another_project_takes_over_and_keeps_the_first_backup(tmp_path: Path) -> None:
     async def work(board: Board) -> None:
         await stopped_import(board, tmp_path, writing)
-        applied = await board.apply(OTHER, folder=tmp_path)
+        applied = await board.apply_project(OTHER, folder=tmp_path)
         assert applied.resumed
-        (backup,) = Store(tmp_path).backups()
+        (backup,) = BackupStore(tmp_path).backups()
         assert applied.backup == backup.path
         assert await board.export_project() == OTHER
-        await board.rollback(folder=tmp_path)
+        await board.rollback_project(folder=tmp_path)
 
     assert same(on_board(work), OLD_CONTENTS)
 
@@ -80,12 +80,12 @@ def test_a_rollback_that_is_interrupted_goes_either_way(tmp_path: Path) -> None:
     async def work(board: Board) -> None:
         await stopped_import(board, tmp_path, writing)
         for _ in range(2):
-            await stopped(lambda tell: board.rollback(folder=tmp_path, progress=tell), writing)
+            await stopped(lambda tell: board.rollback_project(folder=tmp_path, on_progress=tell), writing)
             assert await board.has_unfinished_import()
-        await board.apply(NEW, folder=tmp_path)
+        await board.apply_project(NEW, folder=tmp_path)
         assert await board.export_project() == NEW
-        await board.rollback(folder=tmp_path)
-        assert len(Store(tmp_path).journals(0)) == 1
+        await board.rollback_project(folder=tmp_path)
+        assert len(BackupStore(tmp_path).journals(0)) == 1
 
     assert same(on_board(work), OLD_CONTENTS)
 
@@ -96,9 +96,9 @@ def test_an_import_of_differences_may_go_on_as_one_of_everything_and_back(
     async def work(board: Board) -> None:
         await stopped_import(board, tmp_path, writing)
         await stopped_import(board, tmp_path, writing, replace=True)
-        applied = await board.apply(NEW, folder=tmp_path)
+        applied = await board.apply_project(NEW, folder=tmp_path)
         assert applied.resumed
-        assert applied.backup == Store(tmp_path).backups()[0].path
+        assert applied.backup == BackupStore(tmp_path).backups()[0].path
 
     assert same(on_board(work), NEW_CONTENTS)
 
@@ -106,9 +106,9 @@ def test_an_import_of_differences_may_go_on_as_one_of_everything_and_back(
 def test_an_unfinished_import_without_a_journal_needs_a_backup_to_be_named(tmp_path: Path) -> None:
     async def work(board: Board) -> None:
         with pytest.raises(ProjectError, match="that another computer began, or whose journal is lost"):
-            await board.rollback(folder=tmp_path)
-        backup = Store(tmp_path).keep(OLD, "virtual://", "utf-8")
-        await board.rollback(backup, folder=tmp_path)
+            await board.rollback_project(folder=tmp_path)
+        backup = BackupStore(tmp_path).keep(OLD, "virtual://", "utf-8")
+        await board.rollback_project(backup, folder=tmp_path)
 
     assert same(on_board(work, unfinished()), OLD_CONTENTS)
 
@@ -117,10 +117,10 @@ def test_an_unfinished_import_without_a_journal_can_be_finished_and_comes_back(
     tmp_path: Path,
 ) -> None:
     async def work(board: Board) -> None:
-        assert (await board.plan(NEW)).is_unfinished
-        assert not (await board.apply(NEW, folder=tmp_path)).resumed
+        assert (await board.plan_project(NEW)).is_unfinished
+        assert not (await board.apply_project(NEW, folder=tmp_path)).resumed
         assert await board.export_project() == NEW
-        await board.rollback(folder=tmp_path)
+        await board.rollback_project(folder=tmp_path)
         assert await board.has_unfinished_import()
 
     assert same(on_board(work, unfinished()), unfinished())
@@ -138,14 +138,14 @@ def test_a_board_is_known_by_its_marker_whatever_was_done_at_its_address_since(
         async with connect(VirtualTransport(first, HERE)) as board:
             await stopped_import(board, tmp_path, when, replace=True)
         async with connect(VirtualTransport(second, HERE)) as board:
-            assert not (await board.apply(NEW, folder=tmp_path)).resumed
-            await board.rollback(folder=tmp_path)
+            assert not (await board.apply_project(NEW, folder=tmp_path)).resumed
+            await board.rollback_project(folder=tmp_path)
             assert await board.export_project() == OTHER
         async with connect(VirtualTransport(first, THERE)) as board:
             if back:
-                await board.rollback(folder=tmp_path)
+                await board.rollback_project(folder=tmp_path)
             else:
-                assert (await board.apply(NEW, folder=tmp_path)).resumed
+                assert (await board.apply_project(NEW, folder=tmp_path)).resumed
 
     run(main())
     assert same(first.storage.contents, OLD_CONTENTS if back else NEW_CONTENTS)
@@ -167,12 +167,12 @@ def test_a_board_that_comes_back_by_itself_is_the_one_with_the_marker(
             folder = tmp_path / str(sent)
             async with connect("virtual://", reconnect=True) as board:
                 with pytest.raises(ConnectionLost):
-                    await board.apply(NEW, replace=whole, folder=folder)
+                    await board.apply_project(NEW, replace=whole, folder=folder)
                 async for state in board.states():
                     if state == "connected":
                         break
                 unfinished = await board.has_unfinished_import()
-                assert (await board.apply(NEW, replace=whole, folder=folder)).resumed >= unfinished
+                assert (await board.apply_project(NEW, replace=whole, folder=folder)).resumed >= unfinished
             assert same(virtual.storage.contents, NEW_CONTENTS)
 
     run(main())
@@ -198,10 +198,10 @@ def test_imports_at_other_addresses_are_undone_as_if_there_were_none_here(tmp_pa
     async def main() -> None:
         for virtual, url in ((first, HERE), (second, THERE)):
             async with connect(VirtualTransport(virtual, url)) as board:
-                await board.apply(NEW, folder=tmp_path)
+                await board.apply_project(NEW, folder=tmp_path)
         for virtual, url in ((first, HERE), (second, THERE)):
             async with connect(VirtualTransport(virtual, url)) as board:
-                await board.rollback(folder=tmp_path)
+                await board.rollback_project(folder=tmp_path)
 
     run(main())
     assert same(first.storage.contents, OLD_CONTENTS)
@@ -212,12 +212,12 @@ def test_imports_of_the_same_project_by_two_computers_have_different_markers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Else a board that moves to the other computer would be rolled back to what another board held."""
-    markers = {Store(tmp_path).new_marker() for _ in range(8)}
+    markers = {BackupStore(tmp_path).new_marker() for _ in range(8)}
     assert len(markers) > 1
     assert all(marker in UNFINISHED for marker in markers)
     drawn = iter((UNFINISHED[3], UNFINISHED[3], UNFINISHED[4]))
     monkeypatch.setattr("servolink.project.transfer.backups.choice", lambda _: next(drawn))
-    store = Store(tmp_path)
+    store = BackupStore(tmp_path)
     store.write(Journal(store.new_marker(), HERE, 1, None))
     assert store.new_marker() == UNFINISHED[4]
 
@@ -229,12 +229,12 @@ def test_a_journal_that_cannot_be_read_stands_in_the_way_of_its_own_board_alone(
     (tmp_path / "imports" / f"{UNFINISHED.start + 7:08x}.json").write_text("{")
 
     async def refused(board: Board) -> None:
-        for work in (board.apply(NEW, folder=tmp_path), board.rollback(folder=tmp_path)):
+        for work in (board.apply_project(NEW, folder=tmp_path), board.rollback_project(folder=tmp_path)):
             with pytest.raises(ProjectError, match=r"7a000007\.json: this journal of an import cannot be read"):
                 await work
 
     assert on_board(refused, unfinished()) == unfinished()
-    assert same(on_board(lambda board: board.apply(NEW, folder=tmp_path)), NEW_CONTENTS)
+    assert same(on_board(lambda board: board.apply_project(NEW, folder=tmp_path)), NEW_CONTENTS)
     assert "7a000007.json" in caplog.text
 
 
@@ -242,7 +242,7 @@ def test_a_board_that_falls_silent_leaves_an_import_to_go_on_with(tmp_path: Path
     async def work(board: Board, fake: FakeBoard) -> None:
         fake.plan(AddActionRequest, SWALLOWED)
         usual = fake.usual
-        task = asyncio.ensure_future(board.apply(NEW, folder=tmp_path))
+        task = asyncio.ensure_future(board.apply_project(NEW, folder=tmp_path))
         while not fake.sent_of(AddActionRequest):
             await asyncio.sleep(0.001)
         fake.usual = SWALLOWED
@@ -252,7 +252,7 @@ def test_a_board_that_falls_silent_leaves_an_import_to_go_on_with(tmp_path: Path
 
     fake = on_fake(work)
     assert fake.virtual.storage.project_id in UNFINISHED
-    left = on_board(lambda board: board.apply(NEW, folder=tmp_path), fake.virtual.storage.contents)
+    left = on_board(lambda board: board.apply_project(NEW, folder=tmp_path), fake.virtual.storage.contents)
     assert same(left, NEW_CONTENTS)
 
 
@@ -264,7 +264,7 @@ def test_records_that_are_torn_and_doubled_are_put_right(tmp_path: Path) -> None
         (9, contents_of(Project(actions=(Action(9, "?"),))).records[Kind.ACTION][0][1]),
     )
     left = unfinished(replace(OLD_CONTENTS, records={**OLD_CONTENTS.records, Kind.ACTION: torn}))
-    assert same(on_board(lambda board: board.apply(NEW, folder=tmp_path, backup=False), left), NEW_CONTENTS)
+    assert same(on_board(lambda board: board.apply_project(NEW, folder=tmp_path, backup=False), left), NEW_CONTENTS)
 
 
 def test_python_is_told_of_an_unfinished_import_once(caplog: pytest.LogCaptureFixture) -> None:

@@ -62,7 +62,7 @@ def test_a_host_that_is_killed_at_any_file_step_loses_nothing(how: str, step: in
                 left, kept = board.storage.contents, shutil.copytree(folder, tmp_path / f"{at}.kept")
                 assert same(left, OLD_CONTENTS) or has_backup(folder, OLD)
                 async with connect(VirtualTransport(board, url)) as again:
-                    await again.apply(NEW, folder=folder)
+                    await again.apply_project(NEW, folder=folder)
                 assert same(board.storage.contents, NEW_CONTENTS)
                 board.storage.contents = left
                 async with connect(VirtualTransport(board, url)) as again:

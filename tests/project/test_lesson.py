@@ -6,13 +6,13 @@ import pytest
 
 from servolink.errors import ProjectError
 from servolink.project.model import Project
-from servolink.project.teaching import LONGEST, SHORTEST, Lesson
+from servolink.project.teaching import LONGEST, SHORTEST, PoseRecorder
 from servolink.protocol.records import Action, Macro, Step
 
 
-def lesson(seconds: float | None = None) -> Lesson:
+def lesson(seconds: float | None = None) -> PoseRecorder:
     """Begin a lesson at 100 s, with two servos at 0 degrees."""
-    return Lesson("Wave", {1: 0, 2: 0}, 100.0, speed_cap=90.0, seconds=seconds)
+    return PoseRecorder("Wave", {1: 0, 2: 0}, 100.0, speed_cap=90.0, seconds=seconds)
 
 
 def test_one_pose_is_an_action() -> None:
@@ -75,7 +75,7 @@ def test_a_name_is_not_taken_twice(project: Project) -> None:
 
 
 def test_a_name_that_is_no_caption_is_refused() -> None:
-    long = Lesson("W" * 40, {1: 0}, 0.0, speed_cap=90.0)
+    long = PoseRecorder("W" * 40, {1: 0}, 0.0, speed_cap=90.0)
     long.take({1: 1}, 1.0)
     with pytest.raises(ProjectError, match="a caption has at most 32 bytes"):
         long.into(Project())

@@ -15,7 +15,7 @@ from servolink.client.board import Board
 from servolink.errors import ProjectError
 from servolink.project.model import Project
 from servolink.project.transfer.apply import apply_project
-from servolink.project.transfer.backups import Store
+from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.plan import compare, plan_project, writes
 from servolink.project.transfer.read import Content, Listed
 from servolink.project.transfer.results import Change, Progress, tell_nobody
@@ -28,7 +28,7 @@ from servolink.protocol.editing import (
     QueryServoParameterResponse,
 )
 from servolink.protocol.frame import encode_frame
-from servolink.protocol.record_types import KINDS
+from servolink.protocol.record_types import RECORD_TYPES
 from servolink.protocol.records import ServoParameter, Step
 from servolink.virtual.storage import Kind
 from tests.client.fake_board import FakeBoard, Fate, lie
@@ -83,7 +83,7 @@ def test_what_is_listed_twice_is_named(caplog: pytest.LogCaptureFixture) -> None
 
 def test_a_plan_says_what_would_change_and_changes_nothing() -> None:
     async def work(board: Board) -> None:
-        plan = await board.plan(NEW)
+        plan = await board.plan_project(NEW)
         assert plan.changes[0] == Change("project id", 77, 88)
         assert [change.what for change in plan.changes if change.old is None] == [
             "servo parameter 3",
@@ -99,7 +99,7 @@ def test_a_plan_says_what_would_change_and_changes_nothing() -> None:
         neutral = 35  # bytes of the servo parameters that say nothing any more
         assert plan.free_before - plan.free_after == NEW_CONTENTS.size + neutral - OLD_CONTENTS.size
         assert not plan.is_unfinished
-        assert not (await board.plan(OLD)).changes
+        assert not (await board.plan_project(OLD)).changes
 
     assert on_board(work) == OLD_CONTENTS
 
@@ -107,9 +107,9 @@ def test_a_plan_says_what_would_change_and_changes_nothing() -> None:
 @pytest.mark.parametrize("whole", [False, True])
 def test_a_plan_knows_the_cost_of_the_import(tmp_path: Path, *, whole: bool) -> None:
     async def work(board: Board) -> None:
-        plan = await board.plan(NEW, replace=whole)
+        plan = await board.plan_project(NEW, replace=whole)
         before = board.stats.bytes_sent + board.stats.bytes_received
-        await board.apply(NEW, replace=whole, folder=tmp_path)
+        await board.apply_project(NEW, replace=whole, folder=tmp_path)
         actual = board.stats.bytes_sent + board.stats.bytes_received - before
         assert abs(plan.wire_bytes - actual) < 0.05 * actual
 
@@ -125,7 +125,7 @@ def test_a_reading_begins_anew_when_something_was_stored_meanwhile() -> None:
             if len(told) == 3:
                 fake.virtual.storage.contents = NEW_CONTENTS
 
-        assert await board.export_project(progress=tell) == NEW
+        assert await board.export_project(on_progress=tell) == NEW
 
     on_fake(work)
     assert told[-1] == Progress("reading", 6, 6, "joystick table 7")
@@ -137,7 +137,7 @@ def test_an_export_gives_up_when_another_program_goes_on_writing() -> None:
             fake.virtual.storage.project_id += 1
 
         with pytest.raises(ProjectError, match="what is on the board kept changing while it was read"):
-            await board.export_project(progress=tell)
+            await board.export_project(on_progress=tell)
 
     on_fake(work)
 
@@ -146,7 +146,7 @@ def test_what_cannot_be_understood_is_taken_for_what_is_not_given() -> None:
     async def work(board: Board, fake: FakeBoard) -> None:
         undecodable = encode_frame(QueryActionResponse.packet_id, bytes(36) + b"\x05\0", "little")
         fake.plan(QueryActionRequest, *[Fate(mangle=lambda _: undecodable)] * 6)
-        plan = await board.plan(OLD)
+        plan = await board.plan_project(OLD)
         assert plan.faults == ("action 1 is listed and not given",)
         assert [change.what for change in plan.changes] == ["action 1"]
 
@@ -157,7 +157,7 @@ def test_servo_parameters_that_are_listed_twice_are_a_fault_and_the_last_counts(
     async def work(board: Board, fake: FakeBoard) -> None:
         twice = (ServoParameter(1, 9, "old"), *OLD.servo_parameters)
         fake.plan(QueryServoParameterRequest, *[lie(QueryServoParameterResponse(twice))] * 3)
-        plan = await board.plan(OLD)
+        plan = await board.plan_project(OLD)
         assert (plan.changes, plan.faults) == ((), ("servo parameter 1 is listed more than once",))
 
     on_fake(work)
@@ -168,9 +168,11 @@ def test_an_active_table_that_is_not_in_the_project_is_no_difference(tmp_path: P
     said = replace(OLD, active_joystick_table=99)
 
     async def work(board: Board) -> None:
-        plan = await plan_project(board, said, tell=tell_nobody, exact=True)
+        plan = await plan_project(board, said, tell=tell_nobody, unchecked=True)
         assert not plan.differs
-        assert not (await apply_project(board, said, store=Store(tmp_path), tell=tell_nobody, exact=True)).changed
+        assert not (
+            await apply_project(board, said, store=BackupStore(tmp_path), tell=tell_nobody, unchecked=True)
+        ).changed
 
     on_board(work)
 
@@ -178,9 +180,9 @@ def test_an_active_table_that_is_not_in_the_project_is_no_difference(tmp_path: P
 @settings(max_examples=60)
 @given(storable_projects, st.data())
 def test_a_plan_differs_where_something_would_be_written(wanted: Project, data: st.DataObject) -> None:
-    records = {kind: tuple(Listed(*one) for one in kind.of(wanted).items()) for kind in KINDS}
+    records = {kind: tuple(Listed(*one) for one in kind.of(wanted).items()) for kind in RECORD_TYPES}
     content = Content(wanted.project_id, wanted.servo_parameters, None, records)
-    kind = data.draw(st.sampled_from(KINDS))
+    kind = data.draw(st.sampled_from(RECORD_TYPES))
     match data.draw(st.integers(0, 5)):
         case 1:
             records[kind] += records[kind][:1]

@@ -8,13 +8,13 @@ import pytest
 from servolink.errors import ProjectError
 from servolink.project.adjust import renamed, renamed_servo
 from servolink.project.model import Project
-from servolink.protocol.record_types import ACTION, MACRO, TABLE, Kind
+from servolink.protocol.record_types import ACTION, MACRO, TABLE, RecordType
 from servolink.protocol.records import ServoParameter
 from tests.project.projects import HUMANOID, PAD, RAISE, WAVE
 
 
 @pytest.mark.parametrize(("kind", "record_id"), [(ACTION, 1), (MACRO, 4), (TABLE, 7)], ids=str)
-def test_only_the_caption_changes(kind: Kind, record_id: int) -> None:
+def test_only_the_caption_changes(kind: RecordType, record_id: int) -> None:
     project, said = renamed(HUMANOID, kind, record_id, "新名")
     before, after = kind.of(HUMANOID)[record_id], kind.of(project)[record_id]
     assert after == msgspec.structs.replace(before, **{before.__struct_fields__[1]: "新名"})
@@ -42,6 +42,6 @@ def test_hostile_captions_are_shown_as_text() -> None:
 
 
 @pytest.mark.parametrize(("kind", "word"), [(ACTION, "action"), (MACRO, "macro"), (TABLE, "joystick table")], ids=str)
-def test_what_is_not_there_is_named(kind: Kind, word: str) -> None:
+def test_what_is_not_there_is_named(kind: RecordType, word: str) -> None:
     with pytest.raises(ProjectError, match=f"there is no {word} 99"):
         renamed(HUMANOID, kind, 99, "x")

@@ -12,7 +12,7 @@ import pytest
 from servolink.client.board import Board
 from servolink.errors import ConnectionLost, ProjectError
 from servolink.project.project_file import load_project
-from servolink.project.transfer.backups import Store
+from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.results import Progress
 from servolink.protocol.editing import QueryActionRequest, QueryActionResponse
 from servolink.protocol.records import Macro
@@ -28,11 +28,11 @@ def test_a_rollback_of_a_finished_import_restores_what_was_there_even_what_we_wo
 
     async def work(board: Board) -> None:
         with pytest.raises(ProjectError, match="control"):
-            await board.apply(odd, folder=tmp_path)
-        await board.apply(NEW, folder=tmp_path)
-        await board.rollback(folder=tmp_path)
+            await board.apply_project(odd, folder=tmp_path)
+        await board.apply_project(NEW, folder=tmp_path)
+        await board.rollback_project(folder=tmp_path)
         assert (await board.export_project()).macros == odd.macros
-        await board.rollback(folder=tmp_path)  # what was there before the rollback
+        await board.rollback_project(folder=tmp_path)  # what was there before the rollback
         assert await board.export_project() == NEW
 
     assert same(on_board(work, contents_of(odd)), NEW_CONTENTS)
@@ -42,11 +42,11 @@ def test_no_backup_must_be_asked_for_where_none_can_be_made(tmp_path: Path) -> N
     async def work(board: Board, fake: FakeBoard) -> None:
         fake.plan(QueryActionRequest, *[lie(QueryActionResponse(0))] * 2)
         with pytest.raises(ProjectError, match=r"no backup of fake://board can be made: action 1: the board lists it"):
-            await board.apply(NEW, folder=tmp_path)
+            await board.apply_project(NEW, folder=tmp_path)
         fake.plan(QueryActionRequest, *[lie(QueryActionResponse(0))] * 2)
-        assert (await board.apply(NEW, folder=tmp_path, backup=False)).backup is None
+        assert (await board.apply_project(NEW, folder=tmp_path, backup=False)).backup is None
         with pytest.raises(ProjectError, match="the last import to fake://board was made without a backup"):
-            await board.rollback(folder=tmp_path)
+            await board.rollback_project(folder=tmp_path)
 
     assert same(on_fake(work).virtual.storage.contents, NEW_CONTENTS)
 
@@ -61,26 +61,26 @@ def test_a_rollback_undoes_the_last_import_alone(tmp_path: Path) -> None:
     """Not an older one where the last was made without a backup, or was not begun."""
 
     async def work(board: Board) -> None:
-        await board.apply(OTHER, folder=tmp_path)
-        await board.apply(NEW, folder=tmp_path, backup=False)
+        await board.apply_project(OTHER, folder=tmp_path)
+        await board.apply_project(NEW, folder=tmp_path, backup=False)
         with pytest.raises(ProjectError, match=r"the last import to virtual:// was made without a backup"):
-            await board.rollback(folder=tmp_path)
-        await board.apply(OTHER, folder=tmp_path)
+            await board.rollback_project(folder=tmp_path)
+        await board.apply_project(OTHER, folder=tmp_path)
         with pytest.raises(ConnectionLost):
-            await board.apply(NEW, folder=tmp_path, progress=lost_before_marking)
+            await board.apply_project(NEW, folder=tmp_path, on_progress=lost_before_marking)
         assert not await board.has_unfinished_import()
         with pytest.raises(ProjectError, match=r"no import from here is known .* so there is none to undo"):
-            await board.rollback(folder=tmp_path)
+            await board.rollback_project(folder=tmp_path)
 
     assert same(on_board(work), OTHER_CONTENTS)
 
 
 def test_a_rollback_leaves_a_board_alone_that_the_last_import_there_did_not_leave_so(tmp_path: Path) -> None:
-    on_board(lambda board: board.apply(NEW, folder=tmp_path))
+    on_board(lambda board: board.apply_project(NEW, folder=tmp_path))
 
     async def work(board: Board) -> None:
         with pytest.raises(ProjectError, match=r"no import from here is known that left virtual:// with project id 5"):
-            await board.rollback(folder=tmp_path)
+            await board.rollback_project(folder=tmp_path)
 
     assert on_board(work, OTHER_CONTENTS) == OTHER_CONTENTS
 
@@ -89,17 +89,21 @@ def test_a_rollback_is_of_the_last_import_though_the_clock_was_put_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hours = iter((12, 11, 10))
-    made = Store.__init__.__defaults__
+    made = BackupStore.__init__.__defaults__
     assert made is not None
     monkeypatch.setattr(
-        Store.__init__, "__defaults__", (*made[:-1], lambda: datetime(2026, 1, 1, next(hours), tzinfo=UTC))
+        BackupStore.__init__, "__defaults__", (*made[:-1], lambda: datetime(2026, 1, 1, next(hours), tzinfo=UTC))
     )
 
     async def work(board: Board) -> None:
-        await board.apply(OTHER, folder=tmp_path)
-        await board.apply(NEW, folder=tmp_path)
-        await board.rollback(folder=tmp_path)
-        assert [load_project(backup.path, exact=True) for backup in Store(tmp_path).backups()] == [OLD, OTHER, NEW]
+        await board.apply_project(OTHER, folder=tmp_path)
+        await board.apply_project(NEW, folder=tmp_path)
+        await board.rollback_project(folder=tmp_path)
+        assert [load_project(backup.path, unchecked=True) for backup in BackupStore(tmp_path).backups()] == [
+            OLD,
+            OTHER,
+            NEW,
+        ]
 
     assert same(on_board(work), OTHER_CONTENTS)
 
@@ -114,18 +118,18 @@ def test_a_rollback_that_is_pulled_anywhere_and_asked_for_again_goes_on(tmp_path
         shutil.copytree(kept, folder)
         virtual.storage.contents = NEW_CONTENTS
         cable = Cable(virtual, received=received)
-        error = await attempt(cable, lambda board: board.rollback(folder=folder))
+        error = await attempt(cable, lambda board: board.rollback_project(folder=folder))
         assert isinstance(error, ConnectionLost) == (received is not None)
         return cable
 
     async def main() -> None:
-        assert await attempt(Cable(virtual), lambda board: board.apply(NEW, folder=kept)) is None
+        assert await attempt(Cable(virtual), lambda board: board.apply_project(NEW, folder=kept)) is None
         size = (await pulled(None)).received
         for received in (*range(1, size - 50, 331), *range(size - 50, size)):
             await pulled(received)
-            assert await attempt(Cable(virtual), lambda board: board.rollback(folder=folder)) is None
+            assert await attempt(Cable(virtual), lambda board: board.rollback_project(folder=folder)) is None
             assert same(virtual.storage.contents, OLD_CONTENTS), received
-        assert await attempt(Cable(virtual), lambda board: board.rollback(folder=folder)) is None
+        assert await attempt(Cable(virtual), lambda board: board.rollback_project(folder=folder)) is None
         assert same(virtual.storage.contents, NEW_CONTENTS)
 
     run(main())
@@ -134,8 +138,8 @@ def test_a_rollback_that_is_pulled_anywhere_and_asked_for_again_goes_on(tmp_path
 def test_without_anything_to_roll_back_it_says_so(tmp_path: Path) -> None:
     async def work(board: Board) -> None:
         with pytest.raises(ProjectError, match=r"give `rollback` one of `servolink backups`, or apply a project"):
-            await board.rollback(folder=tmp_path)
+            await board.rollback_project(folder=tmp_path)
         with pytest.raises(ProjectError, match="nowhere: cannot be read"):
-            await board.rollback(tmp_path / "nowhere", folder=tmp_path)
+            await board.rollback_project(tmp_path / "nowhere", folder=tmp_path)
 
     assert on_board(work) == OLD_CONTENTS

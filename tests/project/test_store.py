@@ -15,7 +15,7 @@ import pytest
 from servolink.errors import ProjectError
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import load_project
-from servolink.project.transfer.backups import Journal, Store
+from servolink.project.transfer.backups import BackupStore, Journal
 from tests.project.pulled import NEW, OLD
 
 URL = "serial:///dev/ttyACM0?baudrate=115200"
@@ -29,14 +29,14 @@ def at(hour: int, second: int = 0) -> datetime:
 
 def test_backups_are_numbered_and_never_overwritten_whatever_the_clock_says(tmp_path: Path) -> None:
     kept = [
-        Store(tmp_path, lambda hour=hour: at(hour)).keep(project, URL, "UTF8")  # type: ignore[misc]
+        BackupStore(tmp_path, lambda hour=hour: at(hour)).keep(project, URL, "UTF8")  # type: ignore[misc]
         for hour, project in ((9, OLD), (9, NEW), (8, OLD), (8, OLD))
     ]
-    backups = Store(tmp_path).backups()
+    backups = BackupStore(tmp_path).backups()
     assert [backup.path for backup in backups] == kept
     assert [(backup.number, backup.time) for backup in backups] == [(1, at(9)), (2, at(9)), (3, at(8)), (4, at(8))]
     assert {backup.board for backup in backups} == {"serial_dev_ttyACM0"}
-    assert [load_project(path, exact=True) for path in kept] == [OLD, NEW, OLD, OLD]
+    assert [load_project(path, unchecked=True) for path in kept] == [OLD, NEW, OLD, OLD]
     assert kept[0].name.startswith("000001-20260304T090500Z-serial_dev_ttyACM0-utf_8-")
 
 
@@ -52,8 +52,8 @@ def test_backups_are_numbered_and_never_overwritten_whatever_the_clock_says(tmp_
     ],
 )
 def test_an_address_of_any_kind_makes_a_file_name_that_is_found_again(url: str, board: str, tmp_path: Path) -> None:
-    path = Store(tmp_path).keep(OLD, url, "utf-8")
-    (backup,) = Store(tmp_path).backups()
+    path = BackupStore(tmp_path).keep(OLD, url, "utf-8")
+    (backup,) = BackupStore(tmp_path).backups()
     assert (backup.path, backup.board) == (path, board.strip("_"))
     assert path.name.isascii()
 
@@ -63,7 +63,7 @@ def test_a_backup_that_does_not_read_back_as_it_was_written_is_an_error(
 ) -> None:
     monkeypatch.setattr("servolink.project.transfer.backups.load_project", lambda *_, **__: NEW)
     with pytest.raises(ProjectError, match="the backup does not read back as it was written"):
-        Store(tmp_path).keep(OLD, URL, "utf-8")
+        BackupStore(tmp_path).keep(OLD, URL, "utf-8")
 
 
 def test_what_is_no_backup_is_passed_over(tmp_path: Path) -> None:
@@ -80,18 +80,18 @@ def test_what_is_no_backup_is_passed_over(tmp_path: Path) -> None:
     ):
         (folder / name).write_bytes(b"{")
     (folder / good.replace("000001", "000005")).mkdir()
-    assert [backup.path.name for backup in Store(tmp_path).backups()] == [good]
-    assert Store(tmp_path).keep(OLD, URL, "utf-8").name.startswith("000002-")
+    assert [backup.path.name for backup in BackupStore(tmp_path).backups()] == [good]
+    assert BackupStore(tmp_path).keep(OLD, URL, "utf-8").name.startswith("000002-")
 
 
 def test_numbers_go_on_behind_the_largest(tmp_path: Path) -> None:
     (tmp_path / "backups").mkdir()
     (tmp_path / "backups" / "999999999-20260304T090500Z-a-utf_8-0123456789ab.servolink.json").write_bytes(b"")
-    assert Store(tmp_path).keep(OLD, URL, "utf-8") == Store(tmp_path).backups()[-1].path
+    assert BackupStore(tmp_path).keep(OLD, URL, "utf-8") == BackupStore(tmp_path).backups()[-1].path
 
 
 def test_a_journal_comes_back(tmp_path: Path) -> None:
-    store = Store(tmp_path)
+    store = BackupStore(tmp_path)
     backup = store.keep(OLD, URL, "utf-8")
     for journal in (JOURNAL, msgspec.structs.replace(JOURNAL, url="tcp://\udcff", backup=backup.name)):
         store.write(journal)
@@ -135,11 +135,11 @@ def test_a_journal_that_is_none_is_an_error_for_its_board_and_a_warning_for_othe
     (tmp_path / "imports").mkdir()
     (tmp_path / "imports" / f"{MARKER:08x}.json").write_bytes(content)
     other = msgspec.structs.replace(JOURNAL, marker=MARKER + 2)
-    Store(tmp_path).write(other)
+    BackupStore(tmp_path).write(other)
     with pytest.raises(ProjectError, match=r"7a000007\.json: this journal .* move it away, and give `rollback`"):
-        Store(tmp_path).journals(MARKER)
+        BackupStore(tmp_path).journals(MARKER)
     assert not caplog.messages
-    assert Store(tmp_path).journals(5) == [other]
+    assert BackupStore(tmp_path).journals(5) == [other]
     assert len(caplog.messages) == 1
 
 
@@ -148,13 +148,13 @@ def test_what_is_no_journal_is_passed_over(tmp_path: Path) -> None:
     for name in ("x.json", "7A000001.json", "7a000001.json.tmp", ".servolink-0123"):
         (tmp_path / "imports" / name).write_bytes(b"{")
     (tmp_path / "imports" / "7a000002.json").mkdir()
-    assert Store(tmp_path).journals(UNFINISHED.start + 2) == []
+    assert BackupStore(tmp_path).journals(UNFINISHED.start + 2) == []
 
 
 def test_a_journal_that_another_program_ends_at_this_moment_is_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    Store(tmp_path).write(JOURNAL)
+    BackupStore(tmp_path).write(JOURNAL)
     seen = Path.is_file
 
     def is_file(path: Path) -> bool:
@@ -163,7 +163,7 @@ def test_a_journal_that_another_program_ends_at_this_moment_is_none(
         return found
 
     monkeypatch.setattr(Path, "is_file", is_file)
-    assert Store(tmp_path).journals(MARKER) == []
+    assert BackupStore(tmp_path).journals(MARKER) == []
 
 
 def test_a_journal_that_cannot_be_deleted_is_a_warning(
@@ -173,21 +173,21 @@ def test_a_journal_that_cannot_be_deleted_is_a_warning(
         raise PermissionError("read-only")
 
     monkeypatch.setattr(os, "unlink", refuse)
-    Store(tmp_path).end(JOURNAL)
+    BackupStore(tmp_path).end(JOURNAL)
     assert caplog.messages == ["the journal of an import that is over cannot be deleted: read-only"]
 
 
 @pytest.mark.parametrize("name", ["backups", "imports"])
 def test_a_folder_that_cannot_be_read_is_an_error_and_not_empty(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text("in the way")
-    store = Store(tmp_path)
+    store = BackupStore(tmp_path)
     with pytest.raises(ProjectError, match=f"{name} cannot be read"):
         _ = store.backups() if name == "backups" else store.journals(0)
 
 
 @pytest.mark.parametrize("folder", [Path("no\0folder"), Path(os.devnull) / "folder"])
 def test_a_folder_that_cannot_be_is_an_error(folder: Path) -> None:
-    store = Store(folder)
+    store = BackupStore(folder)
     with pytest.raises(ProjectError, match="the backup cannot be written"):
         store.keep(Project(), URL, "utf-8")
     with pytest.raises(ProjectError, match="the journal of the import cannot be written"):
@@ -197,7 +197,7 @@ def test_a_folder_that_cannot_be_is_an_error(folder: Path) -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="where the data folder is")
 def test_backups_are_in_the_data_folder_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    assert Store().folder == tmp_path / "servolink"
+    assert BackupStore().folder == tmp_path / "servolink"
     assert not list(tmp_path.iterdir())
 
 
@@ -207,4 +207,4 @@ def test_a_user_without_a_home_is_an_error(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(platformdirs, "user_data_path", homeless)
     with pytest.raises(ProjectError, match=r"backups of boards have no place: could not .* directory; set HOME"):
-        Store()
+        BackupStore()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from servolink.project.model import Project
-from servolink.project.records import LONGEST, callees_first, times
+from servolink.project.records import LONGEST, dependency_order, times
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import HEADER_SIZE
 from servolink.protocol.record_types import ACTION, MACRO
@@ -80,7 +80,7 @@ def test_an_action_without_steps_takes_no_time() -> None:
 def test_those_that_are_called_come_first_however_deep_they_are() -> None:
     macros = {number: Macro(number, "", (MacroCommand(number + 1, 2),)) for number in range(1, 5000)}
     macros |= {0: Macro(0, "", (MacroCommand(0, 2),)), -1: Macro(-1, "", (MacroCommand(0, 2), MacroCommand(7, 2)))}
-    assert callees_first(macros) == list(range(4999, 0, -1))
+    assert dependency_order(macros) == list(range(4999, 0, -1))
 
 
 def test_loops_in_loops_for_ages_are_not_counted_out() -> None:

@@ -32,16 +32,16 @@ def test_two_programs_that_import_to_one_board_leave_one_project_or_say_that_it_
         virtual = Make().board(OLD_CONTENTS, 1)
         lines = [VirtualTransport(virtual), VirtualTransport(virtual)]
         async with connect(lines[0]) as one, connect(lines[1]) as two:
-            first = asyncio.ensure_future(one.apply(NEW, folder=folder))
+            first = asyncio.ensure_future(one.apply_project(NEW, folder=folder))
             for _ in range(turns):
                 await asyncio.sleep(0)
             overlap = not first.done()
-            ended = await asyncio.gather(first, two.apply(OTHER, folder=folder), return_exceptions=True)
+            ended = await asyncio.gather(first, two.apply_project(OTHER, folder=folder), return_exceptions=True)
             for error in ended:
                 assert not isinstance(error, BaseException) or isinstance(error, ProjectError)
             left = virtual.storage.contents
             assert left.project_id in UNFINISHED or same(left, NEW_CONTENTS) or same(left, OTHER_CONTENTS), turns
-            assert (await one.apply(NEW, folder=folder)).changed != same(left, NEW_CONTENTS)
+            assert (await one.apply_project(NEW, folder=folder)).changed != same(left, NEW_CONTENTS)
         assert same(virtual.storage.contents, NEW_CONTENTS)
         return overlap
 
@@ -61,7 +61,7 @@ def test_an_import_ends_when_another_one_has_put_its_marker_on_the_board(tmp_pat
     async def main() -> None:
         async with connect(VirtualTransport(virtual)) as board:
             with pytest.raises(ProjectError, match=r"another program has begun to import to virtual://"):
-                await board.apply(NEW, folder=tmp_path, progress=tell)
+                await board.apply_project(NEW, folder=tmp_path, on_progress=tell)
 
     run(main())
     assert virtual.storage.project_id == UNFINISHED.start + 7
@@ -79,7 +79,7 @@ def test_an_import_puts_its_marker_back_when_something_else_has_changed_it(tmp_p
     async def main() -> None:
         async with connect(VirtualTransport(virtual)) as board:
             with pytest.raises(ProjectError, match="does not take"):
-                await board.apply(NEW, folder=tmp_path, progress=tell)
+                await board.apply_project(NEW, folder=tmp_path, on_progress=tell)
             assert await board.has_unfinished_import()
 
     run(main())
@@ -91,7 +91,7 @@ def test_nothing_is_begun_while_another_program_writes(tmp_path: Path) -> None:
     async def work(board: Board, fake: FakeBoard) -> None:
         fake.plan(QueryProjectIDRequest, *[lie(QueryProjectIDResponse(6))] * 2)
         with pytest.raises(ProjectError, match="another program is writing to the board"):
-            await board.apply(NEW, folder=tmp_path)
+            await board.apply_project(NEW, folder=tmp_path)
 
     assert on_fake(work).virtual.storage.contents == OLD_CONTENTS
     assert not list(tmp_path.iterdir())

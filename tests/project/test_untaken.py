@@ -12,7 +12,7 @@ import pytest
 from servolink.client.connect import connect
 from servolink.errors import ProjectError
 from servolink.project.model import Project
-from servolink.project.transfer.backups import Store
+from servolink.project.transfer.backups import BackupStore
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.storage import Kind, Storage
 from servolink.virtual.transport import VirtualTransport
@@ -89,11 +89,11 @@ def said_of(
         change(odd)
         async with connect(VirtualTransport(odd)) as board:
             with pytest.raises(ProjectError) as caught:
-                await board.apply(project, folder=folder, replace=replace)
+                await board.apply_project(project, folder=folder, replace=replace)
             assert await board.has_unfinished_import()
         good = Make().board(odd.storage.contents, 1)
         async with connect(VirtualTransport(good)) as board:
-            await board.rollback(folder=folder)
+            await board.rollback_project(folder=folder)
         assert same(good.storage.contents, OLD_CONTENTS)
         return str(caught.value)
 
@@ -175,8 +175,8 @@ def test_a_board_that_does_not_keep_markers_is_left_as_it_was(wanted: int, tmp_p
     async def main() -> str:
         async with connect(VirtualTransport(virtual)) as board:
             with pytest.raises(ProjectError) as caught:
-                await board.apply(msgspec.structs.replace(NEW, project_id=wanted), folder=tmp_path)
-            assert not Store(tmp_path).journals(0)
+                await board.apply_project(msgspec.structs.replace(NEW, project_id=wanted), folder=tmp_path)
+            assert not BackupStore(tmp_path).journals(0)
             return str(caught.value)
 
     said = run(main())

@@ -109,11 +109,11 @@ def test_a_setting_that_does_not_exist_is_refused(settings: dict[str, Any], faul
 
 def test_what_a_board_said_can_be_given_back_exactly() -> None:
     codec = Codec()
-    said = codec.encode(QueryActionResponse(7, "a\x1b[2J", (Step(1, 90, -1),)), exact=True)
+    said = codec.encode(QueryActionResponse(7, "a\x1b[2J", (Step(1, 90, -1),)), unchecked=True)
     found = codec.decode_frame(said)
     assert isinstance(found, QueryActionResponse)
     add = AddActionRequest(found.action_id, found.action_caption, found.steps)
-    assert codec.encode(add, exact=True)[8:-1] == said[8:-1]
+    assert codec.encode(add, unchecked=True)[8:-1] == said[8:-1]
     with pytest.raises(EncodeError, match="control characters"):
         codec.encode(add)
     with pytest.raises(EncodeError, match="interval: -1 is outside"):
@@ -122,4 +122,4 @@ def test_what_a_board_said_can_be_given_back_exactly() -> None:
 
 def test_exact_still_refuses_what_the_wire_cannot_carry() -> None:
     with pytest.raises(EncodeError, match="interval: 40000 is outside"):
-        Codec().encode(AddActionRequest(7, "a", (Step(1, 90, 40000),)), exact=True)
+        Codec().encode(AddActionRequest(7, "a", (Step(1, 90, 40000),)), unchecked=True)

@@ -39,10 +39,10 @@ NEW = msgspec.structs.replace(
 )
 CALLS: dict[str, Call] = {
     "export": lambda board, folder: board.export_project(),
-    "plan": lambda board, folder: board.plan(NEW),
-    "apply": lambda board, folder: board.apply(NEW, folder=folder),
-    "replace": lambda board, folder: board.apply(NEW, folder=folder, replace=True),
-    "rollback": lambda board, folder: board.rollback(folder=folder),
+    "plan": lambda board, folder: board.plan_project(NEW),
+    "apply": lambda board, folder: board.apply_project(NEW, folder=folder),
+    "replace": lambda board, folder: board.apply_project(NEW, folder=folder, replace=True),
+    "rollback": lambda board, folder: board.rollback_project(folder=folder),
 }
 
 
@@ -52,7 +52,7 @@ async def prepared(name: str, folder: Path) -> VirtualBoard:
     async with connect(VirtualTransport(virtual)) as board:
         await board.write_project_id(OLD.project_id)
         if name == "rollback":
-            await board.apply(NEW, folder=folder)
+            await board.apply_project(NEW, folder=folder)
     return virtual
 
 
@@ -74,9 +74,9 @@ async def assert_nothing_is_lost(name: str, virtual: VirtualBoard, folder: Path,
         if name != "rollback":
             await CALLS[name](board, folder)
             assert await board.export_project() == NEW
-            await board.rollback(folder=folder)
+            await board.rollback_project(folder=folder)
         elif not done:
-            await board.rollback(folder=folder)
+            await board.rollback_project(folder=folder)
         assert await board.export_project() == OLD
 
 

@@ -13,7 +13,7 @@ from benchmarks.reliability.history import History, relive
 from benchmarks.reliability.stage import Scene
 from servolink.connection import connection as link
 from servolink.connection import dispatcher as answers
-from servolink.connection.dispatcher import Deadlines
+from servolink.connection.dispatcher import DeadlineTimer
 from servolink.connection.lanes import Lanes
 from servolink.protocol.packet import Request
 from tests import processes
@@ -76,19 +76,19 @@ def repeating_everything(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def forgetting_who_is_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(answers.Answers, "_over", lambda self, lane, pending: setattr(lane, "pending", None))
+    monkeypatch.setattr(answers.ResponseDispatcher, "_over", lambda self, lane, pending: setattr(lane, "pending", None))
 
 
 def believing_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Deadlines, "_look_again", lambda self, at, received, looks: self._look(at, received, 0))
+    monkeypatch.setattr(DeadlineTimer, "_look_again", lambda self, at, received, looks: self._look(at, received, 0))
 
 
 def moving_after_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(link.Link, "_refuse_if_moving", lambda self, packet: None)
+    monkeypatch.setattr(link.Connection, "_refuse_if_moving", lambda self, packet: None)
 
 
 def giving_up_what_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(answers.Answers, "_is_arriving", lambda self, due, now: False)
+    monkeypatch.setattr(answers.ResponseDispatcher, "_is_arriving", lambda self, due, now: False)
 
 
 def forgetting_the_connection_before(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.errors import TransportUnavailable
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.address import Address
 
 
@@ -131,7 +131,7 @@ def test_any_text_is_an_address_or_one_readable_refusal(url: str) -> None:
         address.port_number()
         address.refuse_unknown()
     except TransportUnavailable as error:
-        shown = str(error)
+        quote = str(error)
     else:
-        shown = printable(address.url)
-    assert shown == printable(shown)
+        quote = escape(address.url)
+    assert quote == escape(quote)

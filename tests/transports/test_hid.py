@@ -13,7 +13,7 @@ import pytest
 from servolink.errors import ConnectionLost, OpenError, TransportUnavailable
 from servolink.transports import hid_devices
 from servolink.transports.base import Transport
-from servolink.transports.device_info import Candidate
+from servolink.transports.device_info import DeviceInfo
 from servolink.transports.registry import create
 from tests.transports.fake_hid import FakeHandle, FakeHid
 from tests.transports.rights import not_root
@@ -218,8 +218,8 @@ async def test_a_device_that_hidapi_cannot_open_is_told(hid: FakeHid, monkeypatc
 def test_candidates_tell_what_there_is_without_opening_it(hid: FakeHid) -> None:
     another(hid, serial_number=None, product_string=None, usage_page=0xFFAB)
     assert hid_devices.candidates() == [
-        Candidate("hid://1209:0001/SN%201", "Servo board", "SN 1", ""),
-        Candidate("hid://1209:0001", "", "", ""),
+        DeviceInfo("hid://1209:0001/SN%201", "Servo board", "SN 1", ""),
+        DeviceInfo("hid://1209:0001", "", "", ""),
     ]
     assert hid.threads == set()
 

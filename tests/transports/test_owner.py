@@ -13,7 +13,7 @@ import pytest
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.transports import threaded as device
-from servolink.transports.device_info import UsbId
+from servolink.transports.device_info import PortIdentity
 from servolink.transports.hid import HidDevice, OpenHid
 from servolink.transports.threaded import DeviceTransport, OpenDevice
 from servolink.transports.usb import OpenUsb, UsbDevice
@@ -35,8 +35,8 @@ class Board:
 
     def transport(self) -> DeviceTransport:
         if isinstance(self.fake, FakeHid):
-            return DeviceTransport(URL, HidDevice(self.fake, URL, UsbId()))
-        return DeviceTransport(URL, UsbDevice(URL, UsbId(), library=self.fake))
+            return DeviceTransport(URL, HidDevice(self.fake, URL, PortIdentity()))
+        return DeviceTransport(URL, UsbDevice(URL, PortIdentity(), library=self.fake))
 
     def bring(self, chunk: bytes) -> None:
         self.fake.bring(chunk)

@@ -11,7 +11,7 @@ import pytest
 
 from servolink.errors import OpenError, TransportUnavailable
 from servolink.transports import usb_devices
-from servolink.transports.device_info import Candidate
+from servolink.transports.device_info import DeviceInfo
 from servolink.transports.registry import create
 from tests.transports.fake_usb import FakeUsb, bulk_pair, endpoint, failure, plugged_in
 from tests.transports.rights import not_root
@@ -161,13 +161,13 @@ async def test_a_missing_device_is_told_with_those_that_are_there(board: FakeUsb
 def test_candidates_are_listed_without_being_opened_where_linux_describes_them(board: FakeUsb, tmp_path: Path) -> None:
     board.open_failure = failure(errno.EACCES)
     describe(tmp_path, serial="AB/7", product="Servo board")
-    assert usb_devices.candidates() == [Candidate("usb://1209:0001/AB%2F7", "Servo board", "AB/7", "")]
+    assert usb_devices.candidates() == [DeviceInfo("usb://1209:0001/AB%2F7", "Servo board", "AB/7", "")]
 
 
 def test_elsewhere_they_are_opened_to_read_their_names(board: FakeUsb) -> None:
-    assert usb_devices.candidates() == [Candidate(SERIAL_URL, "Servo board", "SN 1", "")]
+    assert usb_devices.candidates() == [DeviceInfo(SERIAL_URL, "Servo board", "SN 1", "")]
     board.open_failure = failure(errno.EACCES)
-    assert usb_devices.candidates() == [Candidate("usb://1209:0001", "", "", "")]
+    assert usb_devices.candidates() == [DeviceInfo("usb://1209:0001", "", "", "")]
 
 
 def test_an_interface_with_a_driver_is_somebody_elses(board: FakeUsb, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Any, ParamSpec, Self
 
 from servolink.transports.base import Transport
-from servolink.transports.device_info import UsbId
+from servolink.transports.device_info import PortIdentity
 from servolink.transports.faults import Faults, FaultyTransport
 from servolink.transports.hid import HidDevice
 from servolink.transports.memory import MemoryTransport
@@ -270,7 +270,7 @@ class HidWire(Wire):
     async def start(self) -> Transport:
         self._loop = asyncio.get_running_loop()
         self.hid.heard = self._take
-        return Measuring("hid://1209:0001", HidDevice(self.hid, "hid://1209:0001", UsbId()))
+        return Measuring("hid://1209:0001", HidDevice(self.hid, "hid://1209:0001", PortIdentity()))
 
     async def say(self, data: bytes) -> None:
         for start in range(0, len(data), 64):
@@ -321,7 +321,7 @@ class UsbWire(Wire):
     async def start(self) -> Transport:
         self.usb = FakeUsb()
         self.usb.heard = functools.partial(hear_in, asyncio.get_running_loop(), self.far)
-        return DeviceTransport("usb://1209:0001", UsbDevice("usb://1209:0001", UsbId(), library=self.usb))
+        return DeviceTransport("usb://1209:0001", UsbDevice("usb://1209:0001", PortIdentity(), library=self.usb))
 
     async def say(self, data: bytes) -> None:
         self.usb.bring(*(data[start : start + PACKET] for start in range(0, len(data) + 1, PACKET)))

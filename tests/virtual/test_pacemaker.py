@@ -9,7 +9,7 @@ from typing import TypeVarTuple
 
 from servolink.protocol.joystick import LONG_PRESS, PRESS, ButtonEventResponse
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import Pacemaker
+from servolink.virtual.transport import BoardDriver
 from tests.virtual.host import Host
 from tests.virtual_time import VirtualTimeLoop
 
@@ -40,7 +40,7 @@ def test_a_timer_that_fires_early_does_what_was_due() -> None:
         board = VirtualBoard()
         host = Host(board)
         host.session.subscribed = True
-        pacemaker = Pacemaker(board)
+        pacemaker = BoardDriver(board)
         board.press_button(1, loop.time())
         await asyncio.sleep(1)
         assert host.heard == [ButtonEventResponse(1, PRESS), ButtonEventResponse(1, LONG_PRESS)]
@@ -52,7 +52,7 @@ def test_a_timer_that_fires_early_does_what_was_due() -> None:
 def test_stopped_it_sets_no_more_timers() -> None:
     async def main(loop: EarlyLoop) -> None:
         board = VirtualBoard()
-        pacemaker = Pacemaker(board)
+        pacemaker = BoardDriver(board)
         board.press_button(1, loop.time())
         pacemaker.stop()
         before = loop.timers

@@ -7,7 +7,7 @@ import pytest
 from servolink.errors import EncodeError, ProjectError
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from servolink.virtual import dry_run as rehearsal
-from servolink.virtual.dry_run import LONGEST, Move, Rehearsal, Timeline
+from servolink.virtual.dry_run import LONGEST, DryRun, Move, Timeline
 
 UP = Action(1, "up", (Step(1, 60, 50), Step(2, -30, 25)))
 DOWN = Action(2, "down", (Step(1, 0, 10),))
@@ -15,7 +15,7 @@ DOWN = Action(2, "down", (Step(1, 0, 10),))
 
 def play(record: Action | Macro, *others: Macro) -> Timeline:
     macros = [*([record] if isinstance(record, Macro) else []), *others]
-    return Rehearsal([UP, DOWN], macros, [1, 2, 3]).play(record)
+    return DryRun([UP, DOWN], macros, [1, 2, 3]).play(record)
 
 
 def test_an_action() -> None:
@@ -42,7 +42,7 @@ def test_a_macro_with_speed_loops_pauses_and_other_macros() -> None:
 
 def test_a_move_that_another_cuts_short() -> None:
     early = Action(3, "", (Step(1, 90, 100), Step(2, 5, 5), Step(1, -90, 50)))
-    timeline = Rehearsal([early], [], [1, 2]).play(early)
+    timeline = DryRun([early], [], [1, 2]).play(early)
     assert timeline.moves[0] == Move(1, 0.0, 0.0, 0.0, 90, is_cut=True)
     assert timeline.moves[2] == Move(1, 0.0, 0.5, 0.0, -90)
     assert (timeline.seconds, timeline.angles[1]) == (0.5, -90.0)
@@ -50,11 +50,11 @@ def test_a_move_that_another_cuts_short() -> None:
 
 def test_servos_end_at_their_stops() -> None:
     far = Action(3, "", (Step(1, 400, 10),))
-    assert Rehearsal([far], [], [1]).play(far).angles == {1: 180.0}
+    assert DryRun([far], [], [1]).play(far).angles == {1: 180.0}
 
 
 def test_servos_that_are_not_there_do_not_move() -> None:
-    assert Rehearsal([UP], [], [2]).play(UP).moves == (Move(2, 0.0, 0.25, 0.0, -30),)
+    assert DryRun([UP], [], [2]).play(UP).moves == (Move(2, 0.0, 0.25, 0.0, -30),)
 
 
 def test_an_endless_macro_is_cut_off() -> None:
@@ -70,7 +70,7 @@ def test_endless_work_in_no_time_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> 
     assert not play(much, nothing).is_whole
     jump = Action(3, "", (Step(1, 1, 0),) * 2000)
     again = Macro(7, "", (MacroCommand(3, loop=0x7FFF),))
-    timeline = Rehearsal([jump], [again], [1]).play(again)
+    timeline = DryRun([jump], [again], [1]).play(again)
     assert not timeline.is_whole
     assert len(timeline.moves) < 200_000
 
@@ -83,6 +83,6 @@ def test_what_cannot_be_played_is_refused(commands: tuple[MacroCommand, ...]) ->
 
 def test_what_no_board_takes_is_refused() -> None:
     with pytest.raises(ProjectError, match="no action with the id 0"):
-        Rehearsal([Action(0)], [], [])
+        DryRun([Action(0)], [], [])
     with pytest.raises(EncodeError, match="70000 is outside"):
-        Rehearsal([Action(1, "", (Step(1, 70000, 1),))], [], [])
+        DryRun([Action(1, "", (Step(1, 70000, 1),))], [], [])

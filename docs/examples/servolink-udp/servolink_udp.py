@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.transports.address import Address
 from servolink.transports.base import Receiver
 
@@ -27,18 +27,18 @@ class UdpTransport(asyncio.DatagramProtocol):
     async def open(self, receiver: Receiver) -> None:
         """Bind a port of our own; OpenError if the host has no address or this transport was used before."""
         if self._receiver is not None or self._ended.is_set():
-            raise OpenError(f"{printable(self.url)}: a transport is opened once; make another")
+            raise OpenError(f"{escape(self.url)}: a transport is opened once; make another")
         self._receiver = receiver
         loop = asyncio.get_running_loop()
         try:
             self._socket, _ = await loop.create_datagram_endpoint(lambda: self, remote_addr=self._place)
         except OSError as error:
-            raise OpenError(f"{printable(self.url)}: {error}; is the host's name right?") from error
+            raise OpenError(f"{escape(self.url)}: {error}; is the host's name right?") from error
 
     async def send(self, data: bytes) -> None:
         """Send all of `data`, or raise ConnectionLost; asyncio takes a datagram without waiting."""
         if self._socket is None or self._ended.is_set():
-            raise ConnectionLost(f"{printable(self.url)}: it is not open") from self._cause
+            raise ConnectionLost(f"{escape(self.url)}: it is not open") from self._cause
         for start in range(0, len(data), _LARGEST):
             self._socket.sendto(data[start : start + _LARGEST])
 

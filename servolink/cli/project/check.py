@@ -15,7 +15,7 @@ from servolink.project.model import Project
 from servolink.project.preflight import preflight
 from servolink.project.project_file import save_project
 from servolink.project.records import find
-from servolink.project.validate import Problem, problems
+from servolink.project.validate import Diagnostic, problems
 from servolink.protocol.record_types import ACTION, MACRO
 
 _IDS = re.compile(r"([0-9]{1,3})(?:-([0-9]{1,3}))?", re.ASCII)
@@ -58,7 +58,7 @@ def run_check(args: argparse.Namespace) -> int:
     return with_project(args, check)
 
 
-def _print(args: argparse.Namespace, found: list[Problem], fixes: list[str]) -> None:
+def _print(args: argparse.Namespace, found: list[Diagnostic], fixes: list[str]) -> None:
     if args.json:
         listed = [
             {"path": one.path, "text": one.text, "severity": one.severity, "fixable": one.fixable} for one in found

@@ -17,7 +17,7 @@ from servolink.project.mirror import Mirror, mirror_by_captions, mirrored
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, schema_text
 from servolink.project.records import find
-from servolink.protocol.record_types import ACTION, KINDS, MACRO
+from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES
 from servolink.protocol.records import Action
 
 _TABLE = {"table": "joystick table"}
@@ -68,13 +68,13 @@ def _scaled(args: argparse.Namespace, project: Project) -> tuple[Project, list[s
 
 
 def _merged(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
-    return merged(project, load_project(args.other, exact=True))
+    return merged(project, load_project(args.other, unchecked=True))
 
 
 def _renamed(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
     if args.kind == "servo":
         return renamed_servo(project, args.id, args.caption)
-    kind = next(kind for kind in KINDS if kind.word == _TABLE.get(args.kind, args.kind))
+    kind = next(kind for kind in RECORD_TYPES if kind.word == _TABLE.get(args.kind, args.kind))
     return renamed(project, kind, args.id, args.caption)
 
 

@@ -16,7 +16,7 @@ from servolink.project.records import by_kind, by_servo, find, kind_of, named
 from servolink.protocol.record_types import ACTION, MACRO
 from servolink.protocol.records import Action, Macro
 from servolink.protocol.servos import ServoState
-from servolink.virtual.dry_run import Move, Rehearsal, Timeline
+from servolink.virtual.dry_run import DryRun, Move, Timeline
 
 if TYPE_CHECKING:
     from servolink.client.servos import Servo
@@ -60,14 +60,14 @@ def _play(args: argparse.Namespace, project: Project, *, with_bars: bool) -> int
     return OK
 
 
-def _rehearsal(project: Project) -> Rehearsal:
+def _rehearsal(project: Project) -> DryRun:
     by_kind(project)  # ids that are used twice play one of two
     servo_ids = {step.servo_id for action in project.actions for step in action.steps}
     servo_ids |= {one.servo_id for one in project.servo_parameters}
-    return Rehearsal(project.actions, project.macros, sorted(servo_ids))
+    return DryRun(project.actions, project.macros, sorted(servo_ids))
 
 
-async def _show(rehearsal: Rehearsal, record: Action | Macro, timeline: Timeline) -> int:
+async def _show(rehearsal: DryRun, record: Action | Macro, timeline: Timeline) -> int:
     """Draw the servos on their way, in the time that it takes."""
     import asyncio
 

@@ -12,7 +12,7 @@ from servolink.cli.project.source import add_source, with_project
 from servolink.cli.records import described, whole_table
 from servolink.project.model import Project
 from servolink.project.records import find, times, total_size
-from servolink.protocol.record_types import ACTION, KINDS, MACRO, TABLE, Kind
+from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, TABLE, RecordType
 from servolink.protocol.records import Action, MacroCommand
 
 _COMMANDS = {ACTION.plural: "actions", MACRO.plural: "macros", TABLE.plural: "tables"}
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     """Print the project, or some records of it."""
 
     def show(project: Project) -> int:
-        records = [find(project, name, KINDS) for name in args.records]
+        records = [find(project, name, RECORD_TYPES) for name in args.records]
         if args.json:
             print_json(_records(records) if records else _project(project))
         elif records:
@@ -43,12 +43,12 @@ def run(args: argparse.Namespace) -> int:
     return with_project(args, show)
 
 
-def _kind(record: Any) -> Kind:
-    return next(kind for kind in KINDS if isinstance(record, kind.record))
+def _kind(record: Any) -> RecordType:
+    return next(kind for kind in RECORD_TYPES if isinstance(record, kind.record))
 
 
 def _records(records: Sequence[Any]) -> dict[str, Any]:
-    return {kind.plural: [described(one) for one in records if _kind(one) is kind] for kind in KINDS}
+    return {kind.plural: [described(one) for one in records if _kind(one) is kind] for kind in RECORD_TYPES}
 
 
 def _project(project: Project) -> dict[str, Any]:

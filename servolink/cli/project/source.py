@@ -10,7 +10,7 @@ from typing import Any
 from servolink.cli.main import OK, refuse
 from servolink.cli.output import print_json, print_text
 from servolink.errors import ProjectError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, save_project
 from servolink.project.validate import problems
@@ -29,24 +29,24 @@ def is_address(source: str) -> bool:
 def with_project(args: argparse.Namespace, then: Callable[[Project], int]) -> int:
     """Read the project of `args.source` and return what `then` makes of it; a board is left as it is."""
     if not is_address(args.source):
-        return then(load_project(Path(args.source), exact=True))
+        return then(load_project(Path(args.source), unchecked=True))
 
     if getattr(args, "in_place", False):
         refuse(args, "--in-place is for files; write into one with -o, and `servolink apply` writes it to a board")
 
     from servolink.cli.live import shown_progress
-    from servolink.cli.session import Interruption, converse
+    from servolink.cli.session import Interruption, run_with_board
     from servolink.client.board import Board
 
     read: list[Project] = []
 
     async def talk(board: Board, interruption: Interruption) -> int:
         with shown_progress(board, quiet=args.json) as tell:
-            read.append(await board.export_project(progress=tell))
+            read.append(await board.export_project(on_progress=tell))
         return OK
 
     args.url = args.source
-    ended = converse(args, talk, state="the board was only read")
+    ended = run_with_board(args, talk, state="the board was only read")
     return then(*read) if ended == OK else ended
 
 
@@ -91,5 +91,5 @@ def write_new(args: argparse.Namespace, target: Path, project: Project) -> None:
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
         raise ProjectError(f"the result would be no valid project, and nothing was written: {errors[0]}{more}")
     if target.exists() and not (args.force or getattr(args, "in_place", False)):
-        raise ProjectError(f"{printable(str(target))}: is there already; --force replaces it")
+        raise ProjectError(f"{escape(str(target))}: is there already; --force replaces it")
     save_project(target, project)

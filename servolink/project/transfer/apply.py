@@ -9,13 +9,13 @@ from pathlib import Path
 import msgspec
 
 from servolink.errors import ProjectError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.project.model import Project
-from servolink.project.transfer.backups import Journal, Store, is_unfinished, journal_of, last_import
+from servolink.project.transfer.backups import BackupStore, Journal, is_unfinished, journal_of, last_import
 from servolink.project.transfer.import_run import Import
 from servolink.project.transfer.plan import check_writable, writes
 from servolink.project.transfer.read import Asked, Content, read_content, read_project_id
-from servolink.project.transfer.results import Applied, Progress, Tell
+from servolink.project.transfer.results import ApplyResult, Progress, Tell
 from servolink.protocol.settings import QueryMemorySizeRequest
 
 
@@ -23,22 +23,22 @@ async def apply_project(
     board: Asked,
     project: Project,
     *,
-    store: Store,
+    store: BackupStore,
     tell: Tell,
     replace: bool = False,
     backup: bool = True,
-    exact: bool = False,
+    unchecked: bool = False,
     restores: str | None = None,
-) -> Applied:
+) -> ApplyResult:
     """Make the board hold `project`.
 
     `replace` deletes everything first (document, 4.2), otherwise only what differs is written. `backup=False` goes on
-    without a backup. `exact` writes what was read from a board, however odd; `restores` names the backup that it is.
+    without a backup. `unchecked` writes what was read from a board; `restores` names the backup that it is.
     ProjectError, before anything is changed, for a project that cannot be written or does not fit, and if no backup
     can be made; later, if the board does not take it. After any error from `marking` on, and after a cancellation,
     the next call goes on.
     """
-    check_writable(board, project, exact=exact)
+    check_writable(board, project, unchecked=unchecked)
     before = await read_project_id(board)
     journals = await asyncio.to_thread(store.journals, before)
     begun = journal_of(journals, before, board.url)
@@ -46,24 +46,24 @@ async def apply_project(
     if begun is None or not is_unfinished(before):
         content = await read_content(board, tell)
         if content.project_id != before:
-            raise ProjectError(f"{printable(board.url)}: another program is writing to the board; try again after it")
+            raise ProjectError(f"{escape(board.url)}: another program is writing to the board; try again after it")
     if content is not None and begun is None:
         if not writes(content, project) and before == project.project_id:
             await _finish(last_import(journals, before, board.url), store)
-            return Applied(changed=False, resumed=False, backup=None)
+            return ApplyResult(changed=False, resumed=False, backup=None)
         await _check_memory(board, content, project)
     kept = await _backup(board, content, begun, store, tell, wanted=backup)
     name = None if kept is None else kept.name
     marker = await asyncio.to_thread(store.new_marker)
     journal = Journal(marker, board.url, project.project_id, name, restores=restores)
     others = [one for one in journals if one.url == board.url and one is not begun]
-    run = Import(board, project, journal, store, tell, exact=exact)
+    run = Import(board, project, journal, store, tell, unchecked=unchecked)
     await run.run(content, before, begun, others, replace=replace)
     tell(Progress("finishing", 1, 1, f"project id {project.project_id}"))
-    return Applied(changed=True, resumed=begun is not None, backup=kept)
+    return ApplyResult(changed=True, resumed=begun is not None, backup=kept)
 
 
-async def _finish(last: Journal | None, store: Store) -> None:
+async def _finish(last: Journal | None, store: BackupStore) -> None:
     """Note that the last import is done, if it could not see that itself."""
     if last is not None and last.phase != "finished":
         await asyncio.to_thread(store.write, msgspec.structs.replace(last, phase="finished"))
@@ -74,12 +74,12 @@ async def _check_memory(board: Asked, content: Content, project: Project) -> Non
     more = content.growth(project)
     if more > free:
         raise ProjectError(
-            f"the project takes {more:,} bytes more than what is on {printable(board.url)}, which has {free:,} free"
+            f"the project takes {more:,} bytes more than what is on {escape(board.url)}, which has {free:,} free"
         )
 
 
 async def _backup(
-    board: Asked, content: Content | None, begun: Journal | None, store: Store, tell: Tell, *, wanted: bool
+    board: Asked, content: Content | None, begun: Journal | None, store: BackupStore, tell: Tell, *, wanted: bool
 ) -> Path | None:
     """Return the backup with what was on the board before the import; none if there is none."""
     if begun is None:
@@ -87,31 +87,29 @@ async def _backup(
     if content is not None and not content.is_empty() and wanted:
         # It looks as if it had just been cleared, and not all of it is gone: or it is another board.
         path = await _keep(board, content, store, tell)
-        logging.getLogger(__name__).warning(
-            "what is left on %s is kept in %s", printable(board.url), printable(str(path))
-        )
+        logging.getLogger(__name__).warning("what is left on %s is kept in %s", escape(board.url), escape(str(path)))
     if begun.backup is None:
         return None
     path = store.kept(begun.backup)
     if path.is_file():
         return path
-    logging.getLogger(__name__).warning("the backup of the import that goes on is gone: %s", printable(str(path)))
+    logging.getLogger(__name__).warning("the backup of the import that goes on is gone: %s", escape(str(path)))
     return None
 
 
-async def _keep(board: Asked, content: Content, store: Store, tell: Tell) -> Path:
+async def _keep(board: Asked, content: Content, store: BackupStore, tell: Tell) -> Path:
     """Keep what is on the board; ProjectError if not all of it is given."""
     tell(Progress("saving", 0, 1, "backup"))
     try:
         old = content.project()
     except ProjectError as error:
-        raise ProjectError(f"no backup of {printable(board.url)} can be made: {error}") from error
+        raise ProjectError(f"no backup of {escape(board.url)} can be made: {error}") from error
     path = await asyncio.to_thread(store.keep, old, board.url, board.codec.caption_encoding)
     tell(Progress("saving", 1, 1, "backup"))
     return path
 
 
-async def roll_back(board: Asked, backup: Path | None, *, store: Store, tell: Tell) -> Applied:
+async def roll_back(board: Asked, backup: Path | None, *, store: BackupStore, tell: Tell) -> ApplyResult:
     """Restore `backup`, by default the one of the unfinished import, else that of the last import at this address.
 
     ProjectError if there is none. It is an import like any other: it can be interrupted, and rolled back.
@@ -119,12 +117,12 @@ async def roll_back(board: Asked, backup: Path | None, *, store: Store, tell: Te
     path = backup or await backup_for(board, store)
     project = await asyncio.to_thread(store.load, path, board.codec.caption_encoding)
     restores = path.name if path == store.kept(path.name) else None
-    return await apply_project(board, project, store=store, tell=tell, exact=True, restores=restores)
+    return await apply_project(board, project, store=store, tell=tell, unchecked=True, restores=restores)
 
 
-async def backup_for(board: Asked, store: Store) -> Path:
+async def backup_for(board: Asked, store: BackupStore) -> Path:
     """Return the backup that holds what was on the board before the last import; ProjectError if there is none."""
-    here, where = await read_project_id(board), printable(board.url)
+    here, where = await read_project_id(board), escape(board.url)
     journals = await asyncio.to_thread(store.journals, here)
     journal = journal_of(journals, here, board.url) or last_import(journals, here, board.url)
     if journal is not None and journal.restores is not None and journal.phase != "finished":

@@ -19,7 +19,7 @@ import platformdirs
 from msgspec import Meta, Struct
 
 from servolink.errors import ProjectError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.files import write_atomically
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import format_project, load_project
@@ -103,7 +103,7 @@ class Backup(Struct, frozen=True, order=True):
     path: Path
 
 
-class Store:
+class BackupStore:
     """A folder with `backups` and `imports` in it; ProjectError, where files fail, says which."""
 
     def __init__(self, folder: Path | None = None, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
@@ -119,8 +119,8 @@ class Store:
             what = f"{_slug(url)}-{_slug_of_encoding(caption_encoding)}-{_digest(project)}"
             path = folder / f"{number:06}-{self.now():{_TIME}}-{what}{_SUFFIX}"
             write_atomically(path, format_project(project).encode())
-        if load_project(path, exact=True) != project.sorted():
-            raise ProjectError(f"{printable(str(path))}: the backup does not read back as it was written")
+        if load_project(path, unchecked=True) != project.sorted():
+            raise ProjectError(f"{escape(str(path))}: the backup does not read back as it was written")
         return path
 
     def load(self, path: Path, caption_encoding: str) -> Project:
@@ -128,16 +128,16 @@ class Store:
 
         ProjectError also for a backup of this folder that was read with captions in another encoding, or was changed.
         """
-        project = load_project(path, exact=True)
+        project = load_project(path, unchecked=True)
         backup = _backup(path) if path == self.kept(path.name) else None
         if backup and backup.caption_encoding != _slug_of_encoding(caption_encoding):
             raise ProjectError(
-                f"{printable(str(path))} was read with captions in {backup.caption_encoding}; connect with that "
-                f"caption encoding, not {printable(caption_encoding)}"
+                f"{escape(str(path))} was read with captions in {backup.caption_encoding}; connect with that "
+                f"caption encoding, not {escape(caption_encoding)}"
             )
         if backup and backup.digest != _digest(project):
             raise ProjectError(
-                f"{printable(str(path))} has been changed since it was made; to restore it as it is now, copy it to "
+                f"{escape(str(path))} has been changed since it was made; to restore it as it is now, copy it to "
                 "another folder and give `rollback` the copy"
             )
         return project
@@ -163,7 +163,7 @@ class Store:
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
-            _LOG.warning("the journal of an import that is over cannot be deleted: %s", printable(str(error)))
+            _LOG.warning("the journal of an import that is over cannot be deleted: %s", escape(str(error)))
 
     def journals(self, project_id: int) -> list[Journal]:
         """Return all journals; ProjectError if that of the board with this project id cannot be read."""
@@ -176,7 +176,7 @@ class Store:
                 except FileNotFoundError:
                     continue  # ended by another program at this moment
                 except (OSError, ValueError, RecursionError) as error:  # JSON and types raise kinds of ValueError
-                    text = f"{printable(str(path))}: this journal of an import cannot be read: {printable(str(error))}"
+                    text = f"{escape(str(path))}: this journal of an import cannot be read: {escape(str(error))}"
                     if marker == project_id:
                         raise ProjectError(
                             f"{text}; move it away, and give `rollback` the backup to restore"
@@ -206,7 +206,7 @@ class Store:
         except FileNotFoundError:
             return []
         except (OSError, ValueError) as error:
-            raise ProjectError(f"{printable(str(folder))} cannot be read: {printable(str(error))}") from error
+            raise ProjectError(f"{escape(str(folder))} cannot be read: {escape(str(error))}") from error
 
 
 _LOG = logging.getLogger(__name__)
@@ -216,7 +216,7 @@ def _data_folder() -> Path:
     try:
         return platformdirs.user_data_path("servolink", appauthor=False)
     except RuntimeError as error:
-        raise ProjectError(f"backups of boards have no place: {printable(str(error))}; set HOME") from error
+        raise ProjectError(f"backups of boards have no place: {escape(str(error))}; set HOME") from error
 
 
 @contextmanager
@@ -227,7 +227,7 @@ def _told(what: str) -> Iterator[None]:
     except ProjectError:
         raise
     except (OSError, ValueError) as error:  # ValueError: NUL in the name of the folder
-        raise ProjectError(f"{what}: {printable(str(error))}") from error
+        raise ProjectError(f"{what}: {escape(str(error))}") from error
 
 
 def _read(path: Path, marker: int) -> Journal:

@@ -10,14 +10,14 @@ from typing import Any
 import msgspec
 
 from servolink.errors import OutcomeUnknown, ProjectError, Rejected
-from servolink.escaping import printable, shown
+from servolink.escaping import escape, quote
 from servolink.project.model import Project
-from servolink.project.transfer.backups import Journal, JournalPhase, Store, is_unfinished
+from servolink.project.transfer.backups import BackupStore, Journal, JournalPhase, is_unfinished
 from servolink.project.transfer.plan import Write, writes
 from servolink.project.transfer.read import Asked, Content, read_content, read_project_id
 from servolink.project.transfer.results import Phase, Progress, Tell
 from servolink.protocol.editing import AddServoParameterRequest
-from servolink.protocol.record_types import KINDS, Kind
+from servolink.protocol.record_types import RECORD_TYPES, RecordType
 
 _MOST = 3
 
@@ -39,7 +39,7 @@ def _reason(content: Content, write: Write, refused: Collection[str]) -> str:
     if isinstance(request, AddServoParameterRequest):
         servo_ids = [one.servo_id for one in request.servos if one not in content.servo_parameters]
         return f"servo {servo_ids[0]} comes back otherwise" if servo_ids else ""
-    for kind in KINDS:
+    for kind in RECORD_TYPES:
         if isinstance(request, kind.deleting):
             return "still listed"
         if isinstance(request, kind.adding):
@@ -47,7 +47,7 @@ def _reason(content: Content, write: Write, refused: Collection[str]) -> str:
     return ""
 
 
-def _difference(content: Content, kind: Kind, request: Any) -> str:
+def _difference(content: Content, kind: RecordType, request: Any) -> str:
     """Return what is another in the record that the board gives than in the one that it was given."""
     record_id = kind.id_of(request)
     entries = [entry for entry in content.records[kind] if entry.record_id == record_id]
@@ -59,7 +59,7 @@ def _difference(content: Content, kind: Kind, request: Any) -> str:
     if len(entries) > 1:
         return f"listed {len(entries)} times"
     if (caption := kind.caption_of(given)) != kind.caption_of(request):
-        return f"its caption comes back as {shown(caption)}"
+        return f"its caption comes back as {quote(caption)}"
     return f"other {kind.record.__struct_fields__[-1]} come back"
 
 
@@ -73,7 +73,7 @@ class Import:
     """Writes one project to one board, under a journal."""
 
     def __init__(
-        self, board: Asked, target: Project, journal: Journal, store: Store, tell: Tell, *, exact: bool
+        self, board: Asked, target: Project, journal: Journal, store: BackupStore, tell: Tell, *, unchecked: bool
     ) -> None:
         """Bring `target` to the board under `journal`, which is a new one for each run."""
         self._board = board
@@ -81,7 +81,7 @@ class Import:
         self._journal = journal
         self._store = store
         self._tell = tell
-        self._exact = exact
+        self._exact = unchecked
 
     async def run(
         self, content: Content | None, before: int, begun: Journal | None, others: Sequence[Journal], *, replace: bool
@@ -123,7 +123,7 @@ class Import:
         restored = await self._keeps_id(before, "marking")
         await asyncio.to_thread(self._store.end, self._journal)
         raise ProjectError(
-            f"{printable(self._board.url)} does not keep project ids such as {marker}, by which an unfinished import "
+            f"{escape(self._board.url)} does not keep project ids such as {marker}, by which an unfinished import "
             f"is known; nothing was changed{'' if restored else ' but its project id'}"
         )
 
@@ -182,7 +182,7 @@ class Import:
             return
         if is_unfinished(project_id):
             raise ProjectError(
-                f"another program has begun to import to {printable(self._board.url)} in the middle of this import; "
+                f"another program has begun to import to {escape(self._board.url)} in the middle of this import; "
                 "let one of them do it"
             )
         await self._write_id(self._journal.marker, "verifying")
@@ -193,7 +193,7 @@ class Import:
         for at, write in enumerate(todo):
             self._tell(Progress("writing", at, len(todo), write.item))
             with suppress(OutcomeUnknown):  # the next reading tells
-                answer = await self._board.request(write.request, exact=self._exact)
+                answer = await self._board.request(write.request, unchecked=self._exact)
                 if not answer.result:
                     refused.add(write.item)
         self._tell(Progress("writing", len(todo), len(todo), todo[-1].item))
@@ -201,7 +201,7 @@ class Import:
 
     def _not_taken(self, what: str) -> ProjectError:
         return ProjectError(
-            f"{printable(self._board.url)} does not take {what}; the import is unfinished: apply a project that it "
+            f"{escape(self._board.url)} does not take {what}; the import is unfinished: apply a project that it "
             "takes, or roll back"
         )
 

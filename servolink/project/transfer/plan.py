@@ -21,7 +21,7 @@ from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.frame import OVERHEAD
 from servolink.protocol.joystick import SetActiveJoystickTableRequest
 from servolink.protocol.packet import Request, Result
-from servolink.protocol.record_types import KINDS, TABLE, Kind
+from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType
 from servolink.protocol.records import ServoParameter
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
 
@@ -31,7 +31,7 @@ def compare(old: Project, new: Project) -> tuple[Change, ...]:
     old, new = old.sorted(), new.sorted()
     changes = _values("project id", old.project_id or None, new.project_id or None)
     changes += _records("servo parameter", _by_servo(old), _by_servo(new))
-    for kind in KINDS:
+    for kind in RECORD_TYPES:
         changes += _records(kind.word, kind.of(old), kind.of(new))
     if new.active_joystick_table in TABLE.of(new):
         changes += _values("active joystick table", old.active_joystick_table, new.active_joystick_table)
@@ -76,7 +76,7 @@ class Cost(Struct, frozen=True):
 
 def cost_of_writing(todo: Iterable[Write], codec: Codec) -> Cost:
     """Return what these requests cost."""
-    sizes = [len(codec.encode(write.request, exact=True)) + _RESULT for write in todo]
+    sizes = [len(codec.encode(write.request, unchecked=True)) + _RESULT for write in todo]
     return Cost(len(sizes), sum(sizes))
 
 
@@ -87,9 +87,9 @@ def cost_of_marking(times: int) -> Cost:
 
 def cost_of_reading(project: Project) -> Cost:
     """Return what it costs to read all of it until two readings agree, which on a good line is twice."""
-    records = [record for kind in KINDS for record in kind.of(project).values()]
+    records = [record for kind in RECORD_TYPES for record in kind.of(project).values()]
     numbers = 2 * _ID
-    lists = len(KINDS) * _COUNT + _ENTRY * len(records)
+    lists = len(RECORD_TYPES) * _COUNT + _ENTRY * len(records)
     parameters = _COUNT + sum(map(stored_size, project.servo_parameters))
     outline = 2 * _OUTLINE * OVERHEAD + numbers + lists + parameters
     each = sum(2 * OVERHEAD + _ID + stored_size(record) for record in records)
@@ -111,12 +111,12 @@ def writes(content: Content, target: Project) -> list[Write]:
     something is deleted before it and added after it.
     """
     target = target.sorted()
-    deleting = [write for kind in reversed(KINDS) for write in _deletions(kind, content, target)]
-    adding = [write for kind in KINDS for write in _additions(kind, content, target)]
+    deleting = [write for kind in reversed(RECORD_TYPES) for write in _deletions(kind, content, target)]
+    adding = [write for kind in RECORD_TYPES for write in _additions(kind, content, target)]
     return deleting + _parameters(content, target) + adding + _activation(content, target)
 
 
-def _sound(kind: Kind, content: Content, target: Project) -> set[int]:
+def _sound(kind: RecordType, content: Content, target: Project) -> set[int]:
     """Return the ids of the records that are there as they should be: once, and right."""
     entries, wanted = content.records[kind], kind.of(target)
     times = Counter(entry.record_id for entry in entries)
@@ -127,7 +127,7 @@ def _sound(kind: Kind, content: Content, target: Project) -> set[int]:
     }
 
 
-def _deletions(kind: Kind, content: Content, target: Project) -> list[Write]:
+def _deletions(kind: RecordType, content: Content, target: Project) -> list[Write]:
     sound = _sound(kind, content, target)
     return [
         Write(f"{kind.word} {entry.record_id}", kind.delete(entry.record_id))
@@ -136,7 +136,7 @@ def _deletions(kind: Kind, content: Content, target: Project) -> list[Write]:
     ]
 
 
-def _additions(kind: Kind, content: Content, target: Project) -> list[Write]:
+def _additions(kind: RecordType, content: Content, target: Project) -> list[Write]:
     sound = _sound(kind, content, target)
     return [
         Write(f"{kind.word} {record_id}", kind.add(record))
@@ -165,10 +165,10 @@ def _activation(content: Content, target: Project) -> list[Write]:
 
 
 async def plan_project(
-    board: Asked, project: Project, *, tell: Tell, replace: bool = False, exact: bool = False
+    board: Asked, project: Project, *, tell: Tell, replace: bool = False, unchecked: bool = False
 ) -> Plan:
     """Return what `apply_project` would do; ProjectError for a project that cannot be written to any board."""
-    check_writable(board, project, exact=exact)
+    check_writable(board, project, unchecked=unchecked)
     loop = asyncio.get_running_loop()
     begun = loop.time()
     content = await read_content(board, tell)
@@ -205,15 +205,15 @@ def _cost(board: Asked, content: Content, project: Project, *, replace: bool) ->
     return around + cost_of_writing([clearing, *writes(Content(), project)], codec) + cleared
 
 
-def check_writable(board: Asked, project: Project, *, exact: bool) -> None:
-    """Raise ProjectError for what cannot be written to any board; `exact` as in `apply_project`."""
-    if not exact:
+def check_writable(board: Asked, project: Project, *, unchecked: bool) -> None:
+    """Raise ProjectError for what cannot be written to any board; `unchecked` as in `apply_project`."""
+    if not unchecked:
         for problem in problems(project, caption_encoding=board.codec.caption_encoding):
             if problem.severity == "error":
                 raise ProjectError(f"{problem.path}: {problem.text}")
         return  # what has no error can be written
     for write in writes(Content(), project):
         try:
-            board.codec.encode(write.request, exact=True)
+            board.codec.encode(write.request, unchecked=True)
         except EncodeError as error:
             raise ProjectError(f"{write.item} cannot be written to a board: {error}") from error

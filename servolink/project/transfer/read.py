@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
 from servolink.errors import ConnectionLost, DecodeError, ProjectError
-from servolink.escaping import printable
+from servolink.escaping import escape
 from servolink.project.model import Project, telling
 from servolink.project.records import stored_size, total_size
 from servolink.project.transfer.results import Phase, Progress, Tell
@@ -21,7 +21,7 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryServoParameterRequest
 from servolink.protocol.joystick import QueryActiveJoystickTableRequest
 from servolink.protocol.packet import Request, Response
-from servolink.protocol.record_types import KINDS, Kind
+from servolink.protocol.record_types import RECORD_TYPES, RecordType
 from servolink.protocol.records import ServoParameter
 
 
@@ -43,9 +43,9 @@ class OneConnection:
         """Byte order and caption encoding of the connection."""
         return self._board.codec
 
-    async def request(self, packet: Request[R], *, exact: bool = False) -> R:
+    async def request(self, packet: Request[R], *, unchecked: bool = False) -> R:
         """Return the answer to `packet`."""
-        return await self._still().request(packet, exact=exact)
+        return await self._still().request(packet, unchecked=unchecked)
 
     async def write_project_id(self, project_id: int) -> None:
         """Write the project id."""
@@ -58,7 +58,7 @@ class OneConnection:
     def _still(self) -> Asked:
         if self._board.connection is not self.connection:
             raise ConnectionLost(
-                f"the connection to {printable(self.url)} was lost and came back in the middle of this, perhaps to "
+                f"the connection to {escape(self.url)} was lost and came back in the middle of this, perhaps to "
                 "another board; do it again"
             )
         return self._board
@@ -89,7 +89,7 @@ class Asked(Protocol):
         """What stands for its connection: another one after a loss."""
         ...
 
-    async def request(self, packet: Request[R], *, exact: bool = False) -> R:
+    async def request(self, packet: Request[R], *, unchecked: bool = False) -> R:
         """Return the answer to `packet`."""
         ...
 
@@ -116,7 +116,7 @@ class Content:
     project_id: int = 0
     servo_parameters: tuple[ServoParameter, ...] = ()
     active: int | None = None
-    records: dict[Kind, tuple[Listed, ...]] = field(default_factory=lambda: dict.fromkeys(KINDS, ()))
+    records: dict[RecordType, tuple[Listed, ...]] = field(default_factory=lambda: dict.fromkeys(RECORD_TYPES, ()))
     """In the order of the board's lists, with ids that are there twice."""
 
     def project(self) -> Project:
@@ -176,9 +176,7 @@ async def read_project(board: Asked, tell: Tell) -> Project:
     """Return everything stored on the board; ProjectError if the readings never agree or it is not sound."""
     content = await read_content(board, tell)
     if doubled := content.doubled():
-        logging.getLogger(__name__).warning(
-            "%s lists twice and gives once: %s", printable(board.url), ", ".join(doubled)
-        )
+        logging.getLogger(__name__).warning("%s lists twice and gives once: %s", escape(board.url), ", ".join(doubled))
     return content.project()
 
 
@@ -186,10 +184,10 @@ async def read_content(board: Asked, tell: Tell, phase: Phase = "reading") -> Co
     """Return what is on the board, each part read until two consecutive readings agree; `phase` is what is told."""
     for _ in range(_READINGS):
         content = await _agreed(board, _read_outline, "its lists")
-        ids = {kind: content.records[kind] for kind in KINDS}
+        ids = {kind: content.records[kind] for kind in RECORD_TYPES}
         total, done = sum(map(len, ids.values())), 0
         tell(Progress(phase, 0, total, "lists"))
-        known: dict[tuple[Kind, int], Any] = {}
+        known: dict[tuple[RecordType, int], Any] = {}
         for kind, entries in ids.items():
             for entry in entries:
                 if (kind, entry.record_id) not in known:
@@ -202,7 +200,7 @@ async def read_content(board: Asked, tell: Tell, phase: Phase = "reading") -> Co
                 for kind, entries in ids.items()
             }
             return content
-    raise ProjectError(f"{printable(board.url)}: what is on the board kept changing while it was read; is another "
+    raise ProjectError(f"{escape(board.url)}: what is on the board kept changing while it was read; is another "
                        "program using it?")  # fmt: skip
 
 
@@ -223,12 +221,12 @@ async def _read_outline(board: Asked) -> Content:
         active=(await board.request(QueryActiveJoystickTableRequest())).table_id or None,
         records={
             kind: tuple(Listed(listed, None) for listed in kind.listed(await board.request(kind.listing)))
-            for kind in KINDS
+            for kind in RECORD_TYPES
         },
     )
 
 
-async def _read_record(board: Asked, kind: Kind, record_id: int) -> Any | None:
+async def _read_record(board: Asked, kind: RecordType, record_id: int) -> Any | None:
     async def read(board: Asked) -> Any | None:
         try:
             return kind.found(await board.request(kind.query(record_id)))
@@ -246,6 +244,6 @@ async def _agreed(board: Asked, read: Callable[[Asked], Awaitable[T]], what: str
             return now
         before = now
     raise ProjectError(
-        f"{printable(board.url)}: {_READINGS + 1} readings of {what} all differed from the one before; the line is "
+        f"{escape(board.url)}: {_READINGS + 1} readings of {what} all differed from the one before; the line is "
         "too bad, or another program is using the board"
     )

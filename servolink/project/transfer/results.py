@@ -67,7 +67,7 @@ class Plan(Struct, frozen=True):
         return bool(self.changes or self.faults)
 
 
-class Applied(Struct, frozen=True):
+class ApplyResult(Struct, frozen=True):
     """What an import did."""
 
     changed: bool

@@ -18,7 +18,7 @@ from servolink.usbip.descriptors import FULL_SPEED
 from servolink.usbip.device import UsbDevice
 from servolink.usbip.server import Conversation, plugged
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import Pacemaker
+from servolink.virtual.transport import BoardDriver
 
 T = TypeVar("T")
 Use = Callable[[UsbDevice], AbstractContextManager[None]]
@@ -146,7 +146,7 @@ def board_use(board: VirtualBoard) -> Use:
 
     @contextmanager
     def use(device: UsbDevice) -> Iterator[None]:
-        pacemaker = Pacemaker(board)
+        pacemaker = BoardDriver(board)
         with plugged(board, device):
             yield
         pacemaker.stop()

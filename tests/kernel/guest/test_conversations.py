@@ -18,7 +18,7 @@ from tests.client.test_board import CHAPTERS
 from tests.kernel.guest.plug import Plug, board_use
 
 pytestmark = pytest.mark.timeout(180)
-KINDS = pytest.mark.parametrize("kind", ["serial", "hid", "usb"])
+RECORD_TYPES = pytest.mark.parametrize("kind", ["serial", "hid", "usb"])
 PATIENCE = 10.0  # seconds for an answer in this slow machine
 OPEN_TWICE = """
 import asyncio, faulthandler, sys
@@ -49,7 +49,7 @@ def plug(virtual: VirtualBoard) -> Iterator[Plug]:
         yield plug
 
 
-@KINDS
+@RECORD_TYPES
 def test_every_command_does_what_it_says(plug: Plug, kind: str) -> None:
     async def main() -> None:
         async with servolink.connect(plug.url(kind), timeout=PATIENCE) as board:
@@ -62,7 +62,7 @@ def test_every_command_does_what_it_says(plug: Plug, kind: str) -> None:
     asyncio.run(main())
 
 
-@KINDS
+@RECORD_TYPES
 def test_every_button_event_arrives_in_order(plug: Plug, virtual: VirtualBoard, kind: str) -> None:
     def press_all() -> None:
         now = asyncio.get_running_loop().time()
@@ -144,7 +144,7 @@ async def list_rate(plug: Plug, kind: str) -> float:
         return (board.stats.bytes_received - before) / (time.monotonic() - start)
 
 
-@KINDS
+@RECORD_TYPES
 def test_round_trips_are_measured(plug: Plug, report: Callable[[str], None], kind: str) -> None:
     async def main() -> list[float]:
         times = []
@@ -178,7 +178,7 @@ def test_a_second_program_is_refused_and_told_why_and_the_first_one_goes_on(plug
     assert all("close" in line for line in lines), lines
 
 
-@KINDS
+@RECORD_TYPES
 def test_a_halted_endpoint_is_cleared_and_the_conversation_goes_on(plug: Plug, kind: str) -> None:
     pipe = {"serial": plug.device.serial, "hid": plug.device.hid, "usb": plug.device.bulk}[kind]
 

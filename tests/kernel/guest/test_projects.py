@@ -15,7 +15,7 @@ from tests.kernel.guest.plug import Plug, board_use
 from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, same
 
 pytestmark = pytest.mark.timeout(180)
-KINDS = pytest.mark.parametrize("kind", ["serial", "hid", "usb"])
+RECORD_TYPES = pytest.mark.parametrize("kind", ["serial", "hid", "usb"])
 PATIENCE = 10.0  # seconds for an answer in this slow machine
 
 
@@ -32,7 +32,7 @@ def plug(virtual: VirtualBoard) -> Iterator[Plug]:
         yield plug
 
 
-@KINDS
+@RECORD_TYPES
 def test_a_project_survives_the_board_being_pulled_out(
     plug: Plug, virtual: VirtualBoard, kind: str, tmp_path: Path
 ) -> None:
@@ -43,17 +43,17 @@ def test_a_project_survives_the_board_being_pulled_out(
 
         async with servolink.connect(plug.url(kind), timeout=PATIENCE) as board:
             assert await board.export_project() == OLD
-            await board.apply(NEW, folder=tmp_path, progress=tell)
+            await board.apply_project(NEW, folder=tmp_path, on_progress=tell)
 
     async def go_on() -> None:
         async with servolink.connect(plug.url(kind), timeout=PATIENCE) as board:
             assert await board.has_unfinished_import()
-            assert (await board.apply(NEW, folder=tmp_path)).resumed
-            assert not (await board.plan(NEW)).changes
+            assert (await board.apply_project(NEW, folder=tmp_path)).resumed
+            assert not (await board.plan_project(NEW)).changes
 
     async def go_back() -> None:
         async with servolink.connect(plug.url(kind), timeout=PATIENCE) as board:
-            await board.rollback(folder=tmp_path)
+            await board.rollback_project(folder=tmp_path)
 
     with pytest.raises(servolink.ConnectionLost):
         asyncio.run(begin())

@@ -26,7 +26,7 @@ from servolink.virtual.board import VirtualBoard
 from tests.kernel.guest.plug import LIMIT, Plug, board_use, until
 
 pytestmark = pytest.mark.timeout(180)
-KINDS = pytest.mark.parametrize("kind", ["serial", "hid", "usb"])
+RECORD_TYPES = pytest.mark.parametrize("kind", ["serial", "hid", "usb"])
 Situation: TypeAlias = Callable[[servolink.Board, Pipe], list[Awaitable[object]]]
 """Brings about what goes on when the cable is pulled, and returns who waits."""
 PATIENCE = 20.0  # seconds for an answer: no waiter here is told by the end of its patience
@@ -109,7 +109,7 @@ async def pull_during(plug: Plug, kind: str, situation: Situation) -> tuple[floa
     return bare.result(LIMIT) - start, [end - start for end in ends]
 
 
-@KINDS
+@RECORD_TYPES
 def test_every_waiter_is_told_in_time(plug: Plug, kind: str, report: Callable[[str], None]) -> None:
     kernel: list[float] = []
     delays: list[float] = []
@@ -139,7 +139,7 @@ def percentile_99(values: list[float]) -> float:
     return sorted(values)[-1 - len(values) // 100]
 
 
-@KINDS
+@RECORD_TYPES
 def test_after_replugging_the_same_address_leads_to_the_board(plug: Plug, kind: str) -> None:
     async def main() -> None:
         async with servolink.connect(plug.url(kind), timeout=PATIENCE) as board:

@@ -10,7 +10,7 @@ from types import TracebackType
 
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
-from servolink.transports.device_info import UsbId
+from servolink.transports.device_info import PortIdentity
 from servolink.transports.hid import HidDevice
 from servolink.transports.hid_devices import load
 from servolink.transports.registry import create
@@ -103,7 +103,7 @@ class KernelHidWire(KernelWire):
     async def start(self) -> Transport:
         await super().start()
         url = self._plug.url("hid")
-        return Measuring(url, HidDevice(load(), url, UsbId.of(Address.parse(url))))
+        return Measuring(url, HidDevice(load(), url, PortIdentity.of(Address.parse(url))))
 
     async def say(self, data: bytes) -> None:
         self._ear.lengths.append(len(data))
