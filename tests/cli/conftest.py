@@ -1,7 +1,8 @@
-"""A virtual board in a process of its own, for the tests of a module."""
+"""Virtual boards: one in a process of its own, for the tests of a module, and one in this process, in virtual time."""
 
 from __future__ import annotations
 
+import asyncio
 import signal
 import sys
 from collections.abc import Iterator
@@ -9,7 +10,10 @@ from typing import NamedTuple
 
 import pytest
 
+from servolink.cli import session
+from servolink.virtual import transport
 from tests.cli.programs import finished, started
+from tests.cli.robot import Robot
 
 
 class Addresses(NamedTuple):
@@ -37,3 +41,13 @@ def served() -> Iterator[Addresses]:
 @pytest.fixture(autouse=True)
 def _no_board_in_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("SERVOLINK_URL", raising=False)
+
+
+@pytest.fixture
+def robot(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Robot:
+    """Put a board with 3 servos behind `virtual://`, in virtual time."""
+    robot = Robot(capsys)
+    monkeypatch.setattr(asyncio, "run", robot.run)
+    monkeypatch.setattr(transport, "from_address", robot.line)
+    monkeypatch.setattr(session, "_PATIENCE", 1e9)  # until Ctrl-C ends the process, which is this one
+    return robot

@@ -63,6 +63,20 @@ def started(*arguments: str, **changed: str) -> subprocess.Popen[str]:
     return start((*COMMAND, *arguments), env=environment(**changed))
 
 
+_PATIENT = """
+import sys
+from servolink.cli import session
+from servolink.cli.main import main
+session._PATIENCE = 1e9
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def patient(*arguments: str, **changed: str) -> subprocess.Popen[str]:
+    """Start a command that takes as long as it needs, after Ctrl-C, to end in good order."""
+    return start((sys.executable, "-W", "error", "-c", _PATIENT, *arguments), env=environment(**changed))
+
+
 def finished(process: subprocess.Popen[str], by: signal.Signals | None = None) -> Said:
     """Wait until a program ends, after sending it a signal."""
     out, err = finish(process, by)

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import signal
 from pathlib import Path
 
 import pytest
 
+from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import load_project, save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.transports.faults import Faults
 from tests.cli.conftest import Addresses
-from tests.cli.programs import Said, call, finished, in_terminal, started
+from tests.cli.programs import Said, call, in_terminal
+from tests.cli.robot import Robot
 
 BEFORE = Project(
     7,
@@ -57,14 +59,19 @@ def url(request: pytest.FixtureRequest, served: Addresses) -> str:
 
 async def _set_up(network: str) -> None:
     async with connect(network) as board:
-        await board.clear_all_data()
-        await board.write_project_id(BEFORE.project_id)
-        await board.add_servo_parameters(BEFORE.servo_parameters)
-        for action in BEFORE.actions:
-            await board.add_action(action)
-        await board.add_macro(BEFORE.macros[0])
-        await board.add_joystick_table(BEFORE.joystick_tables[0])
-        await board.set_active_joystick_table(3)
+        await fill(board)
+
+
+async def fill(board: Board) -> None:
+    """Put BEFORE on a board."""
+    await board.clear_all_data()
+    await board.write_project_id(BEFORE.project_id)
+    await board.add_servo_parameters(BEFORE.servo_parameters)
+    for action in BEFORE.actions:
+        await board.add_action(action)
+    await board.add_macro(BEFORE.macros[0])
+    await board.add_joystick_table(BEFORE.joystick_tables[0])
+    await board.set_active_joystick_table(3)
 
 
 class Shell:
@@ -215,22 +222,22 @@ def test_every_command_says_that_an_import_is_unfinished(shell: Shell, after: st
     assert shell("servos").err == ""
 
 
-def test_ctrl_c_stops_at_a_safe_point_and_says_which(after: str, capsys: pytest.CaptureFixture[str]) -> None:
-    board = started("virtual", "--tcp", "127.0.0.1:0", "--faults", "delay=1,delay_time=0.02")
-    try:
-        assert board.stdout is not None
-        shell = Shell(board.stdout.readline().split()[1], capsys)
-        importing = started("--url", shell.url, "apply", "--yes", after)
-        assert importing.stderr is not None
-        while importing.stderr.readline() != "writing ...\n":
-            pass
-        said = finished(importing, signal.SIGINT)
-        assert said.code == 130
-        assert said.err.startswith("interrupted: the board holds an unfinished import, stopped while writing, at ")
-        assert "the same command goes on, `servolink rollback` goes back" in said.err
-        again = shell("--json", "apply", "--yes", after)
-        assert again.code == 0
-        assert json.loads(again.out)["resumed"]
-        assert shell("plan", after).code == 0
-    finally:
-        finished(board, signal.SIGINT)
+def test_ctrl_c_stops_at_a_safe_point_and_says_which(robot: Robot, after: str) -> None:
+    async def interrupt_writing(board: Board) -> None:
+        while not await board.has_unfinished_import():
+            await asyncio.sleep(0.05)
+        await asyncio.sleep(0.1)
+        signal.raise_signal(signal.SIGINT)
+
+    robot.ask(fill)
+    robot.faults = Faults(delay=1.0, delay_time=0.02)
+    robot.at(0.1, lambda: robot.meanwhile(interrupt_writing))
+    said = robot("apply", "--yes", after)
+    assert said.code == 130
+    interrupted = said.err.splitlines()[-1]
+    assert interrupted.startswith("interrupted: the board holds an unfinished import, stopped while writing, at ")
+    assert "the same command goes on, `servolink rollback` goes back" in interrupted
+    again = robot("--json", "apply", "--yes", after)
+    assert again.code == 0
+    assert again.json["resumed"]
+    assert robot("plan", after).code == 0

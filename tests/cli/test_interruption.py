@@ -4,48 +4,34 @@ from __future__ import annotations
 
 import asyncio
 import signal
-import socket
 import sys
 from pathlib import Path
 
 import pytest
 
 from servolink.cli.terminal import ENDING
-from servolink.client.connect import connect
+from servolink.transports.faults import Faults
 from tests import processes
 from tests.cli.conftest import Addresses
-from tests.cli.programs import call, environment, finished, program, started
+from tests.cli.programs import call, environment, finished, patient
+from tests.cli.robot import Robot
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of Unix")
 
 
-def angle_when_moving(served: Addresses) -> int:
-    """Wait until servo 1 moves and return where it then is."""
-
-    async def watch() -> int:
-        async with connect(served.network) as board, asyncio.timeout(processes.LIMIT):
-            first = (await board.servo(1)).angle
-            while (angle := (await board.servo(1)).angle) == first:
-                await asyncio.sleep(0.02)
-            return angle
-
-    return asyncio.run(watch())
-
-
-def test_a_move_is_finished_by_the_servos(served: Addresses) -> None:
-    moving = started("--url", served.terminal, "move", "1=90", "--duration", "60", "--start")
-    angle = angle_when_moving(served)
-    said = finished(moving, signal.SIGINT)
+def test_a_move_is_finished_by_the_servos(robot: Robot) -> None:
+    robot.at(1.0, lambda: signal.raise_signal(signal.SIGINT))
+    said = robot("move", "1=90", "--duration", "60", "--start")
     assert (said.code, said.out) == (130, "")
     assert said.err == "interrupted: the move was sent, and the servos finish it; `servolink stop` stops them\n"
-    assert angle_when_moving(served) > angle, "and so they do"
+    before = robot.ask(lambda board: board.servo(1))
+    robot.run(asyncio.sleep(10.0))
+    assert before.angle < robot.ask(lambda board: board.servo(1)).angle < 90, "and so they do"
 
 
-def test_a_move_that_another_program_stops_has_failed(served: Addresses) -> None:
-    moving = started("--url", served.terminal, "move", "1=-90", "--duration", "1.5", "--start")
-    angle_when_moving(served)
-    assert program("--url", served.network, "stop").code == 0
-    said = finished(moving)
+def test_a_move_that_another_program_stops_has_failed(robot: Robot) -> None:
+    robot.at(0.5, lambda: robot.meanwhile(lambda board: board.stop()))
+    said = robot("move", "1=-90", "--duration", "1.5", "--start")
     assert (said.code, said.out) == (1, "")
     assert "not at -90°, 1 s after it should have arrived: it may have been stopped" in said.err
 
@@ -65,20 +51,17 @@ def test_a_question_is_not_answered(capsys: pytest.CaptureFixture[str], monkeypa
 
 
 def test_interrupted_events_have_ended_well(served: Addresses) -> None:
-    listening = started("--url", served.terminal, "events")
+    listening = patient("--url", served.terminal, "events")
     assert listening.stderr is not None
     assert listening.stderr.readline() == "listening for button events until Ctrl-C\n"
     said = finished(listening, signal.SIGINT)
     assert (said.code, said.out, said.err) == (0, "", "interrupted: no more events are shown\n")
 
 
-def test_a_board_that_does_not_answer_is_left_at_once() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        asking = started("--url", f"tcp://127.0.0.1:{silent.getsockname()[1]}", "info")
-        connection, _ = silent.accept()
-        with connection:
-            assert connection.recv(1)
-            said = finished(asking, signal.SIGINT)
+def test_a_board_that_does_not_answer_is_left_at_once(robot: Robot) -> None:
+    robot.faults = Faults(drop=1.0)
+    robot.at(0.5, lambda: signal.raise_signal(signal.SIGINT))
+    said = robot("info")
     assert (said.code, said.out, said.err) == (130, "", "interrupted: no servo was moved\n")
 
 
@@ -103,10 +86,9 @@ def test_a_thread_that_never_returns_does_not_hold_it_back() -> None:
 
 @pytest.mark.parametrize("by", ENDING)
 def test_the_demo_can_be_left_and_leaves_nothing(by: signal.Signals, tmp_path: Path) -> None:
-    playing = started("demo", TMPDIR=str(tmp_path))
+    playing = patient("demo", TMPDIR=str(tmp_path))
     assert playing.stdout is not None
-    while "All servos move" not in playing.stdout.readline():
-        pass
+    assert any("All servos move" in line for line in playing.stdout)
     said = finished(playing, by)
     assert said.code == 130
     assert said.err == "interrupted: only the demo's own virtual board was moved\n"

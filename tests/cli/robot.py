@@ -1,0 +1,120 @@
+"""A virtual board in this process and in virtual time, behind `virtual://`, with somebody beside it.
+
+Commands run as they do in a shell, but a move of minutes takes no time, and what is done to the board meanwhile is
+done at its second however busy the machine is.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any, TypeVar
+
+import pytest
+
+from servolink.cli.virtual import _do
+from servolink.client.board import Board
+from servolink.client.connect import connect
+from servolink.errors import OpenError
+from servolink.transports.address import Address
+from servolink.transports.base import Transport
+from servolink.transports.faults import Faults
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.script import parse_script
+from servolink.virtual.transport import FaultyVirtualTransport, VirtualTransport
+from tests.cli.programs import Said, call
+from tests.virtual_time import VirtualTimeLoop
+
+T = TypeVar("T")
+
+
+class Robot:
+    """Commands on one board, one after the other."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
+        self.board = VirtualBoard(3)
+        self.faults = Faults()
+        self._capsys = capsys
+        self._deeds: list[tuple[float, Callable[[], object]]] = []
+        self._others: list[asyncio.Task[None]] = []
+        self._line: VirtualTransport | None = None
+        self._plugged_in = True
+        self._now = 1000.0
+
+    def at(self, seconds: float, act: Callable[[], object]) -> None:
+        """Do something that many seconds after the next command has opened the line."""
+        self._deeds.append((seconds, act))
+
+    def script(self, text: str) -> None:
+        """Do what a script for `servolink virtual` says."""
+        for deed in parse_script(text):
+            self.at(deed.at, functools.partial(_do, self.board, deed))
+
+    def unplug(self) -> None:
+        """Take the board away."""
+        self._plugged_in = False
+        assert self._line is not None
+        self._line.unplug()
+
+    def plug_in(self) -> None:
+        """Bring it back."""
+        self._plugged_in = True
+
+    def __call__(self, *arguments: str) -> Said:
+        """Run a command on it."""
+        return call(self._capsys, "--url", "virtual://", *arguments)
+
+    def ask(self, question: Callable[[Board], Awaitable[T]]) -> T:
+        """Ask the board between two commands."""
+
+        async def main() -> T:
+            async with connect(VirtualTransport(self.board)) as board:
+                return await question(board)
+
+        return self.run(main())
+
+    def meanwhile(self, work: Callable[[Board], Awaitable[object]]) -> None:
+        """Let somebody else work on the board while a command runs."""
+
+        async def main() -> None:
+            async with connect(VirtualTransport(self.board)) as board:
+                await work(board)
+
+        self._others.append(asyncio.get_running_loop().create_task(main()))
+
+    def run(self, main: Coroutine[Any, Any, T]) -> T:
+        """Stand in for `asyncio.run`."""
+        with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+            loop = runner.get_loop()
+            assert isinstance(loop, VirtualTimeLoop)
+            loop.now = self._now
+            try:
+                return runner.run(main)
+            finally:
+                self._now = loop.now
+
+    def line(self, address: Address) -> Transport:
+        """Lead to the board, as `virtual://` does."""
+        self._line = _Line(self, address)
+        if self.faults == Faults():
+            return self._line
+        return FaultyVirtualTransport(self._line, self.faults, seed=3)
+
+    def opened(self) -> None:
+        """Begin with what is to be done; OpenError if the board is away."""
+        if not self._plugged_in:
+            raise OpenError("there is no board")
+        deeds, self._deeds = self._deeds, []
+        for seconds, act in deeds:
+            asyncio.get_running_loop().call_later(seconds, act)
+
+
+class _Line(VirtualTransport):
+    def __init__(self, robot: Robot, address: Address) -> None:
+        super().__init__(robot.board, address.url)
+        self._robot = robot
+
+    async def open(self, receiver: Any) -> None:
+        self._robot.opened()
+        await super().open(receiver)
