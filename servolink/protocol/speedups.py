@@ -1,4 +1,4 @@
-"""The two loops that cost most, compiled, if this installation was built with them; see docs/compiled.md.
+"""The two loops that cost most, compiled, if this installation was built with them; see docs/how-to/compiled-build.md.
 
 Nothing else differs: without them `parser.py` and `row.py` do the same in Python, and are what they are tested by.
 """
