@@ -57,12 +57,17 @@ ENDING = (signal.SIGINT, signal.SIGTERM) if sys.platform == "win32" else (signal
 """Ctrl-C, `kill` and, where there is such a thing, a closed terminal."""
 
 
+def not_ignored(numbers: Sequence[signal.Signals] = ENDING) -> list[signal.Signals]:
+    """Return the signals that are not ignored: `nohup` and background jobs start programs with some that are."""
+    return [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+
+
 @contextmanager
 def handled(act: Callable[[], object], numbers: Sequence[signal.Signals] = ENDING) -> Iterator[None]:
-    """Let the running loop call `act` for each signal that comes in here."""
+    """Call `act` on the running loop for each signal that arrives meanwhile; ignored signals stay ignored."""
     loop = asyncio.get_running_loop()
-    before = {number: signal.getsignal(number) for number in numbers}
-    for number in numbers:
+    before = {number: signal.getsignal(number) for number in not_ignored(numbers)}
+    for number in before:
         signal.signal(number, lambda *_: loop.call_soon_threadsafe(act))
     try:
         yield

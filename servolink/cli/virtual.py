@@ -14,7 +14,7 @@ from pathlib import Path
 
 from servolink.cli.arguments import whole_number
 from servolink.cli.main import OK, refuse
-from servolink.cli.terminal import ENDING, single_keys
+from servolink.cli.terminal import not_ignored, single_keys
 from servolink.discovery.announcements import announced
 from servolink.errors import TransportUnavailable
 from servolink.escaping import escape
@@ -120,9 +120,9 @@ def _announced(urls: list[str], servos: int) -> AbstractContextManager[None]:
 
 
 def _stop_on_signals() -> asyncio.Event:
-    """Return the event that Ctrl-C, SIGTERM and a closed terminal set.
+    """Return the event that Ctrl-C, SIGTERM and a closed terminal set, unless they are ignored.
 
-    They do nothing else until the program ends, so that a second one does not keep the board from being saved.
+    The handlers stay until the program ends, so that a second signal does not keep the board from being saved.
     """
     loop, stop = asyncio.get_running_loop(), asyncio.Event()
 
@@ -130,7 +130,7 @@ def _stop_on_signals() -> asyncio.Event:
         if not loop.is_closed():
             loop.call_soon_threadsafe(stop.set)
 
-    for number in ENDING:
+    for number in not_ignored():
         signal.signal(number, end)
     return stop
 

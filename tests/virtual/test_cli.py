@@ -15,7 +15,7 @@ import pytest
 
 from servolink.cli import virtual
 from servolink.cli.main import main as servolink
-from servolink.cli.terminal import ENDING
+from servolink.cli.terminal import ENDING, handled
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (
     AddMacroRequest,
@@ -170,6 +170,35 @@ def test_a_second_signal_does_not_keep_it_from_saving(
         for number, handler in before.items():
             signal.signal(number, handler)
     assert (tmp_path / "board.json").exists()
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_a_signal_that_is_ignored_at_the_start_stays_ignored(
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As under `nohup`, or for a background job of a script."""
+    seen: list[object] = []
+
+    def start(urls: list[str], servos: int) -> AbstractContextManager[None]:
+        seen.append(signal.getsignal(number))
+        signal.raise_signal(number)
+        with handled(seen.clear):
+            seen.append(signal.getsignal(number))
+            signal.raise_signal(number)
+        seen.append(signal.getsignal(number))
+        other = next(one for one in ENDING if one is not number)
+        signal.raise_signal(other)
+        return nullcontext()
+
+    monkeypatch.setattr(virtual, "_announced", start)
+    before = {one: signal.getsignal(one) for one in ENDING}
+    try:
+        signal.signal(number, signal.SIG_IGN)
+        assert servolink(["virtual", *TCP]) == 0
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)
+    assert seen == [signal.SIG_IGN] * 3
 
 
 def test_a_folder_that_is_read_only_is_refused_at_once(
