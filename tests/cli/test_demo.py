@@ -107,11 +107,14 @@ def test_plain_text_has_no_escapes() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")
-def test_a_terminal_sees_the_servos_move() -> None:
-    said = in_terminal("demo")
+@pytest.mark.parametrize(
+    ("arguments", "angles"), [(("--fast",), 2), pytest.param((), 10, marks=pytest.mark.slow)], ids=["fast", "real time"]
+)
+def test_a_terminal_sees_the_servos_move(arguments: tuple[str, ...], angles: int) -> None:
+    said = in_terminal("demo", *arguments)
     assert said.code == 0
     assert said.out.count("\x1b[?25l") == said.out.count("\x1b[?25h") > 0, "the cursor is there again"
-    assert len(set(re.findall(r"servo 4 .*?(-?\d+)°", said.out))) > 10
+    assert len(set(re.findall(r"servo 4 .*?(-?\d+)°", said.out))) > angles
     assert "All of it worked" in said.out
 
 
