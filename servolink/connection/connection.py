@@ -231,6 +231,8 @@ class Connection:
         self._raise_if_ended()
         self.stats.frames_sent += 1
         self.stats.bytes_sent += len(frame)
+        if self.answers.frame_log.is_on():
+            self.answers.frame_log.sent(frame)
         try:
             await self.transport.send(frame)
         except ConnectionLost as error:

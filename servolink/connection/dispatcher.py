@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable
 
 from servolink.connection.explain import lost, overtaken, same
+from servolink.connection.frame_log import FrameLog
 from servolink.connection.lanes import Lane, Lanes, PendingRequest
 from servolink.connection.scheduler import RequestScheduler
 from servolink.connection.stats import Stats
@@ -108,6 +109,7 @@ class ResponseDispatcher:
         """What ended the link; None while it is up."""
         self.on_event: Callable[[ButtonEventResponse], None] = lambda event: None
         self.on_end: Callable[[ConnectionLost], None] = lambda error: None
+        self.frame_log = FrameLog(url, codec, now)
         self._url = url
         self._codec = codec
         self._lanes = lanes
@@ -182,6 +184,8 @@ class ResponseDispatcher:
 
     def _take(self, frame: Frame) -> None:
         self.stats.frames_received += 1
+        if self.frame_log.is_on():
+            self.frame_log.received(frame)
         packet_id, content = frame
         lane = self._lanes.by_response_id.get(packet_id)
         wanted = lane is not None and (lane.pending or lane.owed)

@@ -1,0 +1,69 @@
+"""Frames in the log: decoded, with their times, and only when somebody reads it."""
+
+from __future__ import annotations
+
+import logging
+
+import pytest
+
+from servolink.connection.frame_log import FrameLog
+from servolink.protocol.editing import AddActionRequest
+from servolink.protocol.records import Step
+from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from tests.client.fake_board import FakeBoard, Fate, linked
+from tests.virtual_time import run
+
+
+def test_each_frame_is_logged_decoded_and_with_its_time(caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        async with linked(FakeBoard(servos=2, usual=Fate(after=0.25))) as link:
+            caplog.set_level(logging.DEBUG, "servolink")  # also after the connection was opened
+            await link.request(QueryServoListRequest())
+
+    run(main())
+    assert caplog.messages == [
+        "fake://board 0.0000 s -> QueryServoListRequest()",
+        "fake://board 0.2500 s <- QueryServoListResponse(servo_id_list=(1, 2))",
+    ]
+
+
+def test_nothing_is_logged_at_info(caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        async with linked(FakeBoard()) as link:
+            await link.request(QueryServoListRequest())
+
+    caplog.set_level(logging.INFO)
+    run(main())
+    assert not caplog.messages
+
+
+def test_content_that_makes_no_packet_is_logged_as_hex(caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        async with linked(board) as link:
+            log = link.answers.frame_log
+            log.received((QueryServoListResponse.packet_id, b"\x09\x01"))
+            log.received((60_000, b""))
+
+    caplog.set_level(logging.DEBUG, "servolink")
+    run(main())
+    assert caplog.messages[0].endswith(": 09 01")
+    assert "no packet has the id 60000" in caplog.messages[1]
+
+
+def test_hostile_and_endless_captions_cannot_harm_the_reader_of_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        async with linked(FakeBoard()) as link:
+            log = link.answers.frame_log
+            log.sent(link.codec.encode(AddActionRequest(1, "\u202e\x1b[2J", ()), unchecked=True))
+            log.sent(link.codec.encode(AddActionRequest(1, "Wave", (Step(1, 90, 50),) * 200)))
+
+    caplog.set_level(logging.DEBUG, "servolink")
+    run(main())
+    assert caplog.messages[0].isprintable()
+    assert len(caplog.messages[1]) < 1_100
+    assert caplog.messages[1].endswith(" characters)")
+
+
+def test_is_off_by_default() -> None:
+    assert not FrameLog.is_on()
