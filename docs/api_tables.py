@@ -20,9 +20,9 @@ from servolink.protocol import packet
 PAGE = Path(__file__).parent / "reference/api.md"
 
 _BLOCK = re.compile(r"<!-- (members|names) ([^>]*) -->\n.*?<!-- end -->", re.DOTALL)
-_HEAD = "| name | type or result | meaning |\n|---|---|---|\n"
+_HEAD = "| name | meaning |\n|---|---|\n"
 
-Row = tuple[str, str, str]
+Row = tuple[str, str]
 
 
 def with_tables(page: str) -> str:
@@ -33,7 +33,7 @@ def with_tables(page: str) -> str:
 def _block(found: re.Match[str]) -> str:
     objects = [_find(name) for name in found[2].split()]
     rows = _members(objects[0]) if found[1] == "members" else map(_row, objects)
-    unique = {row[0].partition("(")[0]: row for row in rows}  # a method that overrides another stands for it
+    unique = {re.split(r"[(:]", row[0])[0]: row for row in rows}  # a method that overrides another stands for it
     lines = [f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |\n" for row in unique.values()]
     return f"<!-- {found[1]} {found[2]} -->\n{_HEAD}{''.join(lines)}<!-- end -->"
 
@@ -52,7 +52,7 @@ def _row(thing: Any) -> Row:
         return _function(tree)
     made = next((node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "__init__"), None)
     arguments = f"({_arguments(made)})" if made and not issubclass(thing, Exception) else ""
-    return f"`{thing.__name__}{arguments}`", "", _summary(tree)
+    return f"`{thing.__name__}{arguments}`", _summary(tree)
 
 
 def _members(cls: type) -> Iterator[Row]:
@@ -88,16 +88,16 @@ def _attribute(name: str, annotation: ast.expr, after: ast.stmt | None) -> Row:
     kind = ast.unparse(annotation)
     if hasattr(alias := getattr(packet, kind, None), "__metadata__"):  # an int with a range, or a str
         kind = get_args(alias)[0].__name__
-    return f"`{name}`", f"`{kind}`", _first_sentence(meaning)
+    return f"`{name}: {kind}`", _first_sentence(meaning)
 
 
 def _function(node: ast.FunctionDef | ast.AsyncFunctionDef) -> Row:
     returns = ast.unparse(node.returns) if node.returns else "None"
     decorators = {ast.unparse(decorator) for decorator in node.decorator_list}
     if decorators & {"property", "cached_property", "functools.cached_property"}:
-        return f"`{node.name}`", f"`{returns}`", _summary(node)
+        return f"`{node.name}: {returns}`", _summary(node)
     called = "await " if isinstance(node, ast.AsyncFunctionDef) and not returns.startswith("Async") else ""
-    return f"`{called}{node.name}({_arguments(node)})`", f"`{returns}`", _summary(node)
+    return f"`{called}{node.name}({_arguments(node)}) -> {returns}`", _summary(node)
 
 
 def _arguments(node: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
