@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from servolink.protocol.records import JoystickTableEntry as JoystickTableEntry
     from servolink.protocol.records import Macro as Macro
     from servolink.protocol.records import MacroCommand as MacroCommand
+    from servolink.protocol.records import MacroCommandType as MacroCommandType
     from servolink.protocol.records import MacroEntry as MacroEntry
     from servolink.protocol.records import ServoParameter as ServoParameter
     from servolink.protocol.records import Step as Step
@@ -78,6 +79,7 @@ else:
         "JoystickTableEntry": "servolink.protocol.records",
         "Macro": "servolink.protocol.records",
         "MacroCommand": "servolink.protocol.records",
+        "MacroCommandType": "servolink.protocol.records",
         "MacroEntry": "servolink.protocol.records",
         "NotFound": "servolink.errors",
         "OpenError": "servolink.errors",

@@ -81,12 +81,12 @@ def _time(units: int, factor: float, most: int, where: str, milliseconds: int) -
     return max(1, round(units * factor))
 
 
-def renamed(project: Project, kind: RecordType, record_id: int, caption: str) -> tuple[Project, list[str]]:
+def renamed(project: Project, kind: RecordType[Any], record_id: int, caption: str) -> tuple[Project, list[str]]:
     """Return `project` with another caption for a record, and what was changed; ProjectError if there is none."""
     records = by_kind(project)
-    shelf = records[kind.plural]
+    shelf = records[kind.field]
     if (record := shelf.get(record_id)) is None:
-        raise ProjectError(f"there is no {kind.word} {record_id}")
+        raise ProjectError(f"there is no {kind.label} {record_id}")
     if kind.caption_of(record) == caption:
         return project, []
     shelf[record_id] = msgspec.structs.replace(record, **{record.__struct_fields__[1]: caption})

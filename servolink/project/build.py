@@ -9,20 +9,9 @@ import msgspec
 
 from servolink.errors import ProjectError
 from servolink.project.model import Project
-from servolink.project.records import (
-    by_kind,
-    by_servo,
-    calls,
-    free_id,
-    kind_of,
-    named,
-    times,
-    with_calls,
-    with_id,
-    with_records,
-)
+from servolink.project.records import by_kind, by_servo, free_id, named, times, with_id, with_records
 from servolink.project.validate import problems
-from servolink.protocol.record_types import RecordType
+from servolink.protocol.record_types import RecordType, type_of
 from servolink.protocol.records import Action, JoystickTable, Macro, RecordRef, ServoParameter
 
 Part: TypeAlias = Action | Macro | JoystickTable | ServoParameter
@@ -86,12 +75,12 @@ class _Building:
         """Reserve the ids that `record` and what it calls have, so that nothing else gets them."""
         if id(record) in self._ids:
             return
-        kind = kind_of(record)
+        kind = type_of(record)
         if above > _DEEPEST:
             raise ProjectError(f"{named(record)}: macros nest deeper than {_DEEPEST}")
         self._ids[id(record)] = 0
-        self._taken[kind.plural].add(kind.id_of(record))
-        for _, called in calls(record):
+        self._taken[kind.field].add(kind.id_of(record))
+        for _, called in type_of(record).references(record):
             if isinstance(called, RecordRef):
                 self.expect(called.record, above + 1)
 
@@ -99,10 +88,10 @@ class _Building:
         """Put `record` into the project, after what it calls; return its id."""
         if done := self._ids[id(record)]:
             return done
-        kind = kind_of(record)
-        plain = with_calls(record, self._number)
+        kind = type_of(record)
+        plain = type_of(record).with_references(record, self._number)
         anonymous = with_id(plain, 0)
-        known, taken = self._known[kind.plural], self._taken[kind.plural]
+        known, taken = self._known[kind.field], self._taken[kind.field]
         record_id = kind.id_of(plain) or known.get(anonymous) or free_id(taken)
         taken.add(record_id)
         known.setdefault(anonymous, record_id)
@@ -110,12 +99,12 @@ class _Building:
         self._ids[id(record)] = record_id
         return record_id
 
-    def _store(self, kind: RecordType, record: Any) -> None:
-        first = self._records[kind.plural].setdefault(kind.id_of(record), record)
+    def _store(self, kind: RecordType[Any], record: Any) -> None:
+        first = self._records[kind.field].setdefault(kind.id_of(record), record)
         if record not in (first, _untimed(first)):
             raise ProjectError(f"{named(first)} has the id of {named(record)}; give one of them no id")
 
-    def _number(self, kind: RecordType, called: int) -> int:
+    def _number(self, kind: RecordType[Any], called: int) -> int:
         return self.id_of(called.record) if isinstance(called, RecordRef) else called
 
 

@@ -22,7 +22,7 @@ def fixed(project: Project) -> tuple[Project, list[str]]:
     Nothing is done where only its author can know, such as about a call of what is not there.
     """
     done: list[str] = []
-    for place in ("servo_parameters", *(kind.plural for kind in RECORD_TYPES)):
+    for place in ("servo_parameters", *(kind.field for kind in RECORD_TYPES)):
         records = _in_order(place, _once(getattr(project, place), _name, done), done)
         project = replace(project, **{place: records})
     for place, word in (("actions", "servo"), ("joystick_tables", "button")):

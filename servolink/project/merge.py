@@ -9,8 +9,8 @@ import msgspec
 from servolink.errors import ProjectError
 from servolink.escaping import escape
 from servolink.project.model import Project, telling
-from servolink.project.records import by_kind, by_servo, calls, free_id, named, with_calls, with_id, with_records
-from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType
+from servolink.project.records import by_kind, by_servo, free_id, named, with_id, with_records
+from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType, type_of
 
 
 def merged(one: Project, other: Project) -> tuple[Project, list[str]]:
@@ -49,10 +49,10 @@ def _refuse_lost_calls(project: Project) -> None:
     shelves = by_kind(project)
     for shelf in shelves.values():
         for record in shelf.values():
-            for kind, called in calls(record):
-                if called and called not in shelves[kind.plural]:
+            for kind, called in type_of(record).references(record):
+                if called and called not in shelves[kind.field]:
                     raise ProjectError(
-                        f"{named(record)} calls {kind.word} {called}, which is not there: correct it first"
+                        f"{named(record)} calls {kind.label} {called}, which is not there: correct it first"
                     )
 
 
@@ -69,23 +69,23 @@ class _Merging:
         self._taken = {plural: {*self.records[plural], *others} for plural, others in self._others.items()}
         self._ids: dict[tuple[str, int], int] = {}  # of those that are to have another one
 
-    def id_of(self, kind: RecordType, record_id: int) -> int:
+    def id_of(self, kind: RecordType[Any], record_id: int) -> int:
         """Return the id that a record of the other project is to have."""
-        return self._ids.get((kind.plural, record_id), record_id)
+        return self._ids.get((kind.field, record_id), record_id)
 
-    def settle(self, kind: RecordType) -> None:
+    def settle(self, kind: RecordType[Any]) -> None:
         """Find the ids of all records of one kind, when those of what they call are known."""
         unsettled = True
         while unsettled:  # a macro that calls one that gets another id has changed itself, and so on
             unsettled = False
-            for record_id in self._others[kind.plural]:
+            for record_id in self._others[kind.field]:
                 unsettled |= self._settle_one(kind, record_id)
 
     def add(self) -> None:
         """Put into `records` what is not there yet."""
         for kind in RECORD_TYPES:
-            shelf = self.records[kind.plural]
-            for record_id, record in self._others[kind.plural].items():
+            shelf = self.records[kind.field]
+            for record_id, record in self._others[kind.field].items():
                 new_id = self.id_of(kind, record_id)
                 if new_id not in shelf:
                     shelf[new_id] = self._under(kind, record, new_id)
@@ -93,25 +93,25 @@ class _Merging:
                 elif new_id != record_id:
                     self.said.append(f"{named(record)} is {named(shelf[new_id])}")
 
-    def _settle_one(self, kind: RecordType, record_id: int) -> bool:
+    def _settle_one(self, kind: RecordType[Any], record_id: int) -> bool:
         """Return whether a record needed another id."""
-        shelf = self.records[kind.plural]
+        shelf = self.records[kind.field]
         now = self.id_of(kind, record_id)
-        record = self._under(kind, self._others[kind.plural][record_id], now)
+        record = self._under(kind, self._others[kind.field][record_id], now)
         if shelf.get(now, record) == record:
             return False
-        moved = (kind.plural, record_id) in self._ids
-        alike = self._known[kind.plural].get(with_id(record, 0))
+        moved = (kind.field, record_id) in self._ids
+        alike = self._known[kind.field].get(with_id(record, 0))
         if alike is not None and not moved:
-            self._ids[kind.plural, record_id] = alike
+            self._ids[kind.field, record_id] = alike
         else:
-            new_id = free_id(self._taken[kind.plural])
-            self._taken[kind.plural].add(new_id)
-            self._ids[kind.plural, record_id] = new_id
+            new_id = free_id(self._taken[kind.field])
+            self._taken[kind.field].add(new_id)
+            self._ids[kind.field, record_id] = new_id
         return True
 
-    def _under(self, kind: RecordType, record: Any, record_id: int) -> Any:
-        return with_id(with_calls(record, self.id_of), record_id)
+    def _under(self, kind: RecordType[Any], record: Any, record_id: int) -> Any:
+        return with_id(type_of(record).with_references(record, self.id_of), record_id)
 
 
 def _parameters(one: Project, other: Project, said: list[str]) -> tuple[Any, ...]:

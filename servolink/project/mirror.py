@@ -13,8 +13,8 @@ import msgspec
 from servolink.errors import ProjectError
 from servolink.escaping import escape
 from servolink.project.model import Project
-from servolink.project.records import by_kind, calls, free_id, kind_of, named, with_calls, with_id, with_records
-from servolink.protocol.record_types import Record, RecordType
+from servolink.project.records import by_kind, free_id, named, with_id, with_records
+from servolink.protocol.record_types import Record, RecordType, type_of
 from servolink.protocol.records import Action, ServoParameter, Step
 
 _OTHER = {"left": "right", "right": "left", "l": "r", "r": "l", "左": "右", "右": "左"}
@@ -111,7 +111,7 @@ def mirrored(project: Project, records: Iterable[Record], mirror: Mirror) -> tup
     """
     imaging = _Imaging(project, mirror)
     for record in records:
-        kind = kind_of(record)
+        kind = type_of(record)
         if imaging.image(kind, kind.id_of(record)) == kind.id_of(record):
             imaging.said.append(f"{named(record)} looks the same in the mirror: nothing added")
     return imaging.project(), imaging.said
@@ -128,7 +128,7 @@ def _actions(project: Project, records: Iterable[Record]) -> Iterable[Action]:
         seen.add(id(record))
         if isinstance(record, Action):
             yield record
-        called = (shelves[kind.plural].get(number) for kind, number in calls(record))
+        called = (shelves[kind.field].get(number) for kind, number in type_of(record).references(record))
         open_records += [one for one in called if one is not None]
 
 
@@ -143,20 +143,20 @@ class _Imaging:
     def project(self) -> Project:
         return with_records(self._before, self._records)
 
-    def image(self, kind: RecordType, record_id: int) -> int:
+    def image(self, kind: RecordType[Any], record_id: int) -> int:
         """Return the id of a record's image, which is its own if it looks the same."""
-        key = kind.plural, record_id
+        key = kind.field, record_id
         if key not in self._images:
             self._images[key] = None
             self._images[key] = self._made(kind, record_id)
         if (image := self._images[key]) is None:
-            raise ProjectError(f"{kind.word} {record_id} runs itself")
+            raise ProjectError(f"{kind.label} {record_id} runs itself")
         return image
 
-    def _made(self, kind: RecordType, record_id: int) -> int:
-        shelf = self._records[kind.plural]
+    def _made(self, kind: RecordType[Any], record_id: int) -> int:
+        shelf = self._records[kind.field]
         if (record := shelf.get(record_id)) is None:
-            raise ProjectError(f"there is no {kind.word} {record_id}")
+            raise ProjectError(f"there is no {kind.label} {record_id}")
         image = self._content(record)
         if image == record:
             return record_id
@@ -173,9 +173,12 @@ class _Imaging:
         self.said.append(f"{named(record)} mirrored as {named(shelf[new_id])}")
         return new_id
 
+    def _called_image(self, kind: RecordType[Any], record_id: int) -> int:
+        return self.image(kind, record_id) if record_id else 0
+
     def _content(self, record: Any) -> Any:
         """Return `record` with what it does mirrored."""
         if not isinstance(record, Action):
-            return with_calls(record, lambda kind, called: self.image(kind, called) if called else 0)
+            return type_of(record).with_references(record, self._called_image)
         steps = tuple(map(self._mirror.step, record.steps))
         return record if set(steps) == set(record.steps) else msgspec.structs.replace(record, steps=steps)

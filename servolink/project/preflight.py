@@ -6,10 +6,10 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from servolink.motion import AngleLimits
 from servolink.project.model import Project
-from servolink.project.records import by_kind, calls
+from servolink.project.records import by_kind
 from servolink.project.speed import turns
 from servolink.project.validate import Diagnostic
-from servolink.protocol.record_types import ACTION, MACRO, Record
+from servolink.protocol.record_types import ACTION, MACRO, Record, type_of
 
 
 def preflight(
@@ -61,15 +61,15 @@ def _places(project: Project, records: Iterable[Record]) -> set[str]:
         for at, record_id in enumerate(shelf)
     }
     found = set[str]()
-    waiting = [(ACTION if isinstance(one, ACTION.record) else MACRO, one) for one in records]
+    waiting = [(ACTION if isinstance(one, ACTION.record_class) else MACRO, one) for one in records]
     while waiting:
         kind, record = waiting.pop()
-        path = paths[kind.plural, kind.id_of(record)]
+        path = paths[kind.field, kind.id_of(record)]
         if path not in found:
             found.add(path)
             waiting += [
-                (other, shelves[other.plural][called])
-                for other, called in calls(record)
-                if called in shelves[other.plural]
+                (other, shelves[other.field][called])
+                for other, called in type_of(record).references(record)
+                if called in shelves[other.field]
             ]
     return found

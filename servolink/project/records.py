@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import suppress
 from graphlib import CycleError, TopologicalSorter
 from itertools import chain, count
@@ -13,38 +13,23 @@ from typing import Any
 import msgspec
 
 from servolink.errors import ProjectError
-from servolink.escaping import escape, quote
+from servolink.escaping import escape
 from servolink.project.model import Project, telling
-from servolink.protocol.editing import AddServoParameterRequest
-from servolink.protocol.layout import layout
-from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, Record, RecordType
-from servolink.protocol.records import Action, JoystickTable, Macro, MacroCommand, ServoParameter
-
-_BY_TYPE = {0: ACTION, 2: MACRO}
-"""What a macro's command calls; type 1 is a delay."""
-_BUTTON_MACROS = ("button_press_macro", "button_long_press_macro", "button_up_macro")
-
-
-def kind_of(record: object) -> RecordType:
-    """Return the kind of a record; ProjectError if it is none."""
-    for kind in RECORD_TYPES:
-        if isinstance(record, kind.record):
-            return kind
-    raise ProjectError(f"{quote(record)} is no action, macro or joystick table")
+from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, Record, RecordType, stored_size, type_of
+from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter
 
 
 def named(record: Any) -> str:
     """Return what a record is called in texts: `action 3 'Wave'`."""
-    kind = kind_of(record)
-    return f"{kind.word} {kind.id_of(record)} '{escape(kind.caption_of(record))}'"
+    kind = type_of(record)
+    return f"{kind.label} {kind.id_of(record)} '{escape(kind.caption_of(record))}'"
 
 
 def by_kind(project: Project) -> dict[str, dict[int, Any]]:
     """Return the records of a project, by the field that they are in and their id; ProjectError for an id twice."""
     for kind in RECORD_TYPES:
-        _refuse_twice(kind.word, [kind.id_of(record) for record in getattr(project, kind.plural)])
-    return {kind.plural: kind.of(project) for kind in RECORD_TYPES}
+        _refuse_twice(kind.label, [kind.id_of(record) for record in getattr(project, kind.field)])
+    return {kind.field: kind.by_id(project) for kind in RECORD_TYPES}
 
 
 def by_servo(project: Project) -> dict[int, ServoParameter]:
@@ -74,48 +59,6 @@ def with_id(record: Any, record_id: int) -> Any:
     return msgspec.structs.replace(record, **{record.__struct_fields__[0]: record_id})
 
 
-def calls(record: Any) -> Iterator[tuple[RecordType, int]]:
-    """Yield kind and id of what a record calls; a button without a macro calls macro 0."""
-    if isinstance(record, Macro):
-        for command in record.commands:
-            if command.type in _BY_TYPE:
-                yield _BY_TYPE[command.type], command.command_id
-    elif isinstance(record, JoystickTable):
-        for button in record.buttons:
-            yield from ((MACRO, getattr(button, name)) for name in _BUTTON_MACROS)
-
-
-def with_calls(record: Any, instead: Callable[[RecordType, int], int]) -> Any:
-    """Return `record` with other ids of what it calls."""
-    if isinstance(record, Macro):
-        return msgspec.structs.replace(record, commands=tuple(_command(one, instead) for one in record.commands))
-    if isinstance(record, JoystickTable):
-        buttons = tuple(
-            msgspec.structs.replace(one, **{name: instead(MACRO, getattr(one, name)) for name in _BUTTON_MACROS})
-            for one in record.buttons
-        )
-        return msgspec.structs.replace(record, buttons=buttons)
-    return record
-
-
-def _command(command: MacroCommand, instead: Callable[[RecordType, int], int]) -> MacroCommand:
-    if command.type not in _BY_TYPE:
-        return command
-    return msgspec.structs.replace(command, command_id=instead(_BY_TYPE[command.type], command.command_id))
-
-
-def stored_size(record: Record | ServoParameter) -> int:
-    """Return the bytes that `record` has on the wire, which is what a board is taken to store: 38 + 5n for an action.
-
-    Boards may keep a little more or less for it; none says.
-    """
-    if isinstance(record, ServoParameter):
-        return layout(AddServoParameterRequest, "little").rule.unit
-    adding: type[Packet] = next(kind.adding for kind in RECORD_TYPES if isinstance(record, kind.record))
-    rule = layout(adding, "little").rule
-    return rule.base + rule.unit * len(getattr(record, record.__struct_fields__[-1]))
-
-
 def total_size(project: Project) -> int:
     """Return the bytes of everything in `project` that is stored, ids and the choice of a table left out."""
     records: Iterable[Record | ServoParameter] = chain(
@@ -132,7 +75,7 @@ def dependency_order(macros: Mapping[int, Macro]) -> list[int]:
     """Return the ids of macros, each behind those that it calls; without those that never end."""
     sorter = TopologicalSorter(
         {
-            macro_id: {called for kind, called in calls(macro) if kind is MACRO and called in macros}
+            macro_id: {called for kind, called in MACRO.references(macro) if kind is MACRO and called in macros}
             for macro_id, macro in macros.items()
         }
     )
@@ -150,7 +93,7 @@ def times(project: Project) -> dict[int, tuple[int | None, ...]]:
 
     None: it cannot be known, because it calls what is not there or never ends, or is longer than `LONGEST`.
     """
-    actions, macros = ACTION.of(project), MACRO.of(project)
+    actions, macros = ACTION.by_id(project), MACRO.by_id(project)
     found: dict[int, tuple[int | None, ...]] = {
         macro_id: (None,) * len(macro.commands) for macro_id, macro in macros.items()
     }
@@ -168,7 +111,7 @@ def wrong_times(project: Project) -> Iterator[tuple[int, int, int]]:
 
     Another is one that is more than 10 ms and more than 1 % off: programs differ in how they round.
     """
-    found, macros = times(project), MACRO.of(project)
+    found, macros = times(project), MACRO.by_id(project)
     for at, macro in enumerate(project.macros):
         if macros[macro.macro_id] is not macro:
             continue  # its id is there twice, so nobody knows which one is called
@@ -202,7 +145,7 @@ def _once(command: MacroCommand, actions: Mapping[int, Action], macros: Mapping[
 _NUMBERED = re.compile(r"(?:([a-z]+):)?([0-9]{1,10})", re.ASCII)
 
 
-def find(project: Project, name: str, kinds: Iterable[RecordType]) -> Any:
+def find(project: Project, name: str, kinds: Iterable[RecordType[Any]]) -> Any:
     """Return the record that `name` means: a caption, an id, or an id behind its kind, as in `action:3`.
 
     ProjectError if there is none, or more than one.
@@ -210,11 +153,11 @@ def find(project: Project, name: str, kinds: Iterable[RecordType]) -> Any:
     kinds = tuple(kinds)
     numbered = _NUMBERED.fullmatch(name)
     word, number = (numbered[1] or "", int(numbered[2])) if numbered else ("", -1)
-    records = [(kind, record) for kind in kinds for record in getattr(project, kind.plural)]
+    records = [(kind, record) for kind in kinds for record in getattr(project, kind.field)]
     found = [
         record
         for kind, record in records
-        if kind.caption_of(record) == name or (kind.id_of(record) == number and word in ("", kind.word.split()[-1]))
+        if kind.caption_of(record) == name or (kind.id_of(record) == number and word in ("", kind.label.split()[-1]))
     ]
     if not found:
         found = [record for kind, record in records if kind.caption_of(record).casefold() == name.casefold()]
@@ -222,6 +165,6 @@ def find(project: Project, name: str, kinds: Iterable[RecordType]) -> Any:
         return found[0]
     if found:
         raise ProjectError(f"'{escape(name)}' may be {' or '.join(map(named, found))}: write it as in action:3")
-    words = " or ".join(kind.word for kind in kinds)
+    words = " or ".join(kind.label for kind in kinds)
     there = ", ".join(named(record) for _, record in records[:10]) + (", ..." if len(records) > 10 else "")
     raise ProjectError(f"there is no {words} '{escape(name)}'; there is {there or 'none at all'}")

@@ -45,7 +45,7 @@ class Turn(Struct, frozen=True):
         speed = self.degrees_per_second
         wish = "to be there in no time" if math.isinf(speed) else f"for {speed:.3g} degrees/s"
         step = f"step {self.at + 1} asks servo {self.servo_id} {wish}"
-        return step if self.path.startswith(ACTION.plural) else f"{named(self.action)}, {step}"
+        return step if self.path.startswith(ACTION.field) else f"{named(self.action)}, {step}"
 
 
 @dataclass
@@ -64,7 +64,7 @@ def turns(project: Project, start: Mapping[int, int] | None = None) -> Iterator[
     A macro that is called is looked at by itself, at full speed, and again where it begins and where it repeats.
     """
     before = start or {}
-    actions, macros = ACTION.of(project), MACRO.of(project)
+    actions, macros = ACTION.by_id(project), MACRO.by_id(project)
     effects = {action_id: _of_action(action) for action_id, action in actions.items()}
     for at, action in enumerate(project.actions):
         for servo_id, (_, step, seconds) in _of_action(action).first.items():

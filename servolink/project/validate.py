@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from servolink.errors import EncodeError
 from servolink.project.model import UNFINISHED, Project
-from servolink.project.records import calls, dependency_order, named, total_size, wrong_times
+from servolink.project.records import dependency_order, named, total_size, wrong_times
 from servolink.project.speed import turns
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.editing import AddServoParameterRequest
@@ -75,7 +75,7 @@ _NAMED = 6
 
 def wrong_calls(project: Project) -> Iterator[Diagnostic]:
     """Yield calls of what is not there, macros that never end, and buttons that start nothing."""
-    action_ids, macros = ACTION.of(project).keys(), MACRO.of(project)
+    action_ids, macros = ACTION.by_id(project).keys(), MACRO.by_id(project)
     for at, macro in enumerate(project.macros):
         for number, command in enumerate(macro.commands):
             path = f"macros[{at}].commands[{number}]"
@@ -94,7 +94,9 @@ def _endless(project: Project, macros: Mapping[int, Macro]) -> Iterator[Diagnost
     ends = set(dependency_order(macros))
     goes_on = {
         macro_id: next(
-            called for kind, called in calls(macro) if kind is MACRO and called in macros and called not in ends
+            called
+            for kind, called in MACRO.references(macro)
+            if kind is MACRO and called in macros and called not in ends
         )
         for macro_id, macro in macros.items()
         if macro_id not in ends
@@ -137,8 +139,8 @@ def unstorable(project: Project, caption_encoding: str = "utf-8", memory: int | 
     yield from _numbers_of_all(project)
     yield from _shelf("servo_parameters", project.servo_parameters, 0x100, _servo_parameter_request, caption_encoding)
     for kind in RECORD_TYPES:
-        most = layout(PACKETS[kind.listing.packet_id + 1], "little").rule.limit
-        yield from _shelf(kind.plural, getattr(project, kind.plural), most, kind.add, caption_encoding)
+        most = layout(PACKETS[kind.list_request.packet_id + 1], "little").rule.limit
+        yield from _shelf(kind.field, getattr(project, kind.field), most, kind.add, caption_encoding)
     size = total_size(project)
     if memory is not None and size > memory:
         yield Diagnostic("", f"all of it takes {size:,} bytes; the board has {memory:,}", "error")

@@ -200,3 +200,9 @@ def _writing(encoding: str, plain: bool, narrow: bool) -> Writing:  # noqa: FBT0
 def layout(declared: type[Packet], byte_order: ByteOrder) -> Layout:
     """Return the compiled layout of `declared`."""
     return Layout(declared, byte_order)
+
+
+def content_size(declared: type[Packet], count: int = 0) -> int:
+    """Return the bytes of a content with `count` items in its group; frames add `frame.OVERHEAD`."""
+    rule = layout(declared, "little").rule
+    return rule.base + count * rule.unit

@@ -1,95 +1,214 @@
-"""The three kinds of records that are listed, read, added and deleted one by one, and their packets."""
+"""The types of stored records: their packets, what they refer to and how many bytes they take.
+
+All layers loop over `RECORD_TYPES`; a new type of record is one more entry.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Generic, TypeAlias, TypeVar
 
+from msgspec import Struct
+from msgspec.structs import astuple, replace
+
+from servolink.errors import ProjectError
+from servolink.escaping import quote
 from servolink.protocol import editing, joystick
-from servolink.protocol.packet import Query, Request, Response, Result
-from servolink.protocol.records import Action, JoystickTable, Macro
+from servolink.protocol.codec import response_class
+from servolink.protocol.layout import content_size, layout
+from servolink.protocol.packet import Packet, Query, Request, Response, Result
+from servolink.protocol.records import (
+    Action,
+    Button,
+    JoystickTable,
+    Macro,
+    MacroCommand,
+    MacroCommandType,
+    ServoParameter,
+)
 
 Record: TypeAlias = Action | Macro | JoystickTable
+T = TypeVar("T", bound=Struct)
 
 
-@dataclass(frozen=True, slots=True)
-class RecordType:
-    """One kind of records."""
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredType(Generic[T]):
+    """A type of object that a board stores; its first field is the id."""
 
-    word: str
-    """What people call one."""
-    plural: str
-    """The field of `Project`, which is also what `servolink` commands are called."""
-    record: type[Any]
-    listing: Query[Any]
-    querying: type[Query[Any]]
-    adding: type[Request[Result]]
-    deleting: type[Request[Result]]
+    label: str
+    """What people call one, such as `joystick table`."""
+    field: str
+    """The field of `Project` that holds all of them."""
+    record_class: type[T]
+    add_class: type[Request[Result]]
 
-    def of(self, project: Any) -> dict[int, Any]:
-        """Return the records of this kind in `project`, by id."""
-        return {self.id_of(record): record for record in getattr(project, self.plural)}
+    def __str__(self) -> str:
+        """Return the label."""
+        return self.label
 
-    def id_of(self, record: Any) -> int:
-        """Return the id of a record or of its entry in a list, which is its first field."""
+    def by_id(self, project: Any) -> dict[int, T]:
+        """Return the objects of this type in a `Project`, by id; of an id used twice, the last one."""
+        return {self.id_of(record): record for record in getattr(project, self.field)}
+
+    def id_of(self, record: Struct) -> int:
+        """Return the id of a record, of its entry in a list, or of the request that adds it."""
         return int(getattr(record, record.__struct_fields__[0]))
 
-    def caption_of(self, record: Any) -> str:
-        """Return the caption, which is the second field."""
-        return str(getattr(record, record.__struct_fields__[1]))
+    def caption_of(self, record: Struct) -> str:
+        """Return the caption of a record or of its entry in a list."""
+        return str(getattr(record, next(name for name in record.__struct_fields__ if name.endswith("_caption"))))
 
-    def listed(self, response: Response) -> tuple[int, ...]:
-        """Return the ids in the board's list, in its order; an id may be there twice."""
-        (entries,) = (getattr(response, name) for name in response.__struct_fields__)
-        return tuple(self.id_of(entry) for entry in entries)
+    def size(self, record: T) -> int:
+        """Return the bytes `record` takes on the wire, and by assumption on the board.
 
-    def found(self, response: Response) -> Any | None:
-        """Return the record in the answer to a query, None if the board has none."""
-        values = [getattr(response, name) for name in self.record.__struct_fields__]
-        return self.record(*values) if values[0] else None
+        A board may keep a little more or less; the protocol cannot tell.
+        """
+        return layout(self.add_class, "little").rule.unit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordType(StoredType[T]):
+    """A type of record that is listed, queried, added and deleted one by one."""
+
+    list_request: Query[Any]
+    query_class: type[Query[Any]]
+    delete_class: type[Request[Result]]
+    links: Callable[[Any], Iterable[tuple[str, RecordType[Any]]]]
+    """The fields of a part that hold the id of another record, each with the type of that record."""
+
+    def parts_of(self, record: Struct) -> tuple[Any, ...]:
+        """Return the steps, commands or buttons of a record."""
+        return tuple(getattr(record, record.__struct_fields__[-1]))
 
     def query(self, record_id: int) -> Query[Any]:
-        """Return the request that asks for a record."""
-        (field,) = self.querying.__struct_fields__
-        return self.querying(**{field: record_id})
+        """Return the request for a record."""
+        make: Callable[[int], Query[Any]] = self.query_class
+        return make(record_id)
 
-    def add(self, record: Any) -> Request[Result]:
+    def add(self, record: T) -> Request[Result]:
         """Return the request that stores `record`."""
-        return self.adding(*(getattr(record, name) for name in self.record.__struct_fields__))
+        return self.add_class(*astuple(record))
 
     def delete(self, record_id: int) -> Request[Result]:
         """Return the request that deletes a record."""
-        (field,) = self.deleting.__struct_fields__
-        return self.deleting(**{field: record_id})
+        make: Callable[[int], Request[Result]] = self.delete_class
+        return make(record_id)
+
+    def entries_in(self, response: Response) -> tuple[Any, ...]:
+        """Return the entries (id and caption) in the response to `list_request`."""
+        return tuple(getattr(response, response.__struct_fields__[0]))
+
+    def ids_in(self, response: Response) -> tuple[int, ...]:
+        """Return the ids in the response to `list_request`, in the board's order; a board may list an id twice."""
+        return tuple(map(self.id_of, self.entries_in(response)))
+
+    def record_in(self, packet: Packet) -> T | None:
+        """Return the record in the response to a query, or in the request that adds one; None for the id 0.
+
+        A board that has no such record sends the id 0.
+        """
+        *others, parts = astuple(packet)
+        return self.record_class(*others, tuple(parts)) if others[0] else None
+
+    def references(self, record: T) -> Iterator[tuple[RecordType[Any], int]]:
+        """Yield type and id of each record that `record` refers to; id 0 for a button without a macro."""
+        for part in self.parts_of(record):
+            for name, target in self.links(part):
+                yield target, getattr(part, name)
+
+    def with_references(self, record: T, new_id: Callable[[RecordType[Any], int], int]) -> T:
+        """Return `record` with each reference replaced by `new_id(type, old id)`."""
+        parts = tuple(
+            replace(part, **{name: new_id(target, getattr(part, name)) for name, target in self.links(part)})
+            for part in self.parts_of(record)
+        )
+        return replace(record, **{record.__struct_fields__[-1]: parts})
+
+    def size(self, record: T) -> int:
+        """Return the bytes `record` takes on the wire, and by assumption on the board."""
+        return content_size(self.add_class, len(self.parts_of(record)))
+
+    def list_size(self, count: int) -> int:
+        """Return the bytes of a list response with `count` entries."""
+        return content_size(self._list_response, count)
+
+    @property
+    def list_limit(self) -> int:
+        """The number of entries that fit a list response."""
+        return layout(self._list_response, "little").rule.limit
+
+    @property
+    def _list_response(self) -> type[Packet]:
+        return response_class(self.list_request)
+
+
+def _step_links(step: object) -> Iterable[tuple[str, RecordType[Any]]]:
+    return ()
+
+
+def _command_links(command: MacroCommand) -> Iterable[tuple[str, RecordType[Any]]]:
+    match command.type:
+        case MacroCommandType.ACTION:
+            return (("command_id", ACTION),)
+        case MacroCommandType.MACRO:
+            return (("command_id", MACRO),)
+        case _:  # a delay, or a type that the document does not name
+            return ()
+
+
+def _button_links(button: Button) -> Iterable[tuple[str, RecordType[Any]]]:
+    return ("button_press_macro", MACRO), ("button_long_press_macro", MACRO), ("button_up_macro", MACRO)
 
 
 ACTION = RecordType(
     "action",
     "actions",
     Action,
+    editing.AddActionRequest,
     editing.QueryActionListRequest(),
     editing.QueryActionRequest,
-    editing.AddActionRequest,
     editing.DeleteActionRequest,
+    _step_links,
 )
 MACRO = RecordType(
     "macro",
     "macros",
     Macro,
+    editing.AddMacroRequest,
     editing.QueryMacroListRequest(),
     editing.QueryMacroRequest,
-    editing.AddMacroRequest,
     editing.DeleteMacroRequest,
+    _command_links,
 )
 TABLE = RecordType(
     "joystick table",
     "joystick_tables",
     JoystickTable,
+    joystick.AddJoystickTableRequest,
     joystick.QueryJoystickTableListRequest(),
     joystick.QueryJoystickTableRequest,
-    joystick.AddJoystickTableRequest,
     joystick.DeleteJoystickTableRequest,
+    _button_links,
 )
+SERVO_PARAMETER = StoredType("servo parameter", "servo_parameters", ServoParameter, editing.AddServoParameterRequest)
 
-RECORD_TYPES = (ACTION, MACRO, TABLE)
-"""In the order in which they are written: what a record calls is there before it."""
+RECORD_TYPES: tuple[RecordType[Any], ...] = (ACTION, MACRO, TABLE)
+"""In the order in which they are written: a record is stored after what it refers to."""
+STORED_TYPES: tuple[StoredType[Any], ...] = (SERVO_PARAMETER, *RECORD_TYPES)
+"""All types, in the order of a project file."""
+
+
+def type_of(record: object) -> RecordType[Any]:
+    """Return the type of an action, a macro or a joystick table. Raise ProjectError for anything else."""
+    for record_type in RECORD_TYPES:
+        if isinstance(record, record_type.record_class):
+            return record_type
+    raise ProjectError(f"{quote(record)} is not an action, a macro or a joystick table")
+
+
+def stored_size(record: Record | ServoParameter) -> int:
+    """Return the bytes a record or the parameters of a servo take: 38 + 5n for an action of n steps."""
+    if isinstance(record, ServoParameter):
+        return SERVO_PARAMETER.size(record)
+    return type_of(record).size(record)

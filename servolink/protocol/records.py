@@ -1,8 +1,9 @@
-"""Called: a reference to a record that may have no id yet."""
+"""The records stored on a board, and their parts."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import IntEnum
 from typing import Annotated, Any
 
 from msgspec import Meta, Struct
@@ -37,12 +38,25 @@ class RecordRef(int):
         return called
 
 
+class MacroCommandType(IntEnum):
+    """The types of macro commands; a board may hold others, which the document does not name."""
+
+    ACTION = 0
+    DELAY = 1
+    MACRO = 2
+
+
 class Step(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """One servo's part of a movement: where it goes and how long it takes."""
 
     servo_id: U8
     degree: Annotated[I16, Meta(description="target, degrees or raw ADC, as set for this servo")]
     interval: Annotated[Natural16, Meta(description="time, in units of 10 ms")]
+
+    @property
+    def seconds(self) -> float:
+        """The time the movement takes, to 0.01 s."""
+        return self.interval / 100
 
 
 class ActionEntry(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
@@ -58,6 +72,11 @@ class Action(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     action_id: Annotated[I32, Meta(description="0 in an answer: no such action")]
     action_caption: Caption = ""
     steps: Annotated[tuple[Step, ...], U16_COUNT] = ()
+
+    @property
+    def seconds(self) -> float:
+        """The time of the longest step; 0 without steps."""
+        return max((step.interval for step in self.steps), default=0) / 100
 
     @staticmethod
     def pose(caption: str, degrees: Mapping[int, int], *, seconds: float = 1.0, action_id: int = 0) -> Action:
@@ -80,7 +99,7 @@ class MacroCommand(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """One command of a macro: run an action, wait, or run another macro."""
 
     command_id: Annotated[I32, Meta(description="action id, delay in ms, or macro id, as `type` says")]
-    type: Annotated[CommandType, Meta(description="0 action, 1 delay, 2 macro")] = 0
+    type: Annotated[CommandType, Meta(description="0 action, 1 delay, 2 macro")] = MacroCommandType.ACTION.value
     ratio: Annotated[Percent, Meta(description="speed in percent; at 50 it takes twice as long")] = 100
     loop: Annotated[Natural16, Meta(description="how many times")] = 1
     total_interval: Annotated[Natural32, Meta(description="time of the whole command with its loops, ms")] = 0
@@ -92,10 +111,10 @@ class MacroCommand(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
         Its `total_interval` is filled in by `Project.of`. EncodeError for a pause that is not possible.
         """
         if isinstance(part, Action):
-            return MacroCommand(RecordRef.of(part), 0, ratio, loop)
+            return MacroCommand(RecordRef.of(part), MacroCommandType.ACTION.value, ratio, loop)
         if isinstance(part, Macro):
-            return MacroCommand(RecordRef.of(part), 2, ratio, loop)
-        return MacroCommand(_whole(part, 1000, 0x7FFF_FFFF), 1, ratio, loop)
+            return MacroCommand(RecordRef.of(part), MacroCommandType.MACRO.value, ratio, loop)
+        return MacroCommand(_whole(part, 1000, 0x7FFF_FFFF), MacroCommandType.DELAY.value, ratio, loop)
 
 
 class Macro(Struct, frozen=True, gc=False, forbid_unknown_fields=True):

@@ -36,7 +36,7 @@ projects = cast("st.SearchStrategy[Project]", values_of(inspect.type_info(Projec
 
 def _storable(project: Project) -> Project:
     shelves: dict[str, Any] = {
-        kind.plural: tuple(one for record_id, one in kind.of(project).items() if record_id) for kind in RECORD_TYPES
+        kind.field: tuple(one for record_id, one in kind.by_id(project).items() if record_id) for kind in RECORD_TYPES
     }
     parameters = {one.servo_id: one for one in project.servo_parameters if one.servo_id != ALL_SERVOS}
     return replace(project, servo_parameters=tuple(parameters.values()), active_joystick_table=None, **shelves)
@@ -64,13 +64,13 @@ def said_projects(draw: st.DrawFn) -> Project:
     """Draw what a board can say, whatever nonsense it is."""
     encoding = draw(st.sampled_from(ENCODINGS))
 
-    def records(kind: RecordType, declared: type[Packet]) -> tuple[Any, ...]:
+    def records(kind: RecordType[Any], declared: type[Packet]) -> tuple[Any, ...]:
         answers = draw(st.lists(_answered(declared, encoding), max_size=3))
-        return tuple(found for answer in answers if (found := kind.found(answer)) is not None)
+        return tuple(found for answer in answers if (found := kind.record_in(answer)) is not None)
 
     return Project(
         draw(_ids),
         draw(_answered(QueryServoParameterResponse, encoding)).servos,
         active_joystick_table=draw(_ids | st.none()),
-        **{kind.plural: records(kind, declared) for kind, declared in zip(RECORD_TYPES, _ANSWERS, strict=True)},
+        **{kind.field: records(kind, declared) for kind, declared in zip(RECORD_TYPES, _ANSWERS, strict=True)},
     )

@@ -122,7 +122,7 @@ def test_two_with_one_number_are_refused() -> None:
 
 @pytest.mark.parametrize("part", ["wave", 3, None, MacroCommand(1)])
 def test_what_is_no_part_is_refused(part: Any) -> None:
-    with pytest.raises(ProjectError, match="is no action, macro or joystick table"):
+    with pytest.raises(ProjectError, match="is not an action, a macro or a joystick table"):
         Project.of(part)
 
 

@@ -308,7 +308,7 @@ def test_what_the_encoder_refuses_is_an_error(project: Project) -> None:
 def unencodable(project: Project) -> str:
     """Return what the encoder has against a project."""
     requests: list[Packet] = [AddServoParameterRequest(project.servo_parameters)]
-    requests += [kind.add(record) for kind in RECORD_TYPES for record in getattr(project, kind.plural)]
+    requests += [kind.add(record) for kind in RECORD_TYPES for record in getattr(project, kind.field)]
     for request in requests:
         try:
             Codec().encode(request)

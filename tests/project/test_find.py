@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from servolink.errors import ProjectError
@@ -61,7 +63,7 @@ def test_exactly_that_caption_comes_first() -> None:
 
 
 @pytest.mark.parametrize("kind", [ACTION, MACRO, TABLE], ids=str)
-def test_of_nothing_nothing_is_found(kind: RecordType) -> None:
+def test_of_nothing_nothing_is_found(kind: RecordType[Any]) -> None:
     with pytest.raises(ProjectError, match="there is none at all"):
         find(Project(), "1", (kind,))
     many = Project(actions=tuple(Action(number) for number in range(1, 40)))

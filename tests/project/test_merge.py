@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 import pytest
 from hypothesis import given
@@ -10,7 +12,6 @@ from hypothesis import strategies as st
 from servolink.errors import ProjectError
 from servolink.project.merge import merged
 from servolink.project.model import Project
-from servolink.project.records import calls
 from servolink.protocol.record_types import ACTION, MACRO, TABLE
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from tests.project.projects import HUMANOID, NOD, PAD, RAISE, SHOW, WAVE
@@ -63,7 +64,7 @@ def test_the_active_table_follows_its_new_id() -> None:
     other = Project(joystick_tables=(JoystickTable(7, "Other"),), active_joystick_table=7)
     project, _ = merged(one, other)
     assert project.active_joystick_table == 1
-    assert TABLE.of(project)[1].table_caption == "Other"
+    assert TABLE.by_id(project)[1].table_caption == "Other"
 
 
 def test_a_macro_that_calls_what_got_a_new_id_is_another_macro() -> None:
@@ -166,7 +167,7 @@ small = st.builds(
 
 def meaning(project: Project, macro_id: int, depth: int = 6) -> object:
     """Return what a macro does, whatever the ids are, down to some depth."""
-    macro = MACRO.of(project).get(macro_id)
+    macro = MACRO.by_id(project).get(macro_id)
     if macro is None or depth == 0:
         return macro is None
     done: list[object] = []
@@ -174,7 +175,7 @@ def meaning(project: Project, macro_id: int, depth: int = 6) -> object:
         if command.type == 2:
             done.append(meaning(project, command.command_id, depth - 1))
         elif command.type == 0:
-            action = ACTION.of(project).get(command.command_id)
+            action = ACTION.by_id(project).get(command.command_id)
             done.append(action and action.steps)
         else:
             done.append(command.command_id)
@@ -183,8 +184,8 @@ def meaning(project: Project, macro_id: int, depth: int = 6) -> object:
 
 def whole(project: Project) -> bool:
     """Tell whether all that is called is there."""
-    shelves = {ACTION.word: ACTION.of(project), MACRO.word: MACRO.of(project)}
-    return all(number in shelves[kind.word] for macro in project.macros for kind, number in calls(macro))
+    shelves: dict[str, dict[int, Any]] = {ACTION.label: ACTION.by_id(project), MACRO.label: MACRO.by_id(project)}
+    return all(number in shelves[kind.label] for macro in project.macros for kind, number in MACRO.references(macro))
 
 
 @given(small.filter(whole), small.filter(whole))

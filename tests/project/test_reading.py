@@ -180,7 +180,7 @@ def test_an_active_table_that_is_not_in_the_project_is_no_difference(tmp_path: P
 @settings(max_examples=60)
 @given(storable_projects, st.data())
 def test_a_plan_differs_where_something_would_be_written(wanted: Project, data: st.DataObject) -> None:
-    records = {kind: tuple(Listed(*one) for one in kind.of(wanted).items()) for kind in RECORD_TYPES}
+    records = {kind: tuple(Listed(*one) for one in kind.by_id(wanted).items()) for kind in RECORD_TYPES}
     content = Content(wanted.project_id, wanted.servo_parameters, None, records)
     kind = data.draw(st.sampled_from(RECORD_TYPES))
     match data.draw(st.integers(0, 5)):

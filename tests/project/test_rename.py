@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 import pytest
 
@@ -14,12 +16,12 @@ from tests.project.projects import HUMANOID, PAD, RAISE, WAVE
 
 
 @pytest.mark.parametrize(("kind", "record_id"), [(ACTION, 1), (MACRO, 4), (TABLE, 7)], ids=str)
-def test_only_the_caption_changes(kind: RecordType, record_id: int) -> None:
+def test_only_the_caption_changes(kind: RecordType[Any], record_id: int) -> None:
     project, said = renamed(HUMANOID, kind, record_id, "新名")
-    before, after = kind.of(HUMANOID)[record_id], kind.of(project)[record_id]
+    before, after = kind.by_id(HUMANOID)[record_id], kind.by_id(project)[record_id]
     assert after == msgspec.structs.replace(before, **{before.__struct_fields__[1]: "新名"})
     assert renamed(project, kind, record_id, kind.caption_of(before))[0] == HUMANOID
-    assert said == [f"{kind.word} {record_id} '{kind.caption_of(before)}' is now '新名'"]
+    assert said == [f"{kind.label} {record_id} '{kind.caption_of(before)}' is now '新名'"]
 
 
 def test_a_servo_gets_a_caption_and_keeps_its_correction() -> None:
@@ -42,6 +44,6 @@ def test_hostile_captions_are_shown_as_text() -> None:
 
 
 @pytest.mark.parametrize(("kind", "word"), [(ACTION, "action"), (MACRO, "macro"), (TABLE, "joystick table")], ids=str)
-def test_what_is_not_there_is_named(kind: RecordType, word: str) -> None:
+def test_what_is_not_there_is_named(kind: RecordType[Any], word: str) -> None:
     with pytest.raises(ProjectError, match=f"there is no {word} 99"):
         renamed(HUMANOID, kind, 99, "x")

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from servolink.project.model import Project
-from servolink.project.records import stored_size, total_size
+from servolink.project.records import total_size
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.frame import OVERHEAD
-from servolink.protocol.record_types import RECORD_TYPES, Record
+from servolink.protocol.record_types import RECORD_TYPES, Record, stored_size
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 
 WAVE = Action(1, "wave", (Step(1, 30, 50), Step(2, -30, 50)))
@@ -19,7 +19,7 @@ PAD = JoystickTable(1, "pad", (Button(4, "A", 1),))
 
 @pytest.mark.parametrize(("record", "size"), [(WAVE, 48), (SHOW, 74), (PAD, 87), (Action(2), 38)])
 def test_a_record_takes_its_length_on_the_wire(record: Record, size: int) -> None:
-    kind = next(kind for kind in RECORD_TYPES if isinstance(record, kind.record))
+    kind = next(kind for kind in RECORD_TYPES if isinstance(record, kind.record_class))
     assert stored_size(record) == size == len(Codec().encode(kind.add(record))) - OVERHEAD
 
 

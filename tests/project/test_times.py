@@ -13,7 +13,7 @@ from servolink.project.model import Project
 from servolink.project.records import LONGEST, dependency_order, times
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import HEADER_SIZE
-from servolink.protocol.record_types import ACTION, MACRO
+from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from servolink.virtual.player import Player
 from servolink.virtual.storage import Kind, Storage
@@ -24,8 +24,9 @@ FAST = Action(1, "fast", (Step(1, 90, 50), Step(2, 90, 100)))  # 1 s
 def played(project: Project, macro_id: int) -> float:
     """Return how many seconds a board plays a macro."""
     codec, storage = Codec(), Storage(1_000_000)
-    for kind, shelf in ((ACTION, Kind.ACTION), (MACRO, Kind.MACRO)):
-        for record_id, record in kind.of(project).items():
+    shelves: tuple[tuple[RecordType[Any], Kind], ...] = ((ACTION, Kind.ACTION), (MACRO, Kind.MACRO))
+    for kind, shelf in shelves:
+        for record_id, record in kind.by_id(project).items():
             storage.put(shelf, {record_id: codec.encode(kind.add(record))[HEADER_SIZE:-1]})
     player = Player({}, storage, codec)
     assert player.run_macro(macro_id, 0.0)

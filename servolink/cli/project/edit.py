@@ -74,7 +74,7 @@ def _merged(args: argparse.Namespace, project: Project) -> tuple[Project, list[s
 def _renamed(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
     if args.kind == "servo":
         return renamed_servo(project, args.id, args.caption)
-    kind = next(kind for kind in RECORD_TYPES if kind.word == _TABLE.get(args.kind, args.kind))
+    kind = next(kind for kind in RECORD_TYPES if kind.label == _TABLE.get(args.kind, args.kind))
     return renamed(project, kind, args.id, args.caption)
 
 

@@ -12,8 +12,8 @@ from servolink.cli.output import Table, is_terminal, plain_lines, print_json, pr
 from servolink.cli.project.source import add_source, is_address, with_project
 from servolink.errors import ProjectError
 from servolink.project.model import Project
-from servolink.project.records import by_kind, by_servo, find, kind_of, named
-from servolink.protocol.record_types import ACTION, MACRO
+from servolink.project.records import by_kind, by_servo, find, named
+from servolink.protocol.record_types import ACTION, MACRO, type_of
 from servolink.protocol.records import Action, Macro
 from servolink.protocol.servos import ServoState
 from servolink.virtual.dry_run import DryRun, Move, Timeline
@@ -111,9 +111,9 @@ def _print(project: Project, record: Action | Macro, timeline: Timeline) -> None
 
 
 def _described(record: Action | Macro, timeline: Timeline) -> dict[str, Any]:
-    kind = kind_of(record)
+    kind = type_of(record)
     return {
-        "kind": kind.word,
+        "kind": kind.label,
         "id": kind.id_of(record),
         "caption": kind.caption_of(record),
         "duration_seconds": round(timeline.seconds, 3),

@@ -15,7 +15,7 @@ from servolink.project.records import find, times, total_size
 from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, TABLE, RecordType
 from servolink.protocol.records import Action, MacroCommand
 
-_COMMANDS = {ACTION.plural: "actions", MACRO.plural: "macros", TABLE.plural: "tables"}
+_COMMANDS = {ACTION.field: "actions", MACRO.field: "macros", TABLE.field: "tables"}
 _ACTION, _DELAY, _MACRO = 0, 1, 2
 _CALLED = {_ACTION: "action", _MACRO: "macro"}
 
@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
             print_json(_records(records) if records else _project(project))
         elif records:
             for record in records:
-                print_table(whole_table(_COMMANDS[_kind(record).plural], described(record)))
+                print_table(whole_table(_COMMANDS[_kind(record).field], described(record)))
         else:
             _print(project)
         return OK
@@ -43,12 +43,12 @@ def run(args: argparse.Namespace) -> int:
     return with_project(args, show)
 
 
-def _kind(record: Any) -> RecordType:
-    return next(kind for kind in RECORD_TYPES if isinstance(record, kind.record))
+def _kind(record: Any) -> RecordType[Any]:
+    return next(kind for kind in RECORD_TYPES if isinstance(record, kind.record_class))
 
 
 def _records(records: Sequence[Any]) -> dict[str, Any]:
-    return {kind.plural: [described(one) for one in records if _kind(one) is kind] for kind in RECORD_TYPES}
+    return {kind.field: [described(one) for one in records if _kind(one) is kind] for kind in RECORD_TYPES}
 
 
 def _project(project: Project) -> dict[str, Any]:

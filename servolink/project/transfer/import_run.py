@@ -40,14 +40,14 @@ def _reason(content: Content, write: Write, refused: Collection[str]) -> str:
         servo_ids = [one.servo_id for one in request.servos if one not in content.servo_parameters]
         return f"servo {servo_ids[0]} comes back otherwise" if servo_ids else ""
     for kind in RECORD_TYPES:
-        if isinstance(request, kind.deleting):
+        if isinstance(request, kind.delete_class):
             return "still listed"
-        if isinstance(request, kind.adding):
+        if isinstance(request, kind.add_class):
             return _difference(content, kind, request)
     return ""
 
 
-def _difference(content: Content, kind: RecordType, request: Any) -> str:
+def _difference(content: Content, kind: RecordType[Any], request: Any) -> str:
     """Return what is another in the record that the board gives than in the one that it was given."""
     record_id = kind.id_of(request)
     entries = [entry for entry in content.records[kind] if entry.record_id == record_id]
@@ -60,7 +60,7 @@ def _difference(content: Content, kind: RecordType, request: Any) -> str:
         return f"listed {len(entries)} times"
     if (caption := kind.caption_of(given)) != kind.caption_of(request):
         return f"its caption comes back as {quote(caption)}"
-    return f"other {kind.record.__struct_fields__[-1]} come back"
+    return f"other {kind.record_class.__struct_fields__[-1]} come back"
 
 
 _TRIES = 4

@@ -11,7 +11,6 @@ from msgspec import Struct
 
 from servolink.errors import EncodeError, ProjectError
 from servolink.project.model import Project, telling
-from servolink.project.records import stored_size
 from servolink.project.transfer.backups import is_unfinished
 from servolink.project.transfer.read import Asked, Content, read_content
 from servolink.project.transfer.results import Change, Plan, Tell
@@ -21,7 +20,7 @@ from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.frame import OVERHEAD
 from servolink.protocol.joystick import SetActiveJoystickTableRequest
 from servolink.protocol.packet import Request, Result
-from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType
+from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType, stored_size
 from servolink.protocol.records import ServoParameter
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
 
@@ -32,8 +31,8 @@ def compare(old: Project, new: Project) -> tuple[Change, ...]:
     changes = _values("project id", old.project_id or None, new.project_id or None)
     changes += _records("servo parameter", _by_servo(old), _by_servo(new))
     for kind in RECORD_TYPES:
-        changes += _records(kind.word, kind.of(old), kind.of(new))
-    if new.active_joystick_table in TABLE.of(new):
+        changes += _records(kind.label, kind.by_id(old), kind.by_id(new))
+    if new.active_joystick_table in TABLE.by_id(new):
         changes += _values("active joystick table", old.active_joystick_table, new.active_joystick_table)
     return tuple(changes)
 
@@ -87,7 +86,7 @@ def cost_of_marking(times: int) -> Cost:
 
 def cost_of_reading(project: Project) -> Cost:
     """Return what it costs to read all of it until two readings agree, which on a good line is twice."""
-    records = [record for kind in RECORD_TYPES for record in kind.of(project).values()]
+    records = [record for kind in RECORD_TYPES for record in kind.by_id(project).values()]
     numbers = 2 * _ID
     lists = len(RECORD_TYPES) * _COUNT + _ENTRY * len(records)
     parameters = _COUNT + sum(map(stored_size, project.servo_parameters))
@@ -116,9 +115,9 @@ def writes(content: Content, target: Project) -> list[Write]:
     return deleting + _parameters(content, target) + adding + _activation(content, target)
 
 
-def _sound(kind: RecordType, content: Content, target: Project) -> set[int]:
+def _sound(kind: RecordType[Any], content: Content, target: Project) -> set[int]:
     """Return the ids of the records that are there as they should be: once, and right."""
-    entries, wanted = content.records[kind], kind.of(target)
+    entries, wanted = content.records[kind], kind.by_id(target)
     times = Counter(entry.record_id for entry in entries)
     return {
         entry.record_id
@@ -127,20 +126,20 @@ def _sound(kind: RecordType, content: Content, target: Project) -> set[int]:
     }
 
 
-def _deletions(kind: RecordType, content: Content, target: Project) -> list[Write]:
+def _deletions(kind: RecordType[Any], content: Content, target: Project) -> list[Write]:
     sound = _sound(kind, content, target)
     return [
-        Write(f"{kind.word} {entry.record_id}", kind.delete(entry.record_id))
+        Write(f"{kind.label} {entry.record_id}", kind.delete(entry.record_id))
         for entry in content.records[kind]
         if entry.record_id not in sound
     ]
 
 
-def _additions(kind: RecordType, content: Content, target: Project) -> list[Write]:
+def _additions(kind: RecordType[Any], content: Content, target: Project) -> list[Write]:
     sound = _sound(kind, content, target)
     return [
-        Write(f"{kind.word} {record_id}", kind.add(record))
-        for record_id, record in kind.of(target).items()
+        Write(f"{kind.label} {record_id}", kind.add(record))
+        for record_id, record in kind.by_id(target).items()
         if record_id not in sound
     ]
 
@@ -157,7 +156,7 @@ def _parameters(content: Content, target: Project) -> list[Write]:
 
 def _activation(content: Content, target: Project) -> list[Write]:
     table_id = target.active_joystick_table
-    if table_id is None or table_id not in TABLE.of(target):
+    if table_id is None or table_id not in TABLE.by_id(target):
         return []
     if content.active == table_id and table_id in _sound(TABLE, content, target):
         return []

@@ -15,13 +15,13 @@ from typing import Any, Protocol, TypeVar
 from servolink.errors import ConnectionLost, DecodeError, ProjectError
 from servolink.escaping import escape
 from servolink.project.model import Project, telling
-from servolink.project.records import stored_size, total_size
+from servolink.project.records import total_size
 from servolink.project.transfer.results import Phase, Progress, Tell
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryServoParameterRequest
 from servolink.protocol.joystick import QueryActiveJoystickTableRequest
 from servolink.protocol.packet import Request, Response
-from servolink.protocol.record_types import RECORD_TYPES, RecordType
+from servolink.protocol.record_types import RECORD_TYPES, RecordType, stored_size
 from servolink.protocol.records import ServoParameter
 
 
@@ -116,7 +116,7 @@ class Content:
     project_id: int = 0
     servo_parameters: tuple[ServoParameter, ...] = ()
     active: int | None = None
-    records: dict[RecordType, tuple[Listed, ...]] = field(default_factory=lambda: dict.fromkeys(RECORD_TYPES, ()))
+    records: dict[RecordType[Any], tuple[Listed, ...]] = field(default_factory=lambda: dict.fromkeys(RECORD_TYPES, ()))
     """In the order of the board's lists, with ids that are there twice."""
 
     def project(self) -> Project:
@@ -125,15 +125,15 @@ class Content:
             for entry in entries:
                 if entry.record is None:
                     raise ProjectError(
-                        f"{kind.word} {entry.record_id}: the board lists it and does not give it, or gives what is "
-                        f"no {kind.word}; delete it there, or go on without keeping what the board has"
+                        f"{kind.label} {entry.record_id}: the board lists it and does not give it, or gives what is "
+                        f"no {kind.label}; delete it there, or go on without keeping what the board has"
                     )
         return self.readable()
 
     def readable(self) -> Project:
         """Return as a project what the board gives, without what it only lists."""
         records = {
-            kind.plural: tuple({one.record_id: one.record for one in entries if one.record is not None}.values())
+            kind.field: tuple({one.record_id: one.record for one in entries if one.record is not None}.values())
             for kind, entries in self.records.items()
         }
         parameters = tuple({one.servo_id: one for one in self.servo_parameters}.values())
@@ -141,7 +141,7 @@ class Content:
 
     def doubled(self) -> list[str]:
         """Return what is listed more than once, of which a board gives only one."""
-        listed = {kind.word: [entry.record_id for entry in entries] for kind, entries in self.records.items()}
+        listed = {kind.label: [entry.record_id for entry in entries] for kind, entries in self.records.items()}
         listed["servo parameter"] = [one.servo_id for one in self.servo_parameters]
         return [
             f"{word} {record_id}"
@@ -153,7 +153,7 @@ class Content:
     def missing(self) -> list[str]:
         """Return what is listed and not given."""
         return [
-            f"{kind.word} {entry.record_id}"
+            f"{kind.label} {entry.record_id}"
             for kind, entries in self.records.items()
             for entry in entries
             if entry.record is None
@@ -187,13 +187,13 @@ async def read_content(board: Asked, tell: Tell, phase: Phase = "reading") -> Co
         ids = {kind: content.records[kind] for kind in RECORD_TYPES}
         total, done = sum(map(len, ids.values())), 0
         tell(Progress(phase, 0, total, "lists"))
-        known: dict[tuple[RecordType, int], Any] = {}
+        known: dict[tuple[RecordType[Any], int], Any] = {}
         for kind, entries in ids.items():
             for entry in entries:
                 if (kind, entry.record_id) not in known:
                     known[kind, entry.record_id] = await _read_record(board, kind, entry.record_id)
                 done += 1
-                tell(Progress(phase, done, total, f"{kind.word} {entry.record_id}"))
+                tell(Progress(phase, done, total, f"{kind.label} {entry.record_id}"))
         if await _read_outline(board) == content:
             content.records = {
                 kind: tuple(Listed(entry.record_id, known[kind, entry.record_id]) for entry in entries)
@@ -220,20 +220,20 @@ async def _read_outline(board: Asked) -> Content:
         servo_parameters=(await board.request(QueryServoParameterRequest())).servos,
         active=(await board.request(QueryActiveJoystickTableRequest())).table_id or None,
         records={
-            kind: tuple(Listed(listed, None) for listed in kind.listed(await board.request(kind.listing)))
+            kind: tuple(Listed(listed, None) for listed in kind.ids_in(await board.request(kind.list_request)))
             for kind in RECORD_TYPES
         },
     )
 
 
-async def _read_record(board: Asked, kind: RecordType, record_id: int) -> Any | None:
+async def _read_record(board: Asked, kind: RecordType[Any], record_id: int) -> Any | None:
     async def read(board: Asked) -> Any | None:
         try:
-            return kind.found(await board.request(kind.query(record_id)))
+            return kind.record_in(await board.request(kind.query(record_id)))
         except DecodeError:
             return None
 
-    return await _agreed(board, read, f"{kind.word} {record_id}")
+    return await _agreed(board, read, f"{kind.label} {record_id}")
 
 
 async def _agreed(board: Asked, read: Callable[[Asked], Awaitable[T]], what: str) -> T:
