@@ -1,4 +1,4 @@
-"""Checks and arithmetic of a movement, before a byte of it is sent."""
+"""Angles, limits and durations: everything that is checked and computed before a movement is sent."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from servolink.escaping import quote
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Tell whether `value` is a number; True and False are none."""
+    """Return whether `value` is an int or a float; bools do not count as numbers."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def flag(name: str, value: object) -> int:
-    """Return 1 for True and 0 for False; EncodeError for what is neither."""
+    """Return 1 for True and 0 for False. Raise EncodeError for anything else."""
     if not isinstance(value, int) or value not in {0, 1}:
-        raise EncodeError(f"{name}: {quote(value)} is neither True nor False")
+        raise EncodeError(f"{name} must be True or False, not {quote(value)}")
     return int(value)
 
 
@@ -27,7 +27,10 @@ AngleUnit = Literal["degree", "adc"]
 
 
 class Angle(int):
-    """A whole number in one unit; it adds to and compares with plain numbers and its own unit only."""
+    """A whole number with a unit. It prints as the number alone; `repr` shows the unit.
+
+    It adds to and compares with plain numbers and angles in the same unit. Raise TypeError for another unit.
+    """
 
     unit: ClassVar[str] = ""
 
@@ -38,15 +41,15 @@ class Angle(int):
     def _whole(self, other: int) -> int:
         self._same_unit(other)
         if not isinstance(other, int):
-            raise TypeError(f"{self!r} is a whole number, and {other!r} is not")
+            raise TypeError(f"only whole numbers can be added to {self!r}, not {other!r}")
         return int(other)
 
     def __add__(self, other: int, /) -> Self:
-        """Return the sum, in this unit; TypeError for a fraction."""
+        """Return the sum, in this unit. Raise TypeError for a fraction."""
         return type(self)(int(self) + self._whole(other))
 
     def __sub__(self, other: int, /) -> Self:
-        """Return the difference, in this unit; TypeError for a fraction."""
+        """Return the difference, in this unit. Raise TypeError for a fraction."""
         return type(self)(int(self) - self._whole(other))
 
     __radd__ = __add__
@@ -60,41 +63,45 @@ class Angle(int):
         return type(self)(-int(self))
 
     def __lt__(self, other: int, /) -> bool:
-        """Compare; TypeError across units."""
+        """Compare. Raise TypeError for another unit."""
         self._same_unit(other)
         return int(self) < other
 
     def __le__(self, other: int, /) -> bool:
-        """Compare; TypeError across units."""
+        """Compare. Raise TypeError for another unit."""
         self._same_unit(other)
         return int(self) <= other
 
     def __gt__(self, other: int, /) -> bool:
-        """Compare; TypeError across units."""
+        """Compare. Raise TypeError for another unit."""
         self._same_unit(other)
         return int(self) > other
 
     def __ge__(self, other: int, /) -> bool:
-        """Compare; TypeError across units."""
+        """Compare. Raise TypeError for another unit."""
         self._same_unit(other)
         return int(self) >= other
 
     def __eq__(self, other: object, /) -> bool:
-        """Compare; never equal across units."""
+        """Compare. Angles in different units are never equal."""
         if isinstance(other, Angle) and type(other) is not type(self):
             return False
         return int(self) == other
 
     def __ne__(self, other: object, /) -> bool:
-        """Compare; `int` has an operator of its own, which knows no units."""
+        """Compare; the operator that `int` has ignores units."""
         return not self == other
 
     def __hash__(self) -> int:
-        """Hash as the number, to which it is equal."""
+        """Return the hash of the number, because both are equal."""
         return hash(int(self))
 
+    def __str__(self) -> str:
+        """Return the number alone, so that CSV files, logs and f-strings hold numbers."""
+        return int.__repr__(self)
+
     def __repr__(self) -> str:
-        """Show value and unit."""
+        """Return number and unit, such as `Degrees(90)`."""
         return f"{type(self).__name__}({int(self)})"
 
 
@@ -103,28 +110,20 @@ class Degrees(Angle):
 
     unit: ClassVar[str] = "degree"
 
-    def __str__(self) -> str:
-        """Show as people write it."""
-        return f"{int(self)}°"
-
 
 class Adc(Angle):
-    """An angle as the raw reading of a servo's converter."""
+    """An angle as the raw reading of the servo's analog-to-digital converter."""
 
     unit: ClassVar[str] = "adc"
 
-    def __str__(self) -> str:
-        """Show with its unit, since nobody expects it."""
-        return f"{int(self)} ADC"
-
 
 def in_unit(value: int, unit: AngleUnit | None) -> int:
-    """Return a number that the board reported as an angle in `unit`; a plain number if that is unknown."""
+    """Return `value` as an angle in `unit`, or unchanged if the unit is unknown."""
     return value if unit is None else {"degree": Degrees, "adc": Adc}[unit](value)
 
 
 def wire_angle(value: float, unit: AngleUnit | None, servo_id: int) -> int:
-    """Return the number to send for `value` to a servo that is set to `unit`; EncodeError if that is another unit."""
+    """Return the number to send to a servo set to `unit`. Raise EncodeError for an angle in another unit."""
     where = f"servo {servo_id}"
     if isinstance(value, Angle):
         if value.unit != unit:
@@ -134,7 +133,9 @@ def wire_angle(value: float, unit: AngleUnit | None, servo_id: int) -> int:
     elif unit == "adc":
         raise EncodeError(f"{where}: {quote(value)} was given, but this servo is set to adc; write Adc({quote(value)})")
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value // 1:
-        raise EncodeError(f"{where}: {quote(value)} is no whole number of degrees; the protocol has no fractions")
+        raise EncodeError(
+            f"{where}: the angle must be a whole number, not {quote(value)}; the protocol has no fractions"
+        )
     return int(value)
 
 
@@ -142,44 +143,63 @@ _INTERVALS_PER_SECOND = 100  # the protocol counts time in units of 10 ms
 _LONGEST = 0x7FFF
 
 AngleLimits = Mapping[int, tuple[float, float]] | tuple[float, float]
-"""Lowest and highest angle in degrees: for each servo id, or for all."""
+"""Lowest and highest angle in degrees: by servo id, or one pair for all servos."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """What this program allows itself."""
+    """How far and how fast this program may move servos. Without arguments there are no limits."""
 
     angles: AngleLimits | None = None
     speed_cap: float | None = None
-    """Degrees per second that no servo may exceed."""
+    """Highest speed of any servo, in degrees per second."""
 
     def __post_init__(self) -> None:
-        """Raise EncodeError for limits that allow nothing or are for no servo, TypeError for what is no limit."""
+        """Raise EncodeError for limits that allow nothing or name no servo, TypeError for values of a wrong type."""
         if self.speed_cap is not None:
             _check_cap(self.speed_cap)
         if isinstance(self.angles, Mapping):
             for servo_id, pair in self.angles.items():
                 _check_servo_id("angle_limits", servo_id)
                 _check_pair(pair)
-            object.__setattr__(self, "angles", dict(self.angles))  # which nobody changes later
+            object.__setattr__(self, "angles", dict(self.angles))  # a copy that the caller cannot change
         elif self.angles is not None:
             _check_pair(self.angles)
 
     def of(self, servo_id: int) -> tuple[float, float] | None:
-        """Return lowest and highest angle of a servo, None if it has no limits."""
+        """Return the lowest and highest angle of a servo, None if it has no limits."""
         return self.angles.get(servo_id) if isinstance(self.angles, Mapping) else self.angles
+
+    def too_far(self, servo_id: int, degrees: float) -> bool:
+        """Return whether an angle is outside the servo's limits."""
+        allowed = self.of(servo_id)
+        return allowed is not None and not allowed[0] <= degrees <= allowed[1]
+
+    def too_fast(self, degrees: float, seconds: float) -> bool:
+        """Return whether turning by `degrees` in `seconds` exceeds the speed cap."""
+        if self.speed_cap is None:
+            return False
+        asked = degrees_per_second(degrees, seconds)
+        return asked > self.speed_cap and not math.isclose(asked, self.speed_cap)  # 29 degrees in 0.29 s are 100/s
+
+
+def degrees_per_second(degrees: float, seconds: float) -> float:
+    """Return the speed of a turn by `degrees`: 0 if there is nothing to turn, infinite if there is no time."""
+    if not degrees:
+        return 0.0
+    return abs(degrees) / seconds if seconds > 0 else math.inf
 
 
 def _check_cap(cap: object) -> None:
     if not is_number(cap):
-        raise TypeError(f"speed_cap: {quote(cap)} is no number of degrees per second")
+        raise TypeError(f"speed_cap must be a number of degrees per second, not {quote(cap)}")
     if not cap > 0:
-        raise EncodeError(f"speed_cap: {quote(cap)} degrees per second is not above 0")
+        raise EncodeError(f"speed_cap must be above 0 degrees per second, not {quote(cap)}")
 
 
 def _check_pair(pair: object) -> None:
     if not (isinstance(pair, (tuple, list)) and len(pair) == 2 and all(map(is_number, pair))):
-        raise TypeError(f"angle_limits: {quote(pair)} is no pair of degrees, (lowest, highest)")
+        raise TypeError(f"angle_limits must be pairs of degrees, (lowest, highest), not {quote(pair)}")
     if not pair[0] <= pair[1]:
         raise EncodeError(f"angle_limits: no angle is within {quote(pair[0])}..{quote(pair[1])}")
 
@@ -190,9 +210,9 @@ def _check_servo_id(where: str, servo_id: object) -> None:
 
 
 def checked_targets(targets: Mapping[int, float]) -> dict[int, float]:
-    """Return a copy of `targets`; TypeError or EncodeError if they are none, or for what is no servo id."""
+    """Return a copy of `targets`. Raise TypeError or EncodeError if they are not angles by servo id, or empty."""
     if not isinstance(targets, Mapping):
-        raise TypeError(f"move: {quote(targets)} is no mapping of servo ids to angles")
+        raise TypeError(f"move: targets must map servo ids to angles, such as {{1: 90}}, not {quote(targets)}")
     if not targets:
         raise EncodeError("move: no targets were given")
     for servo_id in targets:
@@ -201,7 +221,7 @@ def checked_targets(targets: Mapping[int, float]) -> dict[int, float]:
 
 
 def wire_angles(targets: Mapping[int, float], unit_of: Callable[[int], AngleUnit | None]) -> dict[int, int]:
-    """Return the numbers to send for `targets`; EncodeError for an angle in a wrong unit."""
+    """Return the numbers to send for `targets`. Raise EncodeError for an angle in a wrong unit."""
     return {servo_id: wire_angle(value, unit_of(servo_id), servo_id) for servo_id, value in targets.items()}
 
 
@@ -211,7 +231,7 @@ def check_limits(
     limits: MotionLimits,
     speed: float | None = None,
 ) -> None:
-    """Raise EncodeError for an angle outside its limits, or in a unit other than that of its limits and `speed`."""
+    """Raise EncodeError for an angle outside its limits, or if limits or `speed` cannot apply to the servo's unit."""
     for servo_id, angle in angles.items():
         allowed = limits.of(servo_id)
         in_degrees = allowed is not None or limits.speed_cap is not None or speed is not None
@@ -219,7 +239,7 @@ def check_limits(
             raise EncodeError(
                 f"servo {servo_id}: limits and speeds are in degrees, and this servo is not set to degrees"
             )
-        if allowed and not allowed[0] <= angle <= allowed[1]:
+        if allowed and limits.too_far(servo_id, angle):
             limit = f"{quote(allowed[0])}..{quote(allowed[1])}"
             raise EncodeError(f"servo {servo_id}: {quote(int(angle))} degrees is outside its limits {limit}")
 
@@ -232,33 +252,37 @@ def intervals_for(
     duration: float | None,
     speed: float | None,
 ) -> dict[int, int]:
-    """Return each servo's time in units of 10 ms, rounded up; EncodeError for a time or speed that is not possible."""
+    """Return each servo's time in units of 10 ms, rounded up. Raise EncodeError for an impossible time or speed.
+
+    `here` holds the present angles; it may be empty if neither `speed` nor a speed cap is given.
+    """
     intervals = {}
     for servo_id, angle in angles.items():
         distance = abs(angle - here[servo_id]) if here else 0
         seconds = seconds_for(distance, duration, speed)
-        hundredths = round(seconds * _INTERVALS_PER_SECOND, 6)  # infinite at the slowest of speeds
+        # Rounded, so that 0.07 s stays 7 units although 0.07 * 100 is a little more; infinite at the lowest speeds.
+        hundredths = round(seconds * _INTERVALS_PER_SECOND, 6)
         if hundredths > _LONGEST:
             raise EncodeError(f"servo {servo_id}: {seconds:g} s is outside 0.01..{_LONGEST / _INTERVALS_PER_SECOND} s")
         interval = max(1, math.ceil(hundredths))
-        cap = limits.speed_cap
-        if cap is not None and distance * _INTERVALS_PER_SECOND > cap * interval:
-            asked = distance * _INTERVALS_PER_SECOND / interval
+        sent = interval / _INTERVALS_PER_SECOND
+        if limits.too_fast(distance, sent):
+            asked = degrees_per_second(distance, sent)
             raise EncodeError(
-                f"servo {servo_id}: {distance} degrees in {interval / _INTERVALS_PER_SECOND} s "
-                f"is {asked:.0f} degrees/s; its cap is {cap:g}"
+                f"servo {servo_id}: {distance} degrees in {sent} s is {asked:.0f} degrees/s; "
+                f"its cap is {limits.speed_cap:g}"
             )
         intervals[servo_id] = interval
     return intervals
 
 
 def seconds_for(distance: int, duration: float | None, speed: float | None) -> float:
-    """Return how long a way of so many degrees takes; EncodeError for a duration or speed that is not possible."""
+    """Return the seconds for turning by `distance` degrees. Raise EncodeError for an impossible duration or speed."""
     if (duration is None) == (speed is None):
         raise EncodeError("move: give either duration or speed")
     if speed is not None:
         if not (is_number(speed) and 0 < speed < math.inf):
-            raise EncodeError(f"move: speed {quote(speed)} is not finite and above 0 degrees per second")
+            raise EncodeError(f"move: speed must be finite and above 0 degrees per second, not {quote(speed)}")
         return distance / speed
     if not (is_number(duration) and 0.01 <= duration <= _LONGEST / _INTERVALS_PER_SECOND):
         raise EncodeError(f"move: duration {quote(duration)} is outside 0.01..{_LONGEST / _INTERVALS_PER_SECOND} s")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from servolink.cli.output import console
+from servolink.cli.output import angle_text, console
 from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.errors import RequestTimeout
@@ -82,7 +82,7 @@ def _bars(elapsed: float, servos: Sequence[Servo], block: str, half: int) -> Tab
         bar = (block * length).rjust(half) + "│" if servo.angle < 0 else " " * half + "│" + block * length
         colour = "red" if not (servo.is_start and servo.is_hold) else "cyan" if servo.angle < 0 else "green"
         bars.add_row(
-            Text(f"servo {servo.servo_id}"), Text(bar.ljust(2 * half + 1), style=colour), Text(str(servo.angle))
+            Text(f"servo {servo.servo_id}"), Text(bar.ljust(2 * half + 1), style=colour), Text(angle_text(servo.angle))
         )
     bars.add_row(Text(f"{elapsed:.1f} s", style="dim"))
     return bars

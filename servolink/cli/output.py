@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from servolink.escaping import escape
+from servolink.motion import Adc, Angle, Degrees
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -148,8 +149,21 @@ def plain_lines(table: Table) -> list[str]:
     return [escape(table.title), *lines] if table.title else lines
 
 
+def angle_text(angle: int) -> str:
+    """Return an angle as people write it, with its unit if that is known."""
+    return f"{angle}°" if isinstance(angle, Degrees) else f"{angle} ADC" if isinstance(angle, Adc) else str(angle)
+
+
 def _cells(row: Sequence[object]) -> list[str]:
-    return ["" if value is None else _WORDS[value] if isinstance(value, bool) else escape(str(value)) for value in row]
+    return [_cell(value) for value in row]
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return _WORDS[value]
+    return angle_text(value) if isinstance(value, Angle) else escape(str(value))
 
 
 _WORDS = {True: "yes", False: "no"}

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from servolink.cli import live as motion
-from servolink.cli.output import Table, plain_lines, show_table
+from servolink.cli.output import Table, angle_text, plain_lines, show_table
 from servolink.client.servos import Servo
 from servolink.motion import Adc, Angle, Degrees
 
@@ -58,4 +58,4 @@ def test_no_angle_is_cut_off_beside_a_bar(angle: Angle, width: int, monkeypatch:
     with motion.live_bars() as draw:
         draw(0.0, [Servo(254, angle, 0, 0, 0, is_start=True, is_hold=True)])
     assert said.getvalue().split()[:2] == ["servo", "254"]
-    assert f" {angle} " in said.getvalue().replace("\n", " ")
+    assert f" {angle_text(angle)} " in said.getvalue().replace("\n", " ")

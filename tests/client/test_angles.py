@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import json
 import math
 import operator
 from collections.abc import Callable
@@ -17,8 +20,15 @@ def test_a_reported_angle_has_the_unit_it_was_reported_in() -> None:
     assert in_unit(90, "degree") == 90
 
 
-def test_an_angle_is_shown_with_its_unit() -> None:
-    assert (str(Degrees(-5)), str(Adc(2048))) == ("-5°", "2048 ADC")
+def test_an_angle_is_a_number_wherever_it_is_written() -> None:
+    row = io.StringIO()
+    csv.writer(row).writerow([Degrees(22), Adc(2048)])
+    assert row.getvalue() == "22,2048\r\n"
+    assert (str(Degrees(-5)), f"{Adc(2048)}", f"{Degrees(5):+d}", "%s" % Degrees(7)) == ("-5", "2048", "+5", "7")  # noqa: UP031
+    assert json.dumps([Degrees(22)]) == "[22]"
+
+
+def test_repr_shows_the_unit() -> None:
     assert (repr(Degrees(-5)), repr(Adc(2048))) == ("Degrees(-5)", "Adc(2048)")
 
 
@@ -92,12 +102,12 @@ def test_what_goes_together_is_sent(value: float, unit: AngleUnit | None, wire: 
         (Degrees(90), "adc", r"servo 7: Degrees\(90\) was given, but this servo is set to adc"),
         (Degrees(90), None, r"an unknown unit"),
         (90, "adc", r"write Adc\(90\)"),
-        (1.5, "degree", r"1\.5 is no whole number"),
-        (math.nan, "degree", "nan is no whole number"),
-        (math.inf, "degree", "inf is no whole number"),
-        (-math.inf, None, "-inf is no whole number"),
-        (True, "degree", "True is no whole number"),
-        ("90", "degree", "'90' is no whole number"),
+        (1.5, "degree", r"must be a whole number, not 1\.5"),
+        (math.nan, "degree", "must be a whole number, not nan"),
+        (math.inf, "degree", "must be a whole number, not inf"),
+        (-math.inf, None, "must be a whole number, not -inf"),
+        (True, "degree", "must be a whole number, not True"),
+        ("90", "degree", "must be a whole number, not '90'"),
     ],
 )
 def test_what_does_not_go_together_is_refused(value: float, unit: AngleUnit | None, words: str) -> None:
@@ -106,7 +116,7 @@ def test_what_does_not_go_together_is_refused(value: float, unit: AngleUnit | No
 
 
 def test_a_fraction_is_never_cut_off() -> None:
-    with pytest.raises(TypeError, match="is a whole number"):
+    with pytest.raises(TypeError, match="only whole numbers"):
         operator.add(Degrees(90), 0.5)
-    with pytest.raises(TypeError, match="is a whole number"):
+    with pytest.raises(TypeError, match="only whole numbers"):
         operator.sub(Degrees(90), 0.5)

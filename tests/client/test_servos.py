@@ -196,9 +196,9 @@ def test_what_is_neither_true_nor_false_is_refused(value: Any) -> None:
     async def main() -> None:
         fake = FakeBoard()
         async with connect(fake) as board:
-            with pytest.raises(EncodeError, match=r"start: .* is neither True nor False"):
+            with pytest.raises(EncodeError, match="start must be True or False"):
                 await board.set_servo(1, start=value, hold=True)
-            with pytest.raises(EncodeError, match=r"hold: .* is neither True nor False"):
+            with pytest.raises(EncodeError, match="hold must be True or False"):
                 await board.set_servo(1, start=True, hold=value)
             assert fake.sent == []
 
