@@ -67,7 +67,7 @@ def _conversations(found: dict[str, Any]) -> dict[str, str]:
         "lossy_calls": lossy["calls"],
     }
     return {
-        "believed": _table(("line", "wrong answers per million"), list(per_million.items())),
+        "believed": _table(("line", "wrong responses per million"), list(per_million.items())),
         **{name: f"{number:,}" for name, number in numbers.items()},
     }
 
