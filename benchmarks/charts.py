@@ -105,7 +105,7 @@ def _hostile(tables: list[Table]) -> Iterator[Chart]:
 
 
 def _reliability(tables: list[Table]) -> Iterator[Chart]:
-    stalls = _table(tables, "replies that arrived before")
+    stalls = _table(tables, "responses that arrived before")
     yield Chart(
         "stalls",
         "Responses lost because the event loop was busy when they arrived",
@@ -116,7 +116,7 @@ def _reliability(tables: list[Table]) -> Iterator[Chart]:
 
 
 def _roundtrip(tables: list[Table]) -> Iterator[Chart]:
-    short = _table(tables, "request and answer of 14 bytes")
+    short = _table(tables, "request and response of 14 bytes")
     rows = {(row[0], row[1]): row for row in short["rows"]}
     clients = list(dict.fromkeys(name for name, loop in rows if loop))
     over = short["columns"].index("over epoll")

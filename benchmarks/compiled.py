@@ -1,4 +1,4 @@
-"""The compiled loops: the parser beside pure Python and a parser made by Cython, and records beside bare tuples."""
+"""The compiled loops: the parser beside pure Python and a parser made with Cython, and records beside bare tuples."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def _speed_table(speeds: list[dict[str, Any]], peers: list[type[Peer]]) -> Table
         [
             (
                 "servolink checks id, length and checksum and finds the frames behind damage; aioesphomeapi's "
-                "plain-text framer, made by Cython, splits by length and ends the connection at the first wrong byte."
+                "plain-text framer, made with Cython, splits by length and ends the connection at the first wrong byte."
             )
         ]
         if peers

@@ -1,4 +1,4 @@
-"""From a thread that reads to the event loop: what a chunk costs in a burst, and how late one is that comes alone."""
+"""From a reading thread to the event loop: what a chunk costs in a burst, and how late one is that comes alone."""
 
 from __future__ import annotations
 
@@ -134,8 +134,8 @@ def _table(loop: str, bursts: dict[type[Way], list[float]], delays: dict[type[Wa
         ("way", "burst, CPU per chunk", "spread", "alone, p50", "alone, p99", "p50 / add_reader"),
         [(way.name, *burst(way), *paced(way)) for way in WAYS],
         [
-            f"Burst: chunks of {len(_CHUNK)} bytes are all there at once; the cost includes to read and to hear them.",
-            "Alone: another process writes into a pipe each millisecond, to all ways in random turns; until heard.",
+            f"Burst: chunks of {len(_CHUNK)} bytes are there at once; the cost includes reading and delivering them.",
+            "Alone: another process writes to a pipe every millisecond, to each way in random order; until delivery.",
             "Spread: half the distance between the quartiles of the rounds.",
             others,
         ],

@@ -56,8 +56,8 @@ def run(*, short: bool) -> Result:
     rows = [[name, *(f"{count[word]:,}" for word in _WORDS), count["most"]] for name, count in counts.items()]
     share = f"{naive[0]:,} of {naive[1]:,} places ({100 * naive[0] / naive[1]:.1f} %)"
     notes = [
-        "In virtual time, on virtual boards of every make.",
-        "From where the last pull left board and files, the import is once repeated and once rolled back.",
+        "In virtual time, on virtual boards of every kind.",
+        "From the state in which the last pull left board and files, the import is repeated once and rolled back once.",
         f"Delete all and write all, pulled at each byte: neither project on the board at {share}.",
     ]
     columns = ["import", *_WORDS, "connections after the last pull, most"]

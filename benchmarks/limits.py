@@ -47,7 +47,7 @@ def _conversations(found: dict[str, Any]) -> dict[str, str]:
     """Return what the simulated conversations say."""
     total, repeating = Counter(found["total"]), Counter(found["repeating"])
     lossy = Counter(found["boards"]["lossy 1 %, slow 3 %"])
-    per_million = {name: _share(counts.get("damage believed", 0), counts["right"]) for name, counts in _damaging(found)}
+    per_million = {name: _share(counts.get("damage accepted", 0), counts["right"]) for name, counts in _damaging(found)}
     numbers = {
         "calls": total["calls"],
         "histories": found["histories"],

@@ -227,7 +227,7 @@ def _summary(ways: list[Way]) -> Table:
                 "bitstruct: its half in Python; the one in C knows big-endian only and is here to show what pure "
                 "Python can be compared with. Both have nothing to do for packets without numbers."
             ),
-            "What is written by servolink is checked: type and range of each value, and each caption.",
+            "servolink checks what it encodes: type and range of each value, and each caption.",
         ],
     )
 

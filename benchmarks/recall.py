@@ -93,7 +93,7 @@ def run(*, short: bool) -> Result:
         [
             (
                 "The sum is right: each damaged frame has lost bytes and ends within what follows, with the right sum. "
-                "By chance one in 256 does. What is left are several such frames inside each other."
+                "By chance one in 256 does. The rest are several such frames inside each other."
             )
         ],
     )

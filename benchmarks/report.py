@@ -18,13 +18,14 @@ PICTURES = ROOT / "docs/pictures/benchmarks"
 _INTRODUCTION = """\
 # Benchmarks
 
-Figures that anyone can produce again: `pip install -e ".[bench]"` in a copy of the repository, then the command that
-stands above each table. `python -m benchmarks --report` makes this page from the figures in `benchmarks/figures/`.
+Everyone can produce these figures again: `pip install -e ".[bench]"` in a copy of the repository, then the command
+above each table. `python -m benchmarks --report` makes this page and its charts from the figures in
+`benchmarks/figures/`.
 
-Times are CPU times of one process that stays on one core, unless it says otherwise. What is compared runs in turns,
-round by round, because the speed of a machine drifts; a figure is the median of the rounds, a ratio the median of the
-ratios of single rounds, and the spread half the range of those, as a share of the ratio. So ratios can be compared
-between machines, times only within one table.
+Times are CPU times of one process that stays on one core, unless stated otherwise. What is compared runs in turns,
+round by round, because the speed of a machine drifts. A figure is the median of the rounds, a ratio the median of the
+ratios of single rounds, and the spread half the range of those, as a share of the ratio. Ratios can be compared between
+machines, times only within one table.
 """
 
 
@@ -69,7 +70,7 @@ def _section(name: str, result: Result, machine: Result) -> Iterator[str]:
     if missed:
         yield from ("Goals missed:\n", *(f"* {fault}" for fault in missed), "")
     elif "wrong" in result or "slow" in result:
-        yield "No goal is missed.\n"
+        yield "All goals are met.\n"
 
 
 def _table(quote: Table) -> Iterator[str]:

@@ -108,11 +108,11 @@ def _slow(size: int, cases: list[_Case]) -> Iterator[str]:
         if ours is None or epoll is None:
             continue
         if (ratio := _ratio(ours, epoll)) > goal:
-            yield f"{size}-byte answers, {loop}: {ratio:.2f}x the time of epoll, the goal is {goal}x"
+            yield f"{size}-byte responses, {loop}: {ratio:.2f}x the time of epoll, the goal is {goal}x"
         if modbus is not None and (ratio := _ratio(modbus, ours)) < PEER_GOAL:
             added = _over(modbus, epoll) / _over(ours, epoll)
             yield (
-                f"{size}-byte answers, {loop}: pymodbus takes {ratio:.2f}x our time, the goal is {PEER_GOAL}x "
+                f"{size}-byte responses, {loop}: pymodbus takes {ratio:.2f}x our time, the goal is {PEER_GOAL}x "
                 f"(without what the system itself takes: {added:.1f}x)"
             )
 
@@ -121,7 +121,7 @@ def _table(size: int, cases: list[_Case], others: str) -> Table:
     epoll = _only(cases, Polling)
     assert epoll is not None  # noqa: S101 - it is one of RAW
     return table(
-        f"request and answer of {size} bytes over a pseudo-terminal, µs",
+        f"request and response of {size} bytes over a pseudo-terminal, µs",
         ("client", "loop", "p50", "over epoll", "p50 / epoll", "spread", "p99", "CPU", "requests/s"),
         [
             (
@@ -138,7 +138,7 @@ def _table(size: int, cases: list[_Case], others: str) -> Table:
         ],
         [
             f"The other end is a program in {language()}, " + _where() + ".",
-            "Times are those that a clock on the wall shows, but for CPU, which is the client's own.",
+            "Times are wall-clock times, except CPU, which is the client's own.",
             "Spread: half the distance between the quartiles of the rounds' ratios.",
             f"{others} The longer the system itself takes, the smaller are all ratios.",
         ],

@@ -125,7 +125,7 @@ def _polling(found: dict[tuple[str, int], list[dict[str, Any]]], others: str) ->
         ),
         rows,
         [
-            "Late: from when a board was to be asked until the program has its servos. Nothing to ask: asyncio itself.",
+            "Late: from when a request is due until the program has the servos. Nothing: the timers of asyncio alone.",
             "virtual://: boards in the same process, whose CPU and memory count; tcp://: in another on another core.",
             "More at the end: what polling needs, and the times of the latest 4,096 round trips (up to 128 KB).",
             others,

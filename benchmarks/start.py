@@ -53,8 +53,8 @@ def run(*, short: bool) -> Result:
             for name, (wall_ms, cpu_ms) in times.items()
         ],
         [
-            "`import servolink` alone loads little: what a name stands for is loaded when the name is first used.",
-            "asyncio is what no such program can do without.",
+            "`import servolink` alone loads little: the module of a name is loaded when the name is first used.",
+            "Every such program needs asyncio.",
             "Spread: half the distance between the quartiles of the times.",
             f"{neighbours.note()} So time is longer than CPU.",
         ],

@@ -1,1 +1,1 @@
-"""Random and mutated bytes into everything that takes bytes: `python -m benchmarks.fuzz --minutes M`."""
+"""Random and mutated input for everything that takes bytes: `python -m benchmarks.fuzz --minutes M`."""

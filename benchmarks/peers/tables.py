@@ -51,7 +51,7 @@ def who(peers: Sequence[type[Peer]], missing: Sequence[str]) -> Table:
     everybody: list[type[Peer]] = [Ours, OursTyped, *peers]
     return table(
         "What each parser does for a frame, and how it is fed",
-        ("parser", "for each frame", "behind what is no frame it goes on", "fed"),
+        ("parser", "for each frame", "continues after a bad frame at", "fed"),
         [
             *((peer.name, peer.work, peer.resync, _FED[peer.feeding]) for peer in everybody),
             *((name, MISSING, "-", "-") for name in missing),
@@ -137,7 +137,7 @@ def by_chunk(rows: Sequence[Row]) -> Table:
             if any(row.chunked.values())
         ],
         [
-            'Both are fed alike; "-" where the other finds less than half of the frames so.',
+            'Both are fed the same way; "-" where the other finds less than half of the frames.',
             *(
                 _own_rates(size, [row for row in rows if row.size == size])
                 for size in sorted({row.size for row in rows})

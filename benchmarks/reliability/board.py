@@ -49,7 +49,7 @@ BOARDS = (
     Character("slow 3 %", late=0.03),
     Character("lossy 1 %, slow 3 %", late=0.03, lost=0.01),
     Character("restarts, slow 1 %", late=0.01, up_for=(5.0, 60.0)),
-    Character("answers twice 0.1 %, slow 1 %", late=0.01, twice=0.001),
+    Character("responds twice 0.1 %, slow 1 %", late=0.01, twice=0.001),
 )
 
 

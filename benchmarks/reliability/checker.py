@@ -161,7 +161,7 @@ class Checker:
         if any(answer == numbered(call.request, number) for number in call.sent):
             return "right"
         if answer in self._false or self._answers_damage(call, answer):
-            return "damage believed"
+            return "damage accepted"
         if self._repeating:
             return "of a repeated answer"
         self.fault(call.step, f"{call.request} got {answer}; its own sendings are {call.sent}")

@@ -125,12 +125,12 @@ def run(*, short: bool, seed: int = 1) -> Result:
             if heard["found"] < _FLOORS[traffic] * heard["intact"]:
                 wrong.append(f"{line.name}, {traffic}: {heard['found']} of {heard['intact']} intact frames were found")
     quote = table(
-        "what the parser makes of each line",
+        "what the parser finds on each line",
         ("line", "frames", "intact", "found", "recall", "damaged", "believed", "per million damaged", "latest"),
         rows,
         notes=[
             "`believed`: frames that came out beyond those that arrived whole",
-            "`latest`: most bytes that came between the end of an intact frame and its being found",
+            "`latest`: the most bytes between the end of an intact frame and its detection",
         ],
     )
     return {"tables": [quote], "wrong": wrong, "figures": figures}

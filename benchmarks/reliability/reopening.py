@@ -61,9 +61,9 @@ def run(*, short: bool, seed: int = 1) -> Result:
         share = f"{found['fooled'] / found['begun']:.2%}"
         rows.append((when, f"{found['begun']:,}", f"{found['fooled']:,}", share))
     quote = table(
-        "programs that begin while an answer to the one before is still coming",
-        ("begin", "programs", "got a wrong answer", "share"),
+        "programs that start while a response to the previous one is outstanding",
+        ("start", "programs", "got a wrong response", "share"),
         rows,
-        notes=["answers come 0.1 to 1.5 s late; the first program leaves after 50 ms, the second asks three things"],
+        notes=["responses come 0.1 to 1.5 s late; the first program ends after 50 ms, the next sends three queries"],
     )
     return {"tables": [quote], "wrong": [], "figures": figures}

@@ -15,9 +15,9 @@ _COLUMNS = {
     "calls": ("calls",),
     "right": ("right",),
     "cancelled": ("cancelled",),
-    "no answer": ("timed out", "outcome unknown", "refused", "undecodable", "lost"),
+    "no response": ("timed out", "outcome unknown", "refused", "undecodable", "lost"),
     "wrong": ("wrong", "of a repeated answer"),
-    "damage believed": ("damage believed",),
+    "damage accepted": ("damage accepted",),
     "twice done": ("executed twice",),
     "lost in time": ("lost in time",),
     "missed": ("missed",),
@@ -72,11 +72,11 @@ def run(*, short: bool, first: int = 0, histories: int | None = None, steps: int
         ("line", *_COLUMNS),
         rows,
         notes=[
-            "`damage believed`: wrong answers for which a damaged frame with the right sum is to blame",
+            "`damage accepted`: wrong responses caused by a damaged frame with the right sum",
             "`twice done`: movements, clearings and other changes that the board did more than once for one call",
-            "`lost in time`: answers that arrived before their deadline and were not given to the caller",
+            "`lost in time`: responses that arrived before their deadline and were not delivered to the caller",
             "`missed`: frames that arrived whole and were not found, most of them while there was no connection",
-            "lines leave out the board that answers twice",
+            "lines leave out the board that responds twice",
         ],
     )
     return {"tables": [quote], "wrong": found.faults[:20], "figures": figures(found)}

@@ -23,7 +23,7 @@ from servolink.transports.serial import SerialTransport
 LINE = Line(
     "1 % of the frames damaged, cut or preceded by noise", Faults(flip=bit_errors(5e-5), cut=0.005), bursts=0.005
 )
-BOARD = Character("1 % of the answers late, 1 % of requests and of answers lost", late=0.01, lost=0.01)
+BOARD = Character("1 % of the responses late, 1 % of requests and of responses lost", late=0.01, lost=0.01)
 _CALLERS = 2
 _CALLS = 500  # to a connection
 _WARM = 0.1  # share of the time in which memory may still grow
@@ -102,7 +102,7 @@ def run(*, short: bool = False, hours: float = 2.0, virtual: bool = True, seed: 
             "calls",
             "connections",
             "wrong",
-            "damage believed",
+            "damage accepted",
             "twice done",
             "memory grew by",
             "per hour",
@@ -115,7 +115,7 @@ def run(*, short: bool = False, hours: float = 2.0, virtual: bool = True, seed: 
                 f"{figures['calls']:,}",
                 f"{figures['connections']:,}",
                 len(stage.checker.faults),
-                f"{figures['damage believed']:,}",
+                f"{figures['damage accepted']:,}",
                 f"{figures['twice']:,}",
                 f"{figures['growth'] / 1e6:+.2f} MB",
                 f"{figures['slope'] / 1e6:+.3f} MB",
@@ -134,7 +134,7 @@ def _figures(hours: float, stage: Stage, held: list[tuple[float, Held]]) -> Resu
         "hours": hours,
         "calls": stage.conversation.steps,
         "connections": len(held) + counts["lost"],
-        "damage believed": counts["damage believed"],
+        "damage accepted": counts["damage accepted"],
         "twice": counts["executed twice"],
         "counts": dict(counts),
         "growth": warm[-1][1].memory - warm[0][1].memory,

@@ -189,7 +189,7 @@ def run(*, short: bool, pythons: tuple[str, ...] = (sys.executable,), real: bool
             if lost[-1]:
                 wrong.append(f"Python {version}, {where}: {lost[-1]} replies that came in time were lost")
     quote = table(
-        "replies that arrived before their deadline and were lost because the loop stood still until after it",
+        "responses that arrived before their deadline and were lost because the event loop was busy until after it",
         ("Python", "over", "asyncio.wait_for", "asyncio.timeout", "servolink"),
         rows,
     )

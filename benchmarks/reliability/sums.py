@@ -29,7 +29,7 @@ from servolink.protocol.records import ActionEntry, Step
 from servolink.protocol.servos import QueryServoRequest, QueryServoResponse, ServoState
 from servolink.protocol.settings import QueryRemainPowerResponse
 
-LEVELS = ("sum", "and id and length", "and answers the request", "and read twice")
+LEVELS = ("sum", "id and length", "fits the request", "read twice")
 _CODEC = Codec()
 _FOLLOWED_BY = (ButtonEventResponse(7, 1), QueryRemainPowerResponse(815))
 _TAIL = b"".join(map(_CODEC.encode, _FOLLOWED_BY))
@@ -201,7 +201,7 @@ def run(*, short: bool) -> Result:
                 wrong.append(f"{name}: {size} bytes were read wrong twice in the same way {believed[3]} times")
         rows.append((name, *cells))
     quote = table(
-        f"damaged answers that are believed, per million damaged, after each check: {', '.join(LEVELS)}",
+        f"damaged responses accepted, per million damaged, after each check: {'; '.join(LEVELS)}",
         ("damage", *(f"{size:,} bytes" for size in EXCHANGES)),
         rows,
         notes=[f"{count:,} damaged frames in each cell; for the last figure the second reading is damaged too"],
