@@ -36,9 +36,9 @@ from tests.virtual_time import VirtualTimeLoop
 
 BAD_LINE = Faults(flip=0.0003, drop=0.0001, delay=0.01, delay_time=1.3)
 _EACH_BYTE = [
-    Make("replace", "all", torn=True, reboot=True),
-    Make("append", "records", torn=True, reboot=True),
-    Make("reject", "all", torn=True, reboot=True),
+    Make("replace", "all", partial_writes=True, bus_powered=True),
+    Make("append", "records", partial_writes=True, bus_powered=True),
+    Make("reject", "all", partial_writes=True, bus_powered=True),
 ]
 _EACH, _TWICE, _BAD = "pulled at each byte", "pulled at two random bytes", "pulled likewise, on a bad line"
 _COUNTS = {_TWICE: 12_000, _BAD: 6_000}

@@ -125,12 +125,12 @@ async def serve_network(connect: Connect, host: str, port: int) -> AsyncIterator
 
 
 @asynccontextmanager
-async def listen(run_with_board: Converse, host: str, port: int) -> AsyncIterator[str]:
-    """Let each host that connects to `host` and `port` `run_with_board`, and give the place as HOST:PORT."""
+async def listen(converse: Converse, host: str, port: int) -> AsyncIterator[str]:
+    """Let each host that connects to `host` and `port` converse, and give the place as HOST:PORT."""
     conversations: set[asyncio.Task[None]] = set()
 
     def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        conversation = asyncio.ensure_future(run_with_board(reader, writer))
+        conversation = asyncio.ensure_future(converse(reader, writer))
         conversations.add(conversation)
         conversation.add_done_callback(conversations.discard)
 

@@ -22,11 +22,12 @@ from servolink.listeners import AVAILABLE, host_and_port
 from servolink.protocol.codec import Codec
 from servolink.transports.device_info import DeviceInfo
 from servolink.transports.faults import Faults
-from servolink.virtual.board import MEMORY, MOST_SERVOS, VirtualBoard
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.hardware import MAX_SERVOS, MEMORY
 from servolink.virtual.script import HELP, Deed, Keys, Push, parse_script
 from servolink.virtual.serve import serve
 from servolink.virtual.state_file import load_state, save_state
-from servolink.virtual.storage import ADDS, CLEARS
+from servolink.virtual.storage import CLEAR, ON_DUPLICATE
 
 _MOST_MEMORY = 2**31 - 1
 _LONGEST_SCRIPT = 1 << 20
@@ -42,7 +43,7 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
         "--usbip", metavar="HOST:PORT", type=_listening, help="export a USB device over USB/IP; its usual port is 3240"
     )
     parser.add_argument(
-        "--servos", type=whole_number(0, MOST_SERVOS), default=16, metavar="N", help="how many servos (16)"
+        "--servos", type=whole_number(0, MAX_SERVOS), default=16, metavar="N", help="how many servos (16)"
     )
     parser.add_argument(
         "--seed",
@@ -58,10 +59,14 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
         metavar="BYTES",
         help=f"for what is stored ({MEMORY})",
     )
-    parser.add_argument("--add", choices=ADDS, default="replace", help="what adding a stored id does (replace)")
-    parser.add_argument("--clear", choices=CLEARS, default="all", help="what clearing clears (all)")
-    parser.add_argument("--reboot", action="store_true", help="it loses its power when its last host is gone")
-    parser.add_argument("--torn", action="store_true", help="losing its power tears what is being stored")
+    parser.add_argument(
+        "--on-duplicate", choices=ON_DUPLICATE, default="replace", help="what adding a stored id does (replace)"
+    )
+    parser.add_argument("--clear", choices=CLEAR, default="all", help="what clearing clears (all)")
+    parser.add_argument("--bus-powered", action="store_true", help="it loses power when its last host detaches")
+    parser.add_argument(
+        "--partial-writes", action="store_true", help="losing power leaves a part of what is being stored"
+    )
     parser.add_argument(
         "--faults",
         type=_faults,
@@ -83,10 +88,10 @@ def run(args: argparse.Namespace) -> int:
         args.seed,
         Codec(args.byte_order),
         args.memory,
-        add=args.add,
+        on_duplicate=args.on_duplicate,
         clear=args.clear,
-        torn=args.torn,
-        reboot=args.reboot,
+        partial_writes=args.partial_writes,
+        bus_powered=args.bus_powered,
     )
     pushed = {deed.servo_id for deed in args.script if isinstance(deed, Push)}
     if strangers := sorted(pushed - board.servos.keys()):

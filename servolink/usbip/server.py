@@ -1,19 +1,19 @@
-"""Exports a virtual board over USB/IP, to one host at a time."""
+"""Export a USB device over USB/IP, to one host at a time."""
 
 from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractContextManager, asynccontextmanager
+from typing import TypeAlias
 
 from servolink.errors import DecodeError
 from servolink.listeners import listen
 from servolink.usbip import messages
 from servolink.usbip.descriptors import HID_IN
-from servolink.usbip.device import Pipe, UsbDevice
+from servolink.usbip.device import UsbDevice
 from servolink.usbip.endpoint import Urb
-from servolink.virtual.board import Session, VirtualBoard
 
 MOST_OUTSTANDING = 4096
 """URBs that a host may have under way; Linux's drivers have some dozens."""
@@ -89,12 +89,16 @@ class Conversation:
             self._writer.write(message)
 
 
-class UsbIpServer:
-    """A port at which hosts find the board's device and attach it."""
+Use: TypeAlias = Callable[[UsbDevice], AbstractContextManager[None]]
+"""Makes the context in which a device works: something handles what its pipes receive, and sends."""
 
-    def __init__(self, board: VirtualBoard, serial_number: str) -> None:
-        """Export `board` as a device with `serial_number`."""
-        self._board = board
+
+class UsbIpServer:
+    """A port at which hosts find the device and attach it."""
+
+    def __init__(self, use: Use, serial_number: str) -> None:
+        """Export a device with `serial_number`; each time that it is attached, a new one works in `use`."""
+        self._use = use
         self._serial_number = serial_number
         self._host: asyncio.StreamWriter | None = None
 
@@ -108,14 +112,14 @@ class UsbIpServer:
         if self._host is not None:
             self._host.transport.abort()
 
-    async def run_with_board(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one connection until it ends."""
         try:
             async with asyncio.timeout(_OPENING_LIMIT):
                 await self._welcome(reader, writer)
             if self._host is writer:
                 conversation = Conversation(reader, writer, self._serial_number)
-                with plugged(self._board, conversation.device):
+                with self._use(conversation.device):
                     await conversation.serve()
         except (DecodeError, OSError, EOFError):
             return  # how every conversation ends, also with a host that says what no host says
@@ -141,32 +145,9 @@ class UsbIpServer:
         await writer.wait_closed()
 
 
-@contextmanager
-def plugged(board: VirtualBoard, device: UsbDevice) -> Iterator[None]:
-    """Let each pipe of `device` be a session of `board`."""
-    sessions = [board.attach(pipe.send, _waiting(pipe)) for pipe in device.pipes]
-    for pipe, session in zip(device.pipes, sessions, strict=True):
-        pipe.receive = _hearing(session)
-    try:
-        yield
-    finally:
-        board.detach(*sessions, now=asyncio.get_running_loop().time())
-
-
-def _waiting(pipe: Pipe) -> Callable[[], int]:
-    return lambda: pipe.to_host.waiting
-
-
-def _hearing(session: Session) -> Callable[[bytes], None]:
-    loop = asyncio.get_running_loop()
-    return lambda data: session.receive(data, loop.time())
-
-
 @asynccontextmanager
-async def serve_usbip(
-    board: VirtualBoard, serial_number: str, host: str, port: int
-) -> AsyncIterator[tuple[str, UsbIpServer]]:
-    """Export `board` at `host` and `port`, and give the address, HOST:PORT, and the server."""
-    server = UsbIpServer(board, serial_number)
-    async with listen(server.run_with_board, host, port) as place:
+async def serve_usbip(use: Use, serial_number: str, host: str, port: int) -> AsyncIterator[tuple[str, UsbIpServer]]:
+    """Export a device at `host` and `port`; yield the place, HOST:PORT, and the server."""
+    server = UsbIpServer(use, serial_number)
+    async with listen(server.converse, host, port) as place:
         yield place, server

@@ -61,7 +61,7 @@ class Buttons:
         else:
             self._run(button.button_up_macro, now)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Know of no button that is down; when it comes up nothing happens."""
         self._held.clear()
 

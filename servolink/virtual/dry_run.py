@@ -9,7 +9,7 @@ from servolink.errors import ProjectError
 from servolink.protocol.editing import AddActionRequest, AddMacroRequest
 from servolink.protocol.frame import HEADER_SIZE
 from servolink.protocol.records import Action, Macro
-from servolink.virtual.board import VirtualBoard
+from servolink.virtual.hardware import Hardware
 from servolink.virtual.servo import Servo
 from servolink.virtual.storage import Kind
 
@@ -53,44 +53,44 @@ class DryRun:
 
     def __init__(self, actions: Iterable[Action], macros: Iterable[Macro], servo_ids: Iterable[int]) -> None:
         """Store everything; ProjectError for values that no board takes."""
-        self.board = VirtualBoard(0, memory=_MEMORY)
+        self.hardware = Hardware(0, memory=_MEMORY)
         self._moves: list[Move] = []
         for servo_id in servo_ids:
-            self.board.servos[servo_id] = _NotedServo(servo_id, self._moves.append)
+            self.hardware.servos[servo_id] = _NotedServo(servo_id, self._moves.append)
         self._put(Kind.ACTION, [AddActionRequest(one.action_id, "", one.steps) for one in actions])
         self._put(Kind.MACRO, [AddMacroRequest(one.macro_id, "", one.commands) for one in macros])
 
     def _put(self, kind: Kind, requests: list[AddActionRequest] | list[AddMacroRequest]) -> None:
         contents = {
-            getattr(request, request.__struct_fields__[0]): self.board.codec.encode(request)[HEADER_SIZE:-1]
+            getattr(request, request.__struct_fields__[0]): self.hardware.codec.encode(request)[HEADER_SIZE:-1]
             for request in requests
         }
-        if not self.board.storage.put(kind, contents):
+        if not self.hardware.storage.put(kind, contents):
             raise ProjectError(f"a board takes no {kind} with the id 0")
 
     def begin(self, record: Action | Macro) -> None:
         """Run `record` at the time 0; ProjectError if it, or what it needs, is missing or runs itself."""
-        self.board.advance(0.0)
+        self.hardware.advance(0.0)
         if isinstance(record, Action):
-            self.board.player.run_action(record.action_id, 0.0)
-        elif not self.board.player.run_macro(record.macro_id, 0.0):
+            self.hardware.player.run_action(record.action_id, 0.0)
+        elif not self.hardware.player.run_macro(record.macro_id, 0.0):
             raise ProjectError("it cannot be played: something that it calls is missing, or it runs itself")
 
     def play(self, record: Action | Macro) -> Timeline:
         """Run `record` to its end, at once; ProjectError as for `begin`."""
         self.begin(record)
         now, turns = 0.0, 0
-        while (due := self.board.next_due(now)) is not None:
+        while (due := self.hardware.next_due(now)) is not None:
             turns += 1
             if due > LONGEST or turns > _MOST_TURNS or len(self._moves) > _MOST_MOVES:
                 break
             now = due
-            self.board.advance(now)
-        is_whole = self.board.next_due(now) is None
+            self.hardware.advance(now)
+        is_whole = self.hardware.next_due(now) is None
         if is_whole:
             now = max([now, *(move.end for move in _cut(self._moves))])
-            self.board.advance(now)
-        angles = {servo_id: servo.angle for servo_id, servo in self.board.servos.items()}
+            self.hardware.advance(now)
+        angles = {servo_id: servo.angle for servo_id, servo in self.hardware.servos.items()}
         return Timeline(now, _cut(self._moves), angles, is_whole)
 
 

@@ -7,42 +7,44 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.codec import in_range
 from servolink.protocol.frame import MAX_CONTENT
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import ALL_SERVOS
+from servolink.virtual.hardware import Hardware
 from servolink.virtual.player import playable
 from servolink.virtual.servo import Servo
 from servolink.virtual.storage import Kind
 
-if TYPE_CHECKING:
-    from servolink.virtual.board import Session, VirtualBoard
-
-Answer = Packet | bytes | None
+Response = Packet | bytes | None
 P = TypeVar("P", bound=Packet)
 
 
-@dataclass(frozen=True, slots=True)
-class Asked(Generic[P]):
-    """A packet from a host, with all that an answer may depend on."""
+class Host(Protocol):
+    """The host that sent a request."""
 
-    session: Session
+    subscribed: bool
+    """Whether button events are sent to it."""
+
+
+@dataclass(frozen=True, slots=True)
+class RequestContext(Generic[P]):
+    """A request with everything that its response may depend on."""
+
+    hardware: Hardware
+    host: Host
     request: P
     content: bytes
+    """The request's content as it was received."""
     now: float
 
-    @property
-    def board(self) -> VirtualBoard:
-        """The board that is asked."""
-        return self.session.board
 
+Handler = Callable[[RequestContext[P]], Response]
 
-Handler = Callable[[Asked[P]], Answer]
-
-ANSWERS: dict[type[Packet], Handler[Any]] = {}
+HANDLERS: dict[type[Packet], Handler[Any]] = {}
 """The function that answers each packet class."""
 
 _LISTED = 36  # a record's id and caption, which is also its entry in the list of records
@@ -50,11 +52,11 @@ _MOST_LISTED = (MAX_CONTENT - 2) // _LISTED
 _PARAMETER = 35
 
 
-def answers(declared: type[P]) -> Callable[[Handler[P]], Handler[P]]:
+def handles(declared: type[P]) -> Callable[[Handler[P]], Handler[P]]:
     """Make the decorated function the one that answers `declared`."""
 
     def register(handler: Handler[P]) -> Handler[P]:
-        ANSWERS[declared] = handler
+        HANDLERS[declared] = handler
         return handler
 
     return register
@@ -63,197 +65,201 @@ def answers(declared: type[P]) -> Callable[[Handler[P]], Handler[P]]:
 # ── settings, 3.1 ──
 
 
-@answers(settings.TransmissionModeSettingRequest)
-def _set_mode(asked: Asked[settings.TransmissionModeSettingRequest]) -> Answer:
-    if in_range(asked.request):
-        asked.board.mode = asked.request.mode
-    return settings.TransmissionModeSettingResponse(asked.board.mode)
+@handles(settings.TransmissionModeSettingRequest)
+def _set_mode(context: RequestContext[settings.TransmissionModeSettingRequest]) -> Response:
+    if in_range(context.request):
+        context.hardware.mode = context.request.mode
+    return settings.TransmissionModeSettingResponse(context.hardware.mode)
 
 
-@answers(settings.ClearAllDataRequest)
-def _clear(asked: Asked[settings.ClearAllDataRequest]) -> Answer:
-    asked.board.player.stop()
-    asked.board.storage.clear()
+@handles(settings.ClearAllDataRequest)
+def _clear(context: RequestContext[settings.ClearAllDataRequest]) -> Response:
+    context.hardware.player.stop()
+    context.hardware.storage.clear()
     return settings.ClearAllDataResponse(1)
 
 
-@answers(settings.QueryMemorySizeRequest)
-def _memory(asked: Asked[settings.QueryMemorySizeRequest]) -> Answer:
-    storage = asked.board.storage
+@handles(settings.QueryMemorySizeRequest)
+def _memory(context: RequestContext[settings.QueryMemorySizeRequest]) -> Response:
+    storage = context.hardware.storage
     return settings.QueryMemorySizeResponse(storage.free, storage.memory)
 
 
-@answers(settings.QueryRemainPowerRequest)
-def _power(asked: Asked[settings.QueryRemainPowerRequest]) -> Answer:
-    return settings.QueryRemainPowerResponse(round(asked.board.battery))
+@handles(settings.QueryRemainPowerRequest)
+def _power(context: RequestContext[settings.QueryRemainPowerRequest]) -> Response:
+    return settings.QueryRemainPowerResponse(round(context.hardware.battery))
 
 
-@answers(settings.SendDummyDataRequest)
-def _dummy(asked: Asked[settings.SendDummyDataRequest]) -> Answer:
+@handles(settings.SendDummyDataRequest)
+def _dummy(context: RequestContext[settings.SendDummyDataRequest]) -> Response:
     return None
 
 
 # ── servos, 3.2 ──
 
 
-@answers(servos.QueryServoListRequest)
-def _servo_list(asked: Asked[servos.QueryServoListRequest]) -> Answer:
-    return servos.QueryServoListResponse(tuple(asked.board.servos))
+@handles(servos.QueryServoListRequest)
+def _servo_list(context: RequestContext[servos.QueryServoListRequest]) -> Response:
+    return servos.QueryServoListResponse(tuple(context.hardware.servos))
 
 
-@answers(servos.QueryServoRequest)
-def _servo(asked: Asked[servos.QueryServoRequest]) -> Answer:
-    return servos.QueryServoResponse(tuple(servo.state() for servo in _addressed(asked.board, asked.request.servo_id)))
+@handles(servos.QueryServoRequest)
+def _servo(context: RequestContext[servos.QueryServoRequest]) -> Response:
+    return servos.QueryServoResponse(
+        tuple(servo.state() for servo in _addressed(context.hardware, context.request.servo_id))
+    )
 
 
-@answers(servos.SetServoParameterRequest)
-def _set_servo(asked: Asked[servos.SetServoParameterRequest]) -> Answer:
-    addressed = _addressed(asked.board, asked.request.servo_id)
-    if not addressed or not in_range(asked.request):
+@handles(servos.SetServoParameterRequest)
+def _set_servo(context: RequestContext[servos.SetServoParameterRequest]) -> Response:
+    addressed = _addressed(context.hardware, context.request.servo_id)
+    if not addressed or not in_range(context.request):
         # Servo 0 may be what was asked for, so the flags differ too.
-        return servos.SetServoParameterResponse(0, int(not asked.request.is_start), int(not asked.request.is_hold))
-    if asked.request.servo_id == ALL_SERVOS and not asked.request.is_start:
-        asked.board.player.stop()
+        return servos.SetServoParameterResponse(0, int(not context.request.is_start), int(not context.request.is_hold))
+    if context.request.servo_id == ALL_SERVOS and not context.request.is_start:
+        context.hardware.player.stop()
     for servo in addressed:
-        servo.set_flags(asked.request.is_start, asked.request.is_hold, asked.now)
-    return servos.SetServoParameterResponse(asked.request.servo_id, asked.request.is_start, asked.request.is_hold)
+        servo.set_flags(context.request.is_start, context.request.is_hold, context.now)
+    return servos.SetServoParameterResponse(context.request.servo_id, context.request.is_start, context.request.is_hold)
 
 
-@answers(servos.SetAngleUnitRequest)
-def _set_unit(asked: Asked[servos.SetAngleUnitRequest]) -> Answer:
-    addressed = _addressed(asked.board, asked.request.servo_id)
-    if not addressed or not in_range(asked.request):
-        return servos.SetAngleUnitResponse(0, int(not asked.request.unit_type))
+@handles(servos.SetAngleUnitRequest)
+def _set_unit(context: RequestContext[servos.SetAngleUnitRequest]) -> Response:
+    addressed = _addressed(context.hardware, context.request.servo_id)
+    if not addressed or not in_range(context.request):
+        return servos.SetAngleUnitResponse(0, int(not context.request.unit_type))
     for servo in addressed:
-        servo.unit = asked.request.unit_type
-    return servos.SetAngleUnitResponse(asked.request.servo_id, asked.request.unit_type)
+        servo.unit = context.request.unit_type
+    return servos.SetAngleUnitResponse(context.request.servo_id, context.request.unit_type)
 
 
-@answers(servos.ExecuteActionRequest)
-def _move(asked: Asked[servos.ExecuteActionRequest]) -> Answer:
-    if in_range(asked.request):
-        asked.board.player.move(asked.request.steps, asked.now)
+@handles(servos.ExecuteActionRequest)
+def _move(context: RequestContext[servos.ExecuteActionRequest]) -> Response:
+    if in_range(context.request):
+        context.hardware.player.move(context.request.steps, context.now)
     return None
 
 
-@answers(servos.ExecuteActionExRequest)
-def _run_action(asked: Asked[servos.ExecuteActionExRequest]) -> Answer:
-    asked.board.player.run_action(asked.request.action_id, asked.now)
+@handles(servos.ExecuteActionExRequest)
+def _run_action(context: RequestContext[servos.ExecuteActionExRequest]) -> Response:
+    context.hardware.player.run_action(context.request.action_id, context.now)
     return None
 
 
 # ── editing, 3.3 ──
 
 
-@answers(editing.QueryActionListRequest)
-def _action_list(asked: Asked[editing.QueryActionListRequest]) -> Answer:
-    return _list(asked.board, Kind.ACTION)
+@handles(editing.QueryActionListRequest)
+def _action_list(context: RequestContext[editing.QueryActionListRequest]) -> Response:
+    return _list(context.hardware, Kind.ACTION)
 
 
-@answers(editing.QueryActionRequest)
-def _action(asked: Asked[editing.QueryActionRequest]) -> Answer:
-    return asked.board.storage.get(Kind.ACTION, asked.request.action_id) or editing.QueryActionResponse(0)
+@handles(editing.QueryActionRequest)
+def _action(context: RequestContext[editing.QueryActionRequest]) -> Response:
+    return context.hardware.storage.get(Kind.ACTION, context.request.action_id) or editing.QueryActionResponse(0)
 
 
-@answers(editing.AddActionRequest)
-def _add_action(asked: Asked[editing.AddActionRequest]) -> Answer:
-    return editing.AddActionResponse(_add(asked, Kind.ACTION, asked.request.action_id))
+@handles(editing.AddActionRequest)
+def _add_action(context: RequestContext[editing.AddActionRequest]) -> Response:
+    return editing.AddActionResponse(_add(context, Kind.ACTION, context.request.action_id))
 
 
-@answers(editing.DeleteActionRequest)
-def _delete_action(asked: Asked[editing.DeleteActionRequest]) -> Answer:
-    return editing.DeleteActionResponse(asked.board.storage.delete(Kind.ACTION, asked.request.action_id))
+@handles(editing.DeleteActionRequest)
+def _delete_action(context: RequestContext[editing.DeleteActionRequest]) -> Response:
+    return editing.DeleteActionResponse(context.hardware.storage.delete(Kind.ACTION, context.request.action_id))
 
 
-@answers(editing.QueryMacroListRequest)
-def _macro_list(asked: Asked[editing.QueryMacroListRequest]) -> Answer:
-    return _list(asked.board, Kind.MACRO)
+@handles(editing.QueryMacroListRequest)
+def _macro_list(context: RequestContext[editing.QueryMacroListRequest]) -> Response:
+    return _list(context.hardware, Kind.MACRO)
 
 
-@answers(editing.QueryMacroRequest)
-def _macro(asked: Asked[editing.QueryMacroRequest]) -> Answer:
-    return asked.board.storage.get(Kind.MACRO, asked.request.macro_id) or editing.QueryMacroResponse(0)
+@handles(editing.QueryMacroRequest)
+def _macro(context: RequestContext[editing.QueryMacroRequest]) -> Response:
+    return context.hardware.storage.get(Kind.MACRO, context.request.macro_id) or editing.QueryMacroResponse(0)
 
 
-@answers(editing.AddMacroRequest)
-def _add_macro(asked: Asked[editing.AddMacroRequest]) -> Answer:
-    added = playable(asked.request) and asked.board.storage.put(Kind.MACRO, {asked.request.macro_id: asked.content})
+@handles(editing.AddMacroRequest)
+def _add_macro(context: RequestContext[editing.AddMacroRequest]) -> Response:
+    added = playable(context.request) and context.hardware.storage.put(
+        Kind.MACRO, {context.request.macro_id: context.content}
+    )
     return editing.AddMacroResponse(added)
 
 
-@answers(editing.DeleteMacroRequest)
-def _delete_macro(asked: Asked[editing.DeleteMacroRequest]) -> Answer:
-    return editing.DeleteMacroResponse(asked.board.storage.delete(Kind.MACRO, asked.request.macro_id))
+@handles(editing.DeleteMacroRequest)
+def _delete_macro(context: RequestContext[editing.DeleteMacroRequest]) -> Response:
+    return editing.DeleteMacroResponse(context.hardware.storage.delete(Kind.MACRO, context.request.macro_id))
 
 
-@answers(editing.ExecuteMacroRequest)
-def _run_macro(asked: Asked[editing.ExecuteMacroRequest]) -> Answer:
-    return editing.ExecuteMacroResponse(asked.board.player.run_macro(asked.request.macro_id, asked.now))
+@handles(editing.ExecuteMacroRequest)
+def _run_macro(context: RequestContext[editing.ExecuteMacroRequest]) -> Response:
+    return editing.ExecuteMacroResponse(context.hardware.player.run_macro(context.request.macro_id, context.now))
 
 
-@answers(editing.QueryServoParameterRequest)
-def _parameters(asked: Asked[editing.QueryServoParameterRequest]) -> Answer:
-    records = [record for _, record in asked.board.storage.all(Kind.SERVO)]
-    return _count(asked.board, len(records)) + b"".join(records)
+@handles(editing.QueryServoParameterRequest)
+def _parameters(context: RequestContext[editing.QueryServoParameterRequest]) -> Response:
+    records = [record for _, record in context.hardware.storage.all(Kind.SERVO)]
+    return _count(context.hardware, len(records)) + b"".join(records)
 
 
-@answers(editing.AddServoParameterRequest)
-def _add_parameters(asked: Asked[editing.AddServoParameterRequest]) -> Answer:
-    parameters = cut_parameters(asked.request, asked.content)
-    known = parameters.keys() <= asked.board.servos.keys()
-    stored = known and in_range(asked.request) and asked.board.storage.put(Kind.SERVO, parameters)
+@handles(editing.AddServoParameterRequest)
+def _add_parameters(context: RequestContext[editing.AddServoParameterRequest]) -> Response:
+    parameters = cut_parameters(context.request, context.content)
+    known = parameters.keys() <= context.hardware.servos.keys()
+    stored = known and in_range(context.request) and context.hardware.storage.put(Kind.SERVO, parameters)
     return editing.AddServoParameterResponse(stored)
 
 
-@answers(editing.WriteProjectIDRequest)
-def _write_project(asked: Asked[editing.WriteProjectIDRequest]) -> Answer:
-    asked.board.storage.project_id = asked.request.project_id
+@handles(editing.WriteProjectIDRequest)
+def _write_project(context: RequestContext[editing.WriteProjectIDRequest]) -> Response:
+    context.hardware.storage.project_id = context.request.project_id
     return editing.WriteProjectIDResponse(1)
 
 
-@answers(editing.QueryProjectIDRequest)
-def _project(asked: Asked[editing.QueryProjectIDRequest]) -> Answer:
-    return editing.QueryProjectIDResponse(asked.board.storage.project_id)
+@handles(editing.QueryProjectIDRequest)
+def _project(context: RequestContext[editing.QueryProjectIDRequest]) -> Response:
+    return editing.QueryProjectIDResponse(context.hardware.storage.project_id)
 
 
 # ── remote control, 3.4 ──
 
 
-@answers(joystick.QueryJoystickTableListRequest)
-def _table_list(asked: Asked[joystick.QueryJoystickTableListRequest]) -> Answer:
-    return _list(asked.board, Kind.TABLE)
+@handles(joystick.QueryJoystickTableListRequest)
+def _table_list(context: RequestContext[joystick.QueryJoystickTableListRequest]) -> Response:
+    return _list(context.hardware, Kind.TABLE)
 
 
-@answers(joystick.QueryJoystickTableRequest)
-def _table(asked: Asked[joystick.QueryJoystickTableRequest]) -> Answer:
-    return asked.board.storage.get(Kind.TABLE, asked.request.table_id) or joystick.QueryJoystickTableResponse(0)
+@handles(joystick.QueryJoystickTableRequest)
+def _table(context: RequestContext[joystick.QueryJoystickTableRequest]) -> Response:
+    return context.hardware.storage.get(Kind.TABLE, context.request.table_id) or joystick.QueryJoystickTableResponse(0)
 
 
-@answers(joystick.AddJoystickTableRequest)
-def _add_table(asked: Asked[joystick.AddJoystickTableRequest]) -> Answer:
-    return joystick.AddJoystickTableResponse(_add(asked, Kind.TABLE, asked.request.table_id))
+@handles(joystick.AddJoystickTableRequest)
+def _add_table(context: RequestContext[joystick.AddJoystickTableRequest]) -> Response:
+    return joystick.AddJoystickTableResponse(_add(context, Kind.TABLE, context.request.table_id))
 
 
-@answers(joystick.DeleteJoystickTableRequest)
-def _delete_table(asked: Asked[joystick.DeleteJoystickTableRequest]) -> Answer:
-    return joystick.DeleteJoystickTableResponse(asked.board.storage.delete(Kind.TABLE, asked.request.table_id))
+@handles(joystick.DeleteJoystickTableRequest)
+def _delete_table(context: RequestContext[joystick.DeleteJoystickTableRequest]) -> Response:
+    return joystick.DeleteJoystickTableResponse(context.hardware.storage.delete(Kind.TABLE, context.request.table_id))
 
 
-@answers(joystick.SetActiveJoystickTableRequest)
-def _activate(asked: Asked[joystick.SetActiveJoystickTableRequest]) -> Answer:
-    return joystick.SetActiveJoystickTableResponse(asked.board.storage.activate(asked.request.table_id))
+@handles(joystick.SetActiveJoystickTableRequest)
+def _activate(context: RequestContext[joystick.SetActiveJoystickTableRequest]) -> Response:
+    return joystick.SetActiveJoystickTableResponse(context.hardware.storage.activate(context.request.table_id))
 
 
-@answers(joystick.QueryActiveJoystickTableRequest)
-def _active(asked: Asked[joystick.QueryActiveJoystickTableRequest]) -> Answer:
-    return joystick.QueryActiveJoystickTableResponse(asked.board.storage.active_table)
+@handles(joystick.QueryActiveJoystickTableRequest)
+def _active(context: RequestContext[joystick.QueryActiveJoystickTableRequest]) -> Response:
+    return joystick.QueryActiveJoystickTableResponse(context.hardware.storage.active_table)
 
 
-@answers(joystick.SubscribeButtonEventRequest)
-def _subscribe(asked: Asked[joystick.SubscribeButtonEventRequest]) -> Answer:
-    if not in_range(asked.request):
+@handles(joystick.SubscribeButtonEventRequest)
+def _subscribe(context: RequestContext[joystick.SubscribeButtonEventRequest]) -> Response:
+    if not in_range(context.request):
         return joystick.SubscribeButtonEventResponse(0)
-    asked.session.subscribed = bool(asked.request.subscribe)
+    context.host.subscribed = bool(context.request.subscribe)
     return joystick.SubscribeButtonEventResponse(1)
 
 
@@ -263,23 +269,23 @@ def cut_parameters(request: editing.AddServoParameterRequest, content: bytes) ->
     return dict(zip([servo.servo_id for servo in request.servos], cut, strict=True))
 
 
-def _addressed(board: VirtualBoard, servo_id: int) -> list[Servo]:
+def _addressed(hardware: Hardware, servo_id: int) -> list[Servo]:
     """Return the servos that `servo_id` means: all, one or none."""
-    servos_by_id = board.servos
+    servos_by_id = hardware.servos
     if servo_id == ALL_SERVOS:
         return list(servos_by_id.values())
     return [servos_by_id[servo_id]] if servo_id in servos_by_id else []
 
 
-def _add(asked: Asked[Any], kind: Kind, record_id: int) -> bool:
-    return in_range(asked.request) and asked.board.storage.put(kind, {record_id: asked.content})
+def _add(context: RequestContext[Any], kind: Kind, record_id: int) -> bool:
+    return in_range(context.request) and context.hardware.storage.put(kind, {record_id: context.content})
 
 
-def _list(board: VirtualBoard, kind: Kind) -> bytes:
+def _list(hardware: Hardware, kind: Kind) -> bytes:
     """Return the content of a list answer; records beyond what a frame can hold are not listed."""
-    entries = [record[:_LISTED] for _, record in board.storage.all(kind)[:_MOST_LISTED]]
-    return _count(board, len(entries)) + b"".join(entries)
+    entries = [record[:_LISTED] for _, record in hardware.storage.all(kind)[:_MOST_LISTED]]
+    return _count(hardware, len(entries)) + b"".join(entries)
 
 
-def _count(board: VirtualBoard, count: int) -> bytes:
-    return count.to_bytes(2, board.codec.byte_order)
+def _count(hardware: Hardware, count: int) -> bytes:
+    return count.to_bytes(2, hardware.codec.byte_order)

@@ -1,16 +1,18 @@
-"""A virtual board that other programs can reach."""
+"""Serve a virtual board to other programs."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
-from contextlib import AsyncExitStack, asynccontextmanager
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, contextmanager
 from itertools import count
 
 from servolink.listeners import host_and_port, serve_network, serve_terminal
 from servolink.transports.base import Transport
 from servolink.transports.faults import Faults
-from servolink.usbip.server import serve_usbip
-from servolink.virtual.board import VirtualBoard
+from servolink.usbip.device import Pipe, UsbDevice
+from servolink.usbip.server import UsbIpServer, serve_usbip
+from servolink.virtual.board import Session, VirtualBoard
 from servolink.virtual.transport import BoardDriver, FaultyVirtualTransport, VirtualTransport
 
 
@@ -24,10 +26,11 @@ async def serve(
     faults: Faults | None = None,
     seed: int = 0,
 ) -> AsyncIterator[list[str]]:
-    """Serve `board` over a pseudo-terminal, TCP and USB/IP, both at a `HOST:PORT`; give the URLs in this order.
+    """Serve `board` over a pseudo-terminal, TCP and USB/IP, both at a `HOST:PORT`; yield the URLs in this order.
 
-    Each connection draws its own `faults` from `seed`; the USB device has none, and `seed` in its serial number.
-    TransportUnavailable where there are no pseudo-terminals, OpenError if a port cannot be had.
+    Each connection draws its own `faults`, beginning with `seed`. The USB device has no faults, and the serial number
+    `virtual-` and `seed`. Raise TransportUnavailable where there are no pseudo-terminals, OpenError if a port cannot be
+    had.
     """
     seeds = count(seed)
 
@@ -43,7 +46,38 @@ async def serve(
         if tcp is not None:
             urls.append(await stack.enter_async_context(serve_network(connect, *host_and_port(tcp))))
         if usbip is not None:
-            export = serve_usbip(board, f"virtual-{seed}", *host_and_port(usbip))
+            export = serve_usb_device(board, f"virtual-{seed}", *host_and_port(usbip))
             place, _ = await stack.enter_async_context(export)
             urls.append(f"usbip://{place}")
         yield urls
+
+
+def serve_usb_device(
+    board: VirtualBoard, serial_number: str, host: str, port: int
+) -> AbstractAsyncContextManager[tuple[str, UsbIpServer]]:
+    """Export `board` as a USB device at `host` and `port`; enter it for the place, HOST:PORT, and the server.
+
+    Run a BoardDriver meanwhile, or nothing happens by itself on the board.
+    """
+    return serve_usbip(lambda device: plugged(board, device), serial_number, host, port)
+
+
+@contextmanager
+def plugged(board: VirtualBoard, device: UsbDevice) -> Iterator[None]:
+    """Attach each pipe of `device` to `board` as a host of its own."""
+    sessions = [board.attach(pipe.send, _unsent(pipe)) for pipe in device.pipes]
+    for pipe, session in zip(device.pipes, sessions, strict=True):
+        pipe.receive = _receive(session)
+    try:
+        yield
+    finally:
+        board.detach(*sessions, now=asyncio.get_running_loop().time())
+
+
+def _unsent(pipe: Pipe) -> Callable[[], int]:
+    return lambda: pipe.to_host.waiting
+
+
+def _receive(session: Session) -> Callable[[bytes], None]:
+    loop = asyncio.get_running_loop()
+    return lambda data: session.receive(data, loop.time())

@@ -19,8 +19,8 @@ from servolink.files import read_file, write_atomically
 from servolink.protocol import editing, joystick
 from servolink.protocol.frame import HEADER_SIZE, ByteOrder, encode_frame
 from servolink.protocol.packet import Packet
-from servolink.virtual.board import VirtualBoard
 from servolink.virtual.handlers import cut_parameters
+from servolink.virtual.hardware import Hardware
 from servolink.virtual.storage import Contents, Kind
 
 _STORED: dict[Kind, type[Packet]] = {
@@ -39,7 +39,7 @@ class BoardState(Struct, frozen=True, forbid_unknown_fields=True):
     requests: list[str]
 
 
-def save_state(board: VirtualBoard, path: Path) -> None:
+def save_state(board: Hardware, path: Path) -> None:
     """Write what `board` keeps to `path`, whole or not at all; ServolinkError if the file cannot be written."""
     state = BoardState(
         byte_order=board.codec.byte_order,
@@ -53,7 +53,7 @@ def save_state(board: VirtualBoard, path: Path) -> None:
         raise ServolinkError(f"{escape(str(path))}: the board cannot be saved: {escape(str(error))}") from error
 
 
-def load_state(board: VirtualBoard, path: Path) -> None:
+def load_state(board: Hardware, path: Path) -> None:
     """Put what `path` holds into `board`, in place of what it keeps; nothing if there is no such file.
 
     Records come back as they were, doubles and torn ones too, whatever this board does with such. OpenError if the file
@@ -83,7 +83,7 @@ def load_state(board: VirtualBoard, path: Path) -> None:
             servo.angle = angle
 
 
-def _requests(board: VirtualBoard) -> Iterator[bytes]:
+def _requests(board: Hardware) -> Iterator[bytes]:
     """Yield the frames that rebuild what `board` keeps."""
     codec, storage = board.codec, board.storage
     yield codec.encode(editing.WriteProjectIDRequest(storage.project_id))
@@ -98,7 +98,7 @@ def _requests(board: VirtualBoard) -> Iterator[bytes]:
         yield codec.encode(joystick.SetActiveJoystickTableRequest(chosen))
 
 
-def _store(board: VirtualBoard, request: str) -> str:
+def _store(board: Hardware, request: str) -> str:
     """Let `board` keep what one request of a file says; return what is wrong with it, empty if nothing is."""
     try:
         frame = bytes.fromhex(request)
@@ -111,7 +111,7 @@ def _store(board: VirtualBoard, request: str) -> str:
     return "" if kept else f"this {type(packet).__name__} needs more memory or servos, or what is not stored"
 
 
-def _kept(board: VirtualBoard, packet: Packet, content: bytes) -> bool | None:
+def _kept(board: Hardware, packet: Packet, content: bytes) -> bool | None:
     """Keep the content of a request; False if it does not fit the board, None if it is nothing to be kept."""
     storage = board.storage
     match packet:
@@ -122,11 +122,11 @@ def _kept(board: VirtualBoard, packet: Packet, content: bytes) -> bool | None:
             parameters = cut_parameters(packet, content)
             return parameters.keys() <= board.servos.keys() and storage.put(Kind.SERVO, parameters)
         case editing.AddActionRequest():
-            return storage.put(Kind.ACTION, {packet.action_id: content}, add="append")
+            return storage.put(Kind.ACTION, {packet.action_id: content}, on_duplicate="append")
         case editing.AddMacroRequest():
-            return storage.put(Kind.MACRO, {packet.macro_id: content}, add="append")
+            return storage.put(Kind.MACRO, {packet.macro_id: content}, on_duplicate="append")
         case joystick.AddJoystickTableRequest():
-            return storage.put(Kind.TABLE, {packet.table_id: content}, add="append")
+            return storage.put(Kind.TABLE, {packet.table_id: content}, on_duplicate="append")
         case joystick.SetActiveJoystickTableRequest():
             return storage.activate(packet.table_id)
         case _:

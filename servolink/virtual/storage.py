@@ -26,12 +26,12 @@ class Kind(StrEnum):
     SERVO = "servo"
 
 
-Add = Literal["replace", "append", "reject"]
+OnDuplicate = Literal["replace", "append", "reject"]
 """What becomes of a record whose id is stored already: it replaces the other, is stored besides it, or is refused."""
 Clear = Literal["all", "records"]
 """What clearing clears: everything, or all but project id and servo parameters."""
-ADDS: tuple[Add, ...] = get_args(Add)
-CLEARS: tuple[Clear, ...] = get_args(Clear)
+ON_DUPLICATE: tuple[OnDuplicate, ...] = get_args(OnDuplicate)
+CLEAR: tuple[Clear, ...] = get_args(Clear)
 
 Record: TypeAlias = tuple[int, bytes]
 """Id and content."""
@@ -62,16 +62,16 @@ class Contents:
 class Storage:
     """The contents, within `memory` bytes, and how they change."""
 
-    def __init__(self, memory: int, *, add: Add = "replace", clear: Clear = "all") -> None:
-        """Have nothing stored; ValueError if `add` or `clear` is none of its values."""
-        if add not in ADDS:
-            raise ValueError(f"add is {add!r}, but must be one of {', '.join(ADDS)}")
-        if clear not in CLEARS:
-            raise ValueError(f"clear is {clear!r}, but must be one of {', '.join(CLEARS)}")
+    def __init__(self, memory: int, *, on_duplicate: OnDuplicate = "replace", clear: Clear = "all") -> None:
+        """Have nothing stored; ValueError if `on_duplicate` or `clear` is none of its values."""
+        if on_duplicate not in ON_DUPLICATE:
+            raise ValueError(f"on_duplicate is {on_duplicate!r}, but must be one of {', '.join(ON_DUPLICATE)}")
+        if clear not in CLEAR:
+            raise ValueError(f"clear is {clear!r}, but must be one of {', '.join(CLEAR)}")
         self.memory = memory
         self.contents = Contents()
         """All that is stored: kept, and later set again, it brings that moment back."""
-        self._add: Add = add
+        self._on_duplicate: OnDuplicate = on_duplicate
         self._clear: Clear = clear
 
     @property
@@ -108,21 +108,21 @@ class Storage:
         self.contents = replace(self.contents, chosen_table=table_id)
         return True
 
-    def put(self, kind: Kind, records: Mapping[int, bytes], *, add: Add | None = None) -> bool:
-        """Add `records`, by `add` or as this board does: all of them, or none and False if refused or too large.
+    def put(self, kind: Kind, records: Mapping[int, bytes], *, on_duplicate: OnDuplicate | None = None) -> bool:
+        """Add `records`, all of them or none; return False if they are refused or too large.
 
         Servo parameters always replace those of the same servo, as no request deletes them. The id 0 says "no such
         record" in every answer, so nothing can be stored under it.
         """
         if kind is Kind.SERVO:
-            add = "replace"
-        elif add is None:
-            add = self._add
+            on_duplicate = "replace"
+        elif on_duplicate is None:
+            on_duplicate = self._on_duplicate
         stored = self.all(kind)
         known = {record_id for record_id, _ in stored} & records.keys()
-        if 0 in records or (known and add == "reject"):
+        if 0 in records or (known and on_duplicate == "reject"):
             return False
-        if known and add == "replace":
+        if known and on_duplicate == "replace":
             kept = tuple([(old[0], records[old[0]]) if old[0] in known else old for old in stored])
             added = tuple([new for new in records.items() if new[0] not in known])
         else:
@@ -176,7 +176,7 @@ _ENTRY = {Kind.ACTION: 5, Kind.MACRO: 12, Kind.TABLE: 49}
 _ERASED = b"\xff"
 
 
-def tear(before: Contents, after: Contents, random: Random, byte_order: ByteOrder) -> Contents:
+def partial_write(before: Contents, after: Contents, random: Random, byte_order: ByteOrder) -> Contents:
     """Return what may be left of the write that was to make `after` of `before`.
 
     A write changes records one by one, in any order, and the power goes at one of them or behind the last. Those in

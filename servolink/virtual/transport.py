@@ -12,15 +12,16 @@ from servolink.protocol.codec import Codec
 from servolink.transports.address import Address
 from servolink.transports.base import Receiver
 from servolink.transports.faults import Faults, FaultyTransport
-from servolink.virtual.board import MEMORY, MOST_SERVOS, Session, VirtualBoard
+from servolink.virtual.board import Session, VirtualBoard
+from servolink.virtual.hardware import MAX_SERVOS, MEMORY, Hardware
 from servolink.virtual.state_file import load_state, save_state
-from servolink.virtual.storage import ADDS, CLEARS, Add, Clear
+from servolink.virtual.storage import CLEAR, ON_DUPLICATE, Clear, OnDuplicate
 
 
 class BoardDriver:
     """Wakes a board whenever it has something to do by itself; several for one board do no harm."""
 
-    def __init__(self, board: VirtualBoard) -> None:
+    def __init__(self, board: Hardware) -> None:
         """Begin at once, on the running loop, until `stop`."""
         self._board = board
         self._loop = asyncio.get_running_loop()
@@ -60,14 +61,14 @@ def from_address(address: Address) -> VirtualTransport | FaultyVirtualTransport:
         raise address.refusal("a virtual board has no place, only options: virtual://?servos=16")
     seed = address.integer("seed", 0, 0, 2**63 - 1)
     board = VirtualBoard(
-        servos=address.integer("servos", 16, 0, MOST_SERVOS),
+        servos=address.integer("servos", 16, 0, MAX_SERVOS),
         seed=seed,
         codec=Codec("big" if address.choice("byte_order", "little", ("little", "big")) == "big" else "little"),
         memory=address.integer("memory", MEMORY, 0, 2**31 - 1),
-        add=cast("Add", address.choice("add", "replace", ADDS)),
-        clear=cast("Clear", address.choice("clear", "all", CLEARS)),
-        torn=address.flag("torn", default=False),
-        reboot=address.flag("reboot", default=False),
+        on_duplicate=cast("OnDuplicate", address.choice("on_duplicate", "replace", ON_DUPLICATE)),
+        clear=cast("Clear", address.choice("clear", "all", CLEAR)),
+        partial_writes=address.flag("partial_writes", default=False),
+        bus_powered=address.flag("bus_powered", default=False),
     )
     state = address.text("state", "")
     faults = Faults.from_address(address)

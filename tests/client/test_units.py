@@ -226,7 +226,7 @@ def test_a_change_behind_one_of_which_the_outcome_is_not_known_holds() -> None:
 
 
 def test_units_of_single_servos_are_set_again_where_that_of_all_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    toy = VirtualBoard(servos=3, reboot=True)
+    toy = VirtualBoard(servos=3, bus_powered=True)
     socket = Socket(toy)
     monkeypatch.setattr(connecting, "create", socket.transport)
 

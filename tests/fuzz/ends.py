@@ -185,7 +185,9 @@ def command(data: bytes) -> None:
     options = cursor.byte()
     order: ByteOrder = "big" if options & 1 else "little"
     said: list[bytes] = []
-    board = VirtualBoard(3, codec=Codec(order), memory=_MEMORY, torn=bool(options & 2), reboot=bool(options & 4))
+    board = VirtualBoard(
+        3, codec=Codec(order), memory=_MEMORY, partial_writes=bool(options & 2), bus_powered=bool(options & 4)
+    )
     session = board.attach(said.append)
     now = 1.0
     for piece in _pieces(cursor, order, raw=bool(options & 8)):

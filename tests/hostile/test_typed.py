@@ -86,7 +86,7 @@ TYPED = (
     "virtual --faults {}=1",
     "virtual --servos {}",
     "virtual --script {}",
-    "virtual --add {}",
+    "virtual --on-duplicate {}",
     "virtual --tcp 127.0.0.1:0 --state /dev/null/nowhere/x{}",
     "bench --requests {}",
     "demo {}",

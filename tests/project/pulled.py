@@ -24,7 +24,7 @@ from servolink.protocol.records import Action, Button, JoystickTable, Macro, Mac
 from servolink.transports.base import Transport
 from servolink.transports.faults import Faults, FaultyTransport
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.storage import Add, Clear, Contents, Kind
+from servolink.virtual.storage import Clear, Contents, Kind, OnDuplicate
 from tests.project.cable import Cable
 
 OLD = Project(
@@ -63,23 +63,30 @@ NO_FAULTS = Faults()
 class Make:
     """One kind of board."""
 
-    add: Add = "replace"
+    on_duplicate: OnDuplicate = "replace"
     clear: Clear = "all"
-    torn: bool = False
-    reboot: bool = False
+    partial_writes: bool = False
+    bus_powered: bool = False
 
     def board(self, contents: Contents, seed: int) -> VirtualBoard:
         """Return such a board, with `contents` stored."""
-        board = VirtualBoard(3, seed, add=self.add, clear=self.clear, torn=self.torn, reboot=self.reboot)
+        board = VirtualBoard(
+            3,
+            seed,
+            on_duplicate=self.on_duplicate,
+            clear=self.clear,
+            partial_writes=self.partial_writes,
+            bus_powered=self.bus_powered,
+        )
         board.storage.contents = contents
         return board
 
 
 MAKES = [
-    Make(add, clear, torn, reboot)
-    for add in ("replace", "append", "reject")
+    Make(on_duplicate, clear, partial_writes, bus_powered)
+    for on_duplicate in ("replace", "append", "reject")
     for clear in ("all", "records")
-    for torn, reboot in ((False, False), (False, True), (True, True))
+    for partial_writes, bus_powered in ((False, False), (False, True), (True, True))
 ]
 
 

@@ -156,7 +156,7 @@ def test_a_board_that_comes_back_by_itself_is_the_one_with_the_marker(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, *, whole: bool
 ) -> None:
     """It is known again by its project id, which an import changes: it must not be taken for another board."""
-    virtual = Make(torn=True, reboot=True).board(OLD_CONTENTS, 1)
+    virtual = Make(partial_writes=True, bus_powered=True).board(OLD_CONTENTS, 1)
 
     async def main() -> None:
         size, _ = await bytes_of_import(Make(), replace=whole, folder=tmp_path / "size")

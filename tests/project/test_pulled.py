@@ -24,7 +24,9 @@ from tests.project.pulled import (
 )
 from tests.virtual_time import run
 
-MAKE_IDS = [f"{make.add}-{make.clear}{'-torn' * make.torn}{'-reboot' * make.reboot}" for make in MAKES]
+MAKE_IDS = [
+    f"{make.on_duplicate}-{make.clear}{'-partial' * make.partial_writes}{'-bus' * make.bus_powered}" for make in MAKES
+]
 
 
 @pytest.mark.parametrize("whole", [False, True], ids=["differences", "replace"])

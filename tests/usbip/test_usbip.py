@@ -24,9 +24,9 @@ from servolink.protocol.packet import Packet
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
 from servolink.usbip import messages, server
 from servolink.usbip.descriptors import BULK_IN, BULK_OUT, HID_IN, HID_OUT, SERIAL_IN, SERIAL_OUT
-from servolink.usbip.server import UsbIpServer, serve_usbip
+from servolink.usbip.server import UsbIpServer
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.serve import serve
+from servolink.virtual.serve import serve, serve_usb_device
 from tests import processes
 from tests.usbip.usbip_host import IMPORT, UNLINKED, UsbHost, attached, submit, unlink
 from tests.virtual.receiving import GUARD
@@ -53,7 +53,7 @@ def in_time(main: Callable[[], Coroutine[Any, Any, None]]) -> None:
 
 @asynccontextmanager
 async def exported(board: VirtualBoard | None = None) -> AsyncIterator[tuple[tuple[str, int], UsbIpServer]]:
-    async with serve_usbip(board or VirtualBoard(servos=3), "virtual-1", "127.0.0.1", 0) as (place, usbip):
+    async with serve_usb_device(board or VirtualBoard(servos=3), "virtual-1", "127.0.0.1", 0) as (place, usbip):
         yield host_and_port(place), usbip
 
 
@@ -165,7 +165,7 @@ def test_pulling_the_plug_ends_everything_and_it_can_be_plugged_in_again() -> No
 @pytest.mark.parametrize("way", WAYS)
 def test_a_plug_pulled_before_the_answer_was_fetched_can_tear_what_was_stored(way: str) -> None:
     async def left(seed: int, *, fetched: bool) -> int:
-        board = VirtualBoard(servos=3, seed=seed, torn=True, reboot=True)
+        board = VirtualBoard(servos=3, seed=seed, partial_writes=True, bus_powered=True)
         async with exported(board) as (place, usbip), attached(*place) as host:
             if fetched:
                 await ask(host, way, WriteProjectIDRequest(77))

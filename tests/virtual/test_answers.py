@@ -11,7 +11,7 @@ from servolink.protocol.codec import PACKETS, Codec
 from servolink.protocol.frame import MAGIC, OVERHEAD, ByteOrder, encode_frame
 from servolink.protocol.packet import Command, Packet, Request, Response
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.handlers import ANSWERS
+from servolink.virtual.handlers import HANDLERS
 from tests.virtual.host import START, Host
 
 HOSTILE = b"\x1b[2J" + MAGIC + b"\xff\xfe\0after the end\x80\r\n".ljust(24, b"\x01")
@@ -37,7 +37,7 @@ def pack(host: Host, codes: str, *values: object) -> bytes:
 
 def test_every_request_and_command_of_the_document_has_its_function() -> None:
     from_host = {declared for declared in PACKETS.values() if not issubclass(declared, Response)}
-    assert set(ANSWERS) == from_host
+    assert set(HANDLERS) == from_host
     assert len(from_host) == 31
 
 
@@ -178,7 +178,7 @@ def test_records_are_listed_read_replaced_and_deleted(host: Host) -> None:
 
 
 def test_a_board_that_appends_lists_an_id_twice_and_gives_and_deletes_the_first() -> None:
-    host = Host(VirtualBoard(add="append"))
+    host = Host(VirtualBoard(on_duplicate="append"))
     for caption in ("one", "two"):
         assert host.ask(editing.AddActionRequest(7, caption)).result == 1
     entries = (records.ActionEntry(7, "one"), records.ActionEntry(7, "two"))
@@ -190,7 +190,7 @@ def test_a_board_that_appends_lists_an_id_twice_and_gives_and_deletes_the_first(
 
 
 def test_a_board_that_rejects_keeps_what_it_has() -> None:
-    host = Host(VirtualBoard(add="reject"))
+    host = Host(VirtualBoard(on_duplicate="reject"))
     results = [host.ask(joystick.AddJoystickTableRequest(7, caption)).result for caption in ("one", "two")]
     assert results == [1, 0]
     assert host.ask(joystick.QueryJoystickTableListRequest()).tables == (records.JoystickTableEntry(7, "one"),)

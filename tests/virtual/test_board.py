@@ -19,7 +19,8 @@ from servolink.protocol.settings import (
     SendDummyDataRequest,
     TransmissionModeSettingRequest,
 )
-from servolink.virtual.board import MOST_SERVOS, VirtualBoard
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.hardware import MAX_SERVOS
 from tests.protocol.declared import any_packet
 from tests.virtual.host import START, Host
 
@@ -34,14 +35,14 @@ def test_a_fresh_board_is_empty_and_ready() -> None:
     assert host.board.next_due(START) is None
 
 
-@pytest.mark.parametrize("servos", [0, 1, MOST_SERVOS])
+@pytest.mark.parametrize("servos", [0, 1, MAX_SERVOS])
 def test_it_has_as_many_servos_as_it_was_given(servos: int) -> None:
     assert len(Host(VirtualBoard(servos)).ask(QueryServoRequest(255)).servos) == servos
 
 
-@pytest.mark.parametrize("servos", [-1, MOST_SERVOS + 1])
+@pytest.mark.parametrize("servos", [-1, MAX_SERVOS + 1])
 def test_more_servos_than_ids_are_refused(servos: int) -> None:
-    with pytest.raises(ValueError, match=f"{servos} servos are outside 0..254"):
+    with pytest.raises(ValueError, match=f"servos must be 0..254, not {servos}"):
         VirtualBoard(servos)
 
 

@@ -222,7 +222,7 @@ def test_adding_and_clearing_are_as_the_options_say() -> None:
     one = MacroEntry(1, "")
     assert asyncio.run(kept()) == [QueryMacroListResponse((one,)), QueryProjectIDResponse(0)]
     appended = [QueryMacroListResponse((one, one)), QueryProjectIDResponse(77)]
-    assert asyncio.run(kept("--add", "append", "--clear", "records")) == appended
+    assert asyncio.run(kept("--on-duplicate", "append", "--clear", "records")) == appended
 
 
 def test_a_board_that_is_unplugged_is_torn_as_the_options_say(tmp_path: Path) -> None:
@@ -243,16 +243,16 @@ def test_a_board_that_is_unplugged_is_torn_as_the_options_say(tmp_path: Path) ->
         return board.storage.project_id
 
     def keeps_the_old_one(seed: int) -> bool:
-        board = VirtualBoard(seed=seed, torn=True, reboot=True)
+        board = VirtualBoard(seed=seed, partial_writes=True, bus_powered=True)
         session = board.attach(lambda _: None, lambda: 1)
         session.receive(write, 0.0)
         session.detach()
         return board.storage.project_id == 0
 
     seed = ("--seed", str(next(filter(keeps_the_old_one, range(99)))))
-    assert asyncio.run(left("--torn", "--reboot", *seed)) == 0
-    assert asyncio.run(left("--reboot", *seed)) == 77
-    assert asyncio.run(left("--torn", *seed)) == 77
+    assert asyncio.run(left("--partial-writes", "--bus-powered", *seed)) == 0
+    assert asyncio.run(left("--bus-powered", *seed)) == 77
+    assert asyncio.run(left("--partial-writes", *seed)) == 77
 
 
 async def pressed(address: str, then: asyncio.Event | None, count: int) -> list[Packet]:
@@ -374,7 +374,7 @@ def test_it_ends_with_its_terminal() -> None:
         (("--tcp", "[::1:0"), 2, "IPv6"),
         (("--servos", "255"), 2, "from 0 to 254"),
         (("--memory", "-1"), 2, "from 0 to"),
-        (("--add", "update"), 2, "append"),
+        (("--on-duplicate", "update"), 2, "append"),
         (("--clear", "most"), 2, "records"),
         (("--faults", "dorp=0.1"), 2, "unknown option dorp"),
         (("--script", "missing"), 2, "missing"),

@@ -30,7 +30,7 @@ ACTION = AddActionRequest(1, "wave", tuple(Step(at, 30, 40) for at in range(1, 9
 
 def busy() -> VirtualBoard:
     """A board that loses its power with its last host, which is Host 0, with all sorts of things going on."""
-    host = Host(VirtualBoard(servos=3, reboot=True))
+    host = Host(VirtualBoard(servos=3, bus_powered=True))
     host.store_macro(1, MacroCommand(500, 1, loop=100))
     host.ask(ExecuteMacroRequest(1))
     host.ask(SetAngleUnitRequest(2, ADC))
@@ -101,7 +101,7 @@ def test_several_hosts_of_one_plug_are_gone_at_once() -> None:
 
 
 def test_the_old_protocol_is_forgotten() -> None:
-    board = VirtualBoard(servos=1, reboot=True)
+    board = VirtualBoard(servos=1, bus_powered=True)
     host = Host(board)
     host.tell(TransmissionModeSettingRequest(0))
     assert host.tell(QueryServoListRequest()) == []
@@ -131,7 +131,7 @@ def test_those_who_watch_learn_that_nothing_is_due_any_more() -> None:
 
 
 def test_a_host_that_detaches_twice_takes_the_power_once() -> None:
-    board = VirtualBoard(servos=1, reboot=True)
+    board = VirtualBoard(servos=1, bus_powered=True)
     first = Host(board)
     first.session.detach()
     second = Host(board)
@@ -159,11 +159,11 @@ class Cut:
 STORED = AddActionRequest(2, "kept", (Step(1, 1, 1),))
 
 
-def left(packet: Packet, after: int, *, torn: bool, reboot: bool) -> list[Contents]:
+def left(packet: Packet, after: int, *, partial_writes: bool, bus_powered: bool) -> list[Contents]:
     """Return what may be stored when the cable is cut `after` bytes of the answer."""
     seen: list[Contents] = []
     for seed in range(60):
-        board = VirtualBoard(servos=1, seed=seed, torn=torn, reboot=reboot)
+        board = VirtualBoard(servos=1, seed=seed, partial_writes=partial_writes, bus_powered=bus_powered)
         host = Host(board)
         host.ask(STORED)
         host.ask(WriteProjectIDRequest(5))
@@ -181,18 +181,18 @@ ANSWER = 10
 
 @pytest.mark.parametrize("packet", [ACTION, DeleteActionRequest(2), ClearAllDataRequest()])
 def test_a_write_is_torn_until_the_host_has_all_of_its_answer(packet: Packet) -> None:
-    (done,) = left(packet, ANSWER, torn=True, reboot=True)
+    (done,) = left(packet, ANSWER, partial_writes=True, bus_powered=True)
     for after in (0, 1, ANSWER - 1):
-        assert len(left(packet, after, torn=True, reboot=True)) > 3
-        assert left(packet, after, torn=False, reboot=True) == [done]
-        assert left(packet, after, torn=True, reboot=False) == [done]
+        assert len(left(packet, after, partial_writes=True, bus_powered=True)) > 3
+        assert left(packet, after, partial_writes=False, bus_powered=True) == [done]
+        assert left(packet, after, partial_writes=True, bus_powered=False) == [done]
 
 
 def project_ids(end: Callable[[VirtualBoard, Session], None]) -> set[int]:
     """Write a project id, hear nothing, let that `end`, and return which ids the board may then have."""
     seen = set()
     for seed in range(20):
-        board = VirtualBoard(seed=seed, torn=True, reboot=True)
+        board = VirtualBoard(seed=seed, partial_writes=True, bus_powered=True)
         session = board.attach(lambda _: None, lambda: ANSWER)
         session.receive(CODEC.encode(WriteProjectIDRequest(77)), START)
         end(board, session)

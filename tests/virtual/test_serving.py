@@ -175,7 +175,7 @@ def test_a_host_that_never_reads_is_left_behind_and_others_are_served(monkeypatc
                 while not subscribed(board):
                     await asyncio.sleep(0)
                 while subscribed(board):
-                    board.sessions[0].say(EVENTS)
+                    board.sessions[0].send(EVENTS)
                     await asyncio.sleep(0)
             transport, heard = create(url), Heard()
             await transport.open(heard)

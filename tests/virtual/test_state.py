@@ -23,7 +23,7 @@ from servolink.protocol.records import Button, MacroCommand, ServoParameter, Ste
 from servolink.protocol.servos import ExecuteActionRequest
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.state_file import load_state, save_state
-from servolink.virtual.storage import ADDS, Add, Kind
+from servolink.virtual.storage import ON_DUPLICATE, Kind, OnDuplicate
 from tests.virtual.host import START, Host
 
 
@@ -165,10 +165,12 @@ def test_a_board_with_less_memory_refuses_what_does_not_fit(board: VirtualBoard,
         load_state(VirtualBoard(servos=3, codec=board.codec, memory=50), path)
 
 
-@pytest.mark.parametrize("add", ADDS)
-def test_doubles_and_torn_records_come_back_whatever_the_board_does_with_such(add: Add, tmp_path: Path) -> None:
+@pytest.mark.parametrize("on_duplicate", ON_DUPLICATE)
+def test_doubles_and_torn_records_come_back_whatever_the_board_does_with_such(
+    on_duplicate: OnDuplicate, tmp_path: Path
+) -> None:
     path = tmp_path / "board.json"
-    host = Host(VirtualBoard(servos=1, add="append"))
+    host = Host(VirtualBoard(servos=1, on_duplicate="append"))
     for degree in (1, 2):
         host.store_action(7, (1, degree, 3))
         host.ask(AddJoystickTableRequest(degree, "pad"))
@@ -182,7 +184,7 @@ def test_doubles_and_torn_records_come_back_whatever_the_board_does_with_such(ad
     storage.delete(Kind.TABLE, 2)
     storage.contents = replace(storage.contents, chosen_table=2)  # as a deletion that was torn may leave it
     save_state(host.board, path)
-    loaded = VirtualBoard(servos=1, add=add)
+    loaded = VirtualBoard(servos=1, on_duplicate=on_duplicate)
     for _ in range(2):  # again, it takes the place of what is there
         load_state(loaded, path)
         assert loaded.storage.contents == replace(storage.contents, chosen_table=0)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.virtual.storage import ADDS, Add, Contents, Kind, Storage
+from servolink.virtual.storage import ON_DUPLICATE, Contents, Kind, OnDuplicate, Storage
 
 
 def test_what_was_put_is_there_until_it_is_deleted() -> None:
@@ -83,7 +83,7 @@ def test_clear_forgets_everything() -> None:
 
 @pytest.mark.parametrize("kind", [Kind.ACTION, Kind.MACRO, Kind.TABLE])
 def test_appended_records_are_found_and_deleted_first_come_first(kind: Kind) -> None:
-    storage = Storage(10, add="append")
+    storage = Storage(10, on_duplicate="append")
     assert storage.put(kind, {1: b"first"})
     assert storage.put(kind, {2: b"2"})
     assert storage.put(kind, {1: b"1"})
@@ -98,7 +98,7 @@ def test_appended_records_are_found_and_deleted_first_come_first(kind: Kind) -> 
 
 @pytest.mark.parametrize("kind", [Kind.ACTION, Kind.MACRO, Kind.TABLE])
 def test_rejected_records_change_nothing(kind: Kind) -> None:
-    storage = Storage(100, add="reject")
+    storage = Storage(100, on_duplicate="reject")
     assert storage.put(kind, {1: b"first"})
     before = storage.contents
     assert not storage.put(kind, {2: b"2", 1: b"1"})
@@ -107,16 +107,16 @@ def test_rejected_records_change_nothing(kind: Kind) -> None:
     assert storage.put(kind, {2: b"2", 1: b"1"})
 
 
-@pytest.mark.parametrize("add", ["replace", "append", "reject"])
-def test_servo_parameters_are_always_replaced(add: Add) -> None:
-    storage = Storage(100, add=add)
+@pytest.mark.parametrize("on_duplicate", ["replace", "append", "reject"])
+def test_servo_parameters_are_always_replaced(on_duplicate: OnDuplicate) -> None:
+    storage = Storage(100, on_duplicate=on_duplicate)
     assert storage.put(Kind.SERVO, {1: b"1", 2: b"2"})
     assert storage.put(Kind.SERVO, {3: b"3", 1: b"one"})
     assert storage.all(Kind.SERVO) == ((1, b"one"), (2, b"2"), (3, b"3"))
 
 
 def test_the_active_table_stays_active_while_one_with_its_id_is_left() -> None:
-    storage = Storage(100, add="append")
+    storage = Storage(100, on_duplicate="append")
     storage.put(Kind.TABLE, {1: b"a"})
     storage.put(Kind.TABLE, {1: b"b"})
     assert storage.active_table == 1
@@ -153,8 +153,8 @@ def test_kept_contents_bring_their_moment_back() -> None:
 
 
 def test_values_that_do_not_exist_are_refused() -> None:
-    with pytest.raises(ValueError, match="add is 'update', but must be one of replace, append, reject"):
-        Storage(1, add="update")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="on_duplicate is 'update', but must be one of replace, append, reject"):
+        Storage(1, on_duplicate="update")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="clear is 'most', but must be one of all, records"):
         Storage(1, clear="most")  # type: ignore[arg-type]
 
@@ -163,9 +163,11 @@ records = st.dictionaries(st.integers(-1, 3), st.binary(max_size=30), max_size=3
 changes = st.lists(st.tuples(st.sampled_from(Kind), records | st.integers(-1, 3)), max_size=30)
 
 
-@given(st.sampled_from(ADDS), changes)
-def test_used_is_always_the_sum_of_what_is_there(add: Add, changes: list[tuple[Kind, dict[int, bytes] | int]]) -> None:
-    storage = Storage(60, add=add)
+@given(st.sampled_from(ON_DUPLICATE), changes)
+def test_used_is_always_the_sum_of_what_is_there(
+    on_duplicate: OnDuplicate, changes: list[tuple[Kind, dict[int, bytes] | int]]
+) -> None:
+    storage = Storage(60, on_duplicate=on_duplicate)
     for kind, change in changes:
         if isinstance(change, int):
             storage.delete(kind, change)
@@ -173,4 +175,4 @@ def test_used_is_always_the_sum_of_what_is_there(add: Add, changes: list[tuple[K
             storage.put(kind, change)
         assert storage.used == sum(len(record) for kind in Kind for _, record in storage.all(kind)) <= 60
         ids = [record_id for record_id, _ in storage.all(kind)]
-        assert add == "append" or len(ids) == len(set(ids))
+        assert on_duplicate == "append" or len(ids) == len(set(ids))

@@ -14,7 +14,7 @@ from servolink.protocol.joystick import AddJoystickTableRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.records import Button, MacroCommand, Step
 from servolink.protocol.records import ServoParameter as Parameter
-from servolink.virtual.storage import Contents, Kind, Record, Storage, tear
+from servolink.virtual.storage import Contents, Kind, Record, Storage, partial_write
 
 TRIES = 600
 """So many seeds that each state of a write is met."""
@@ -44,11 +44,11 @@ def records(number: int) -> dict[Kind, bytes]:
 
 def outcomes(before: Contents, after: Contents) -> Iterator[Contents]:
     for seed in range(TRIES):
-        yield tear(before, after, Random(seed), "little")
+        yield partial_write(before, after, Random(seed), "little")
 
 
 def storage_with(kind: Kind, *found: bytes) -> Storage:
-    storage = Storage(10_000, add="append")
+    storage = Storage(10_000, on_duplicate="append")
     for record in found:
         storage.put(kind, {7: record})
     return storage
@@ -163,7 +163,7 @@ def test_the_length_is_true_in_both_byte_orders() -> None:
     whole = codec.encode(AddActionRequest(7, "a", tuple(Step(at % 200, 1, 1) for at in range(300))))[HEADER_SIZE:-1]
     before, after = write(Storage(10_000), lambda storage: storage.put(Kind.ACTION, {7: whole}))
     for seed in range(50):
-        for _, record in tear(before, after, Random(seed), "big").records[Kind.ACTION]:
+        for _, record in partial_write(before, after, Random(seed), "big").records[Kind.ACTION]:
             torn = codec.decode(AddActionRequest.packet_id, record)
             assert isinstance(torn, AddActionRequest)
             assert torn.action_id == 7

@@ -72,9 +72,9 @@ def test_the_address_says_what_adding_and_clearing_do() -> None:
         return count, refused, transport.board.storage.project_id
 
     assert run(main("virtual://")) == (1, 0, 0)
-    assert run(main("virtual://?add=replace&clear=all")) == (1, 0, 0)
-    assert run(main("virtual://?add=append&clear=records")) == (2, 0, 5)
-    assert run(main("virtual://?add=reject")) == (1, 1, 0)
+    assert run(main("virtual://?on_duplicate=replace&clear=all")) == (1, 0, 0)
+    assert run(main("virtual://?on_duplicate=append&clear=records")) == (2, 0, 5)
+    assert run(main("virtual://?on_duplicate=reject")) == (1, 1, 0)
 
 
 @pytest.mark.parametrize(
@@ -86,10 +86,10 @@ def test_the_address_says_what_adding_and_clearing_do() -> None:
         "virtual://here",
         "virtual:///dev/x",
         "virtual://?drop=2",
-        "virtual://?add=update",
+        "virtual://?on_duplicate=update",
         "virtual://?clear=none",
-        "virtual://?torn=yes",
-        "virtual://?reboot=2",
+        "virtual://?partial_writes=yes",
+        "virtual://?bus_powered=2",
     ],
 )
 def test_other_addresses_are_refused(url: str) -> None:
@@ -242,21 +242,23 @@ def left(url: str) -> int:
         await asyncio.sleep(1)  # nothing arrives, and by itself the line is closed
         assert transport.board.sessions == []
         await transport.close()
-        assert transport.board.powered == ("reboot" not in url)
+        assert transport.board.powered == ("bus_powered" not in url)
         return transport.board.storage.project_id
 
     return run(main())
 
 
 def test_a_write_can_be_torn_when_the_line_is_unplugged_before_its_answer() -> None:
-    assert {left(f"virtual://?torn=1&reboot=1&seed={seed}&unplug={len(WRITE)}") for seed in range(20)} == {0, 77}
-    assert {left(f"virtual://?reboot=1&seed={seed}&unplug={len(WRITE)}") for seed in range(20)} == {77}
-    assert {left(f"virtual://?torn=1&seed={seed}&unplug={len(WRITE)}") for seed in range(20)} == {77}
+    assert {
+        left(f"virtual://?partial_writes=1&bus_powered=1&seed={seed}&unplug={len(WRITE)}") for seed in range(20)
+    } == {0, 77}
+    assert {left(f"virtual://?bus_powered=1&seed={seed}&unplug={len(WRITE)}") for seed in range(20)} == {77}
+    assert {left(f"virtual://?partial_writes=1&seed={seed}&unplug={len(WRITE)}") for seed in range(20)} == {77}
 
 
 def test_an_unplugged_transport_is_lost_at_once_with_what_was_on_its_way(tmp_path: Path) -> None:
     async def main(seed: int, *, answered: bool) -> int:
-        board = VirtualBoard(seed=seed, torn=True, reboot=True)
+        board = VirtualBoard(seed=seed, partial_writes=True, bus_powered=True)
         path = tmp_path / "board.json"
         path.unlink(missing_ok=True)
         transport, heard = VirtualTransport(board, state=path), Heard()
@@ -297,14 +299,14 @@ def test_a_plug_that_is_pulled_while_an_answer_is_taken_takes_it_away() -> None:
 
     seen = set()
     for seed in range(20):
-        transport = VirtualTransport(VirtualBoard(seed=seed, torn=True, reboot=True))
+        transport = VirtualTransport(VirtualBoard(seed=seed, partial_writes=True, bus_powered=True))
         seen.add(run(main()))
     assert seen == {0, 77}
 
 
 def test_closing_loses_the_power_at_that_time() -> None:
     async def main() -> float:
-        board = VirtualBoard(reboot=True)
+        board = VirtualBoard(bus_powered=True)
         board.servos[1].angle = 0.0
         transport = VirtualTransport(board)
         await transport.open(Heard())

@@ -81,8 +81,8 @@ async def _show(rehearsal: DryRun, record: Action | Macro, timeline: Timeline) -
         while elapsed < timeline.seconds:
             await asyncio.sleep(_PAUSE)
             elapsed = min(loop.time() - start, timeline.seconds)
-            rehearsal.board.advance(elapsed)
-            states = [servo.state() for servo in rehearsal.board.servos.values()]
+            rehearsal.hardware.advance(elapsed)
+            states = [servo.state() for servo in rehearsal.hardware.servos.values()]
             draw(elapsed, [_servo(state) for state in states])
     return OK
 

@@ -9,21 +9,19 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TypeVar
 
 from servolink.usbip.descriptors import FULL_SPEED
 from servolink.usbip.device import UsbDevice
-from servolink.usbip.server import Conversation, plugged
+from servolink.usbip.server import Conversation, Use
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.serve import plugged
 from servolink.virtual.transport import BoardDriver
 
 T = TypeVar("T")
-Use = Callable[[UsbDevice], AbstractContextManager[None]]
-"""What a device does while it is plugged in; runs in its thread."""
-
 LIMIT = 30.0  # seconds after which something that must happen in this slow machine has failed
 _CONTROLLER = Path("/sys/devices/platform/vhci_hcd.0")
 _DEVICES = Path("/sys/bus/usb/devices")

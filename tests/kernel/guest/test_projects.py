@@ -21,7 +21,7 @@ PATIENCE = 10.0  # seconds for an answer in this slow machine
 
 @pytest.fixture
 def virtual() -> VirtualBoard:
-    board = VirtualBoard(servos=3, add="reject", torn=True, reboot=True)
+    board = VirtualBoard(servos=3, on_duplicate="reject", partial_writes=True, bus_powered=True)
     board.storage.contents = OLD_CONTENTS
     return board
 
