@@ -1,31 +1,39 @@
 """Every error servolink raises.
 
 ServolinkError
-├─ TransportError (ConnectionError)   the byte pipe: could not be had, or was lost
-│  ├─ TransportUnavailable            unknown scheme or missing library; says what to install
-│  ├─ OpenError                       not found, busy, not permitted; says what to do
-│  └─ ConnectionLost                  was open and is gone; the first cause reaches every waiter
+├─ TransportError (ConnectionError)   the byte pipe could not be opened, or was lost
+│  ├─ TransportUnavailable            unknown scheme or missing library; the text says what to install
+│  ├─ OpenError                       not found, busy, not permitted; the text says what to do
+│  └─ ConnectionLost                  was open and is lost; every waiting call gets the first cause
 ├─ PacketError (ValueError)
-│  ├─ EncodeError                     your value does not fit; nothing was sent
-│  └─ DecodeError                     the bytes make no packet; the bytes are kept
-├─ RequestError                       the board was asked; `request` is kept
-│  ├─ RequestTimeout (TimeoutError)   no answer in time, and nothing was changed by asking
-│  ├─ Rejected                        the board said no
+│  ├─ EncodeError                     a value does not fit its field; nothing was sent
+│  └─ DecodeError                     the bytes are not a packet; `data` keeps them
+├─ RequestError                       a request failed; `request` keeps it
+│  ├─ RequestTimeout (TimeoutError)   no response in time; the request changed nothing on the board
+│  ├─ Rejected                        the board refused
 │  ├─ NotFound                        the board has no such servo, action, macro or table
-│  └─ OutcomeUnknown                  sent, but no answer: it may or may not have happened
-└─ ProjectError (ValueError)          a project, its file, or a board's content; says where inside it
+│  └─ OutcomeUnknown                  sent without a response: the board may have obeyed or not
+└─ ProjectError (ValueError)          a project, its file or a board's content is unusable; the text says where
 
-Each is also the built-in error that a reader expects, so `except TimeoutError` and
-`except ConnectionError` work as usual.
+Each is also the built-in error in brackets, so `except TimeoutError` and `except ConnectionError` work as usual.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+from servolink.escaping import escape
+
 
 class ServolinkError(Exception):
-    """The root: `except ServolinkError` catches whatever this library raises."""
+    """The root: `except ServolinkError` catches every error this library raises on purpose."""
+
+    def __str__(self) -> str:
+        """Return the text with control and bidi characters escaped; `args` keeps it as it was.
+
+        Texts quote what boards, files and addresses contain, and every error can reach a terminal or a log.
+        """
+        return escape(super().__str__())
 
 
 class TransportError(ServolinkError, ConnectionError):
@@ -33,7 +41,7 @@ class TransportError(ServolinkError, ConnectionError):
 
 
 class TransportUnavailable(TransportError):
-    """This kind of address cannot be used here: unknown scheme, bad option or missing library."""
+    """The address cannot be used here: unknown scheme, bad option or missing library."""
 
 
 class OpenError(TransportError):
@@ -41,41 +49,49 @@ class OpenError(TransportError):
 
 
 class ConnectionLost(TransportError):
-    """The open connection is gone; `__cause__` is what ended it first."""
+    """The open connection was lost; `__cause__` is the first error that ended it."""
 
 
 class PacketError(ServolinkError, ValueError):
-    """A packet and its bytes do not fit each other."""
+    """A packet and its bytes do not match."""
 
 
 class EncodeError(PacketError):
     """A value does not fit its field; the text names packet, field, value and range."""
 
+    def __init__(self, text: str, path: str = "", packet: str = "") -> None:
+        """Store `text`, escaped, and where the value is: `path` inside the packet, such as `steps[7].degree`."""
+        where = ".".join(filter(None, (packet, path)))
+        super().__init__(f"{where}: {text}" if where else text)
+        self.text = escape(text)
+        self.path = escape(path)
+        self.packet = packet
+
 
 class DecodeError(PacketError):
-    """Bytes that make no packet; `data` keeps them."""
+    """The bytes are not a packet; `data` keeps them."""
 
-    def __init__(self, message: str, data: bytes = b"") -> None:
-        """Keep `data`, the frame or content that could not be decoded."""
-        super().__init__(message)
+    def __init__(self, text: str, data: bytes = b"") -> None:
+        """Store `data`, the frame or content that could not be decoded."""
+        super().__init__(text)
         self.data = data
 
 
 class RequestError(ServolinkError):
-    """A request did not get the answer it asked for; `request` is the packet."""
+    """A request failed; `request` is the packet."""
 
-    def __init__(self, message: str, request: Any = None) -> None:
-        """Keep `request`, the packet that was asked."""
-        super().__init__(message)
+    def __init__(self, text: str, request: Any = None) -> None:
+        """Store `request`, the packet."""
+        super().__init__(text)
         self.request = request
 
 
 class RequestTimeout(RequestError, TimeoutError):
-    """No answer in time; the request changed nothing on the board."""
+    """No response in time; the request changed nothing on the board."""
 
 
 class Rejected(RequestError):
-    """The board answered that it did not do it."""
+    """The board refused the request."""
 
 
 class NotFound(RequestError):
@@ -83,7 +99,7 @@ class NotFound(RequestError):
 
 
 class OutcomeUnknown(RequestError):
-    """The command was sent and no answer came: read back before sending it again."""
+    """The command was sent and no response came: read back before sending it again."""
 
 
 class ProjectError(ServolinkError, ValueError):

@@ -45,7 +45,7 @@ def read_text(text: str | bytes) -> Any:
         said = json.loads(plain, object_pairs_hook=once, parse_constant=_no_number)
     except json.JSONDecodeError as error:
         raise ProjectError(
-            f"is no JSON: {escape(error.msg)} in line {error.lineno}, column {error.colno}; correct it there"
+            f"is no JSON: {error.msg} in line {error.lineno}, column {error.colno}; correct it there"
         ) from error
     except ValueError as error:
         raise ProjectError("holds a number that is none, or one of thousands of digits; a board has neither") from error

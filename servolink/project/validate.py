@@ -196,9 +196,8 @@ def _unsendable(
     try:
         layout(type(packet), "little").encode(packet, caption_encoding)
     except EncodeError as error:
-        where, _, text = str(error).partition(": ")
-        within = where.removeprefix(type(packet).__name__).removeprefix(".servos[0]")
-        yield Diagnostic(path + within, text, "error")
+        within = error.path.removeprefix("servos[0].")
+        yield Diagnostic(f"{path}.{within}", error.text, "error")
 
 
 def _servo_parameter_request(parameter: ServoParameter) -> Packet:

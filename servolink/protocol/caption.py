@@ -8,7 +8,7 @@ import unicodedata
 from collections.abc import Sequence
 
 from servolink.errors import EncodeError
-from servolink.escaping import escape, quote
+from servolink.escaping import quote
 from servolink.protocol.frame import MAGIC
 
 CAPTION_SIZE = 32
@@ -46,7 +46,7 @@ def check_encoding(encoding: str) -> str:
         usable = False
     if not usable:
         raise ValueError(
-            f"caption encoding {escape(encoding)!r} cannot be used; take one such as utf-8, big5 or utf-16-le"
+            f"caption encoding {quote(encoding)} cannot be used; take one such as utf-8, big5 or utf-16-le"
         )
     return encoding
 
@@ -91,19 +91,19 @@ def decode_captions(raws: Sequence[bytes], encoding: str) -> list[str]:
     return [decode_caption(raw, encoding) for raw in raws]
 
 
-def encode_caption(text: object, encoding: str, where: str, *, from_us: bool) -> bytes:
-    """Return the 32 bytes for `text`; EncodeError, naming `where`, if it does not fit whole and unchanged.
+def encode_caption(text: object, encoding: str, path: str, *, from_us: bool) -> bytes:
+    """Return the 32 bytes for `text`; EncodeError, naming `path`, if it does not fit whole and unchanged.
 
     `from_us` also refuses control characters and a hidden frame start, so that no caption written by
     this library can be taken for a frame. A board may hold what it likes.
     """
     if not isinstance(text, str):
-        raise EncodeError(f"{where}: {quote(text)} is no text")
+        raise EncodeError(f"must be text, not {quote(text)}", path)
     if _is_simple(text, encoding) and len(text) <= CAPTION_SIZE:
         return text.encode().ljust(CAPTION_SIZE, b"\0")
     raw, fault = _raw_caption(text, encoding, from_us=from_us)
     if fault:
-        raise EncodeError(f"{where}: '{escape(text)}' {fault}")
+        raise EncodeError(f"'{text}' {fault}", path)
     return raw.ljust(CAPTION_SIZE, b"\0")
 
 

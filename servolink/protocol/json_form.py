@@ -41,12 +41,12 @@ def from_object(described: Any) -> Packet:
     declared = _declared(described)
     fields = described.get("fields", {})
     if not isinstance(fields, dict):
-        raise EncodeError(f"{declared.__name__}.fields: {quote(fields)} is no object")
+        raise EncodeError(f"must be an object, not {quote(fields)}", "fields", declared.__name__)
     if unknown := sorted(str(name) for name in fields if name not in declared.__struct_fields__):
         known = ", ".join(declared.__struct_fields__) or "none"
-        raise EncodeError(f"{declared.__name__}.{escape(unknown[0])}: no such field; it has {known}")
+        raise EncodeError(f"no such field; it has {known}", unknown[0], declared.__name__)
     if declared.__struct_fields__ == ("data",) and "data" in fields:
-        fields = {"data": _from_hex(fields["data"], f"{declared.__name__}.data")}
+        fields = {"data": _from_hex(fields["data"], declared.__name__)}
     try:
         return msgspec.convert(fields, declared, builtin_types=[bytes])
     except msgspec.ValidationError as error:
@@ -57,7 +57,7 @@ def from_object(described: Any) -> Packet:
 
 def _declared(described: Any) -> type[Packet]:
     if not isinstance(described, dict):
-        raise EncodeError(f"{quote(described)} is no object with packet and fields")
+        raise EncodeError(f"must be an object with packet and fields, not {quote(described)}")
     name, packet_id = described.get("packet"), described.get("id")
     if name is None and packet_id is None:
         raise EncodeError("the object names neither packet nor id")
@@ -74,11 +74,11 @@ def _declared(described: Any) -> type[Packet]:
     return declared
 
 
-def _from_hex(text: Any, where: str) -> bytes:
+def _from_hex(text: Any, packet: str) -> bytes:
     try:
         return bytes.fromhex(text)
     except (TypeError, ValueError):
-        raise EncodeError(f"{where}: {quote(text)} is no text of hex digits") from None
+        raise EncodeError(f"must be text of hex digits, not {quote(text)}", "data", packet) from None
 
 
 def _explain(declared: type[Packet], fields: Any, message: str) -> str:

@@ -90,32 +90,37 @@ class Layout:
                 if unchecked or self._head.free or self._head.in_range(values):
                     return self._pack(*values)
             except (struct_error, TypeError):
-                pass  # it is said in words below
-        if self._tail and self._item is None:
-            return self._encode_rest(*values)
+                pass  # the slow way below says which value does not fit
         how = _writing(encoding, self._from_us and not unchecked, not unchecked)
+        try:
+            return self._encode(values, how)
+        except EncodeError as error:
+            raise EncodeError(error.text, error.path, self._name) from None
+
+    def _encode(self, values: tuple[Any, ...], how: Writing) -> bytes:
         if self._item is not None:
             return self._encode_group(self._item, values, how)
+        if self._tail:
+            return self._encode_rest(*values)
         if self._whole is not None and values[-1] is None:
-            return self._head.pack(values[:-1], self._name, how)
-        return (self._whole or self._head).pack(values, self._name, how)
+            return self._head.pack(values[:-1], "", how)
+        return (self._whole or self._head).pack(values, "", how)
 
     def _encode_rest(self, data: object) -> bytes:
         if not isinstance(data, (bytes, bytearray, memoryview)):
-            raise EncodeError(f"{self._name}.{self._tail}: {type(data).__name__} is not bytes")
+            raise EncodeError(f"must be bytes, not {type(data).__name__}", self._tail)
         if len(data) > self.rule.limit:
-            raise EncodeError(f"{self._name}.{self._tail}: {len(data)} bytes are outside 0..{self.rule.limit}")
+            raise EncodeError(f"{len(data)} bytes are outside 0..{self.rule.limit}", self._tail)
         return bytes(data)
 
     def _encode_group(self, item: Row, values: tuple[Any, ...], how: Writing) -> bytes:
         *fixed, records = values
-        where = f"{self._name}.{self._tail}"
         if not isinstance(records, (tuple, list)):
-            raise EncodeError(f"{where}: {type(records).__name__} is not a tuple")
+            raise EncodeError(f"must be a tuple, not {type(records).__name__}", self._tail)
         if len(records) > self.rule.limit:
-            raise EncodeError(f"{where}: {len(records)} records are outside 0..{self.rule.limit}")
-        head = self._head.pack(fixed, self._name, how, (len(records),))
-        return head + item.pack_group(records, self._record, where, how)
+            raise EncodeError(f"{len(records)} records are outside 0..{self.rule.limit}", self._tail)
+        head = self._head.pack(fixed, "", how, (len(records),))
+        return head + item.pack_group(records, self._record, self._tail, how)
 
     def _decoder(self) -> Decoder:
         """Return the decoder that fits this shape."""

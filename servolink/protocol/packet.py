@@ -73,7 +73,7 @@ class Value:
         try:
             fits = self.low <= index(value) <= self.high  # type: ignore[arg-type]
         except TypeError:
-            return f"{quote(value)} is no integer"
+            return f"must be an integer, not {quote(value)}"
         return "" if fits else f"{quote(value)} is outside {self.low}..{self.high}"
 
 

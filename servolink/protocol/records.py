@@ -145,7 +145,7 @@ class ServoParameter(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 def _whole(seconds: float, units: int, most: int) -> int:
     """Return a time in units of which a second has so many."""
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 <= seconds * units <= most:
-        raise EncodeError(f"{quote(seconds)} is no time of 0..{most / units:g} s")
+        raise EncodeError(f"a time must be 0..{most / units:g} s, not {quote(seconds)}")
     return round(seconds * units)
 
 
@@ -209,5 +209,5 @@ def _started(macro: object, name: str) -> int:
     if macro is None:
         return 0
     if not isinstance(macro, Macro):
-        raise EncodeError(f"{name}: buttons start macros, and {quote(macro)} is none; Macro.of(caption, ...) makes one")
+        raise EncodeError(f"must be a Macro, such as Macro.of(caption, ...) makes, not {quote(macro)}", name)
     return RecordRef.of(macro)

@@ -53,8 +53,8 @@ class Row:
                 return False
         return True
 
-    def pack(self, values: Sequence[Any], where: str, how: Writing, count: tuple[int, ...] = ()) -> bytes:
-        """Return the bytes of `values` and `count`; EncodeError names, after `where`, each value that does not fit."""
+    def pack(self, values: Sequence[Any], path: str, how: Writing, count: tuple[int, ...] = ()) -> bytes:
+        """Return the bytes of `values` and `count`. Raise EncodeError naming each value that does not fit."""
         if self.free:
             try:
                 return self.format.pack(*values, *count)
@@ -62,26 +62,26 @@ class Row:
                 pass
         row = [*values]
         for at in self.captions:
-            row[at] = encode_caption(row[at], how.encoding, f"{where}.{self.values[at].name}", from_us=how.plain)
+            row[at] = encode_caption(row[at], how.encoding, _inside(path, self.values[at].name), from_us=how.plain)
         try:
             if not how.narrow or self.in_range(row):
                 return self.format.pack(*row, *count)
         except (struct_error, TypeError):
             pass
-        faults = (
-            f"{where}.{declared.name}".rstrip(".") + f": {fault}"
+        (first, text), *others = (
+            (_inside(path, declared.name), fault)
             for declared, value in zip(self.values, row, strict=True)
             if not declared.is_caption and (fault := declared.fault(value))
         )
-        raise EncodeError("; ".join(faults))
+        raise EncodeError("; ".join([text, *(f"{other}: {fault}" for other, fault in others)]), first)
 
-    def pack_group(self, group: Sequence[Any], record: type[Record] | None, where: str, how: Writing) -> bytes:
+    def pack_group(self, group: Sequence[Any], record: type[Record] | None, path: str, how: Writing) -> bytes:
         """Return the bytes of many rows, each a `record` or a bare number; EncodeError as from `pack`."""
         try:
             packed = self._pack_at_once(group, record, how)
         except (struct_error, TypeError, EncodeError):
             packed = None
-        return self._pack_one_by_one(group, record, where, how) if packed is None else packed
+        return self._pack_one_by_one(group, record, path, how) if packed is None else packed
 
     def _pack_at_once(self, group: Sequence[Any], record: type[Record] | None, how: Writing) -> bytes | None:
         """Return what `pack_group` does, several times as fast; None or any error if a value may not fit."""
@@ -105,7 +105,7 @@ class Row:
         """Return the format of so many bare numbers."""
         return Format(f"{self._prefix}{count}{self.values[0].code}")
 
-    def _pack_one_by_one(self, group: Sequence[Any], record: type[Record] | None, where: str, how: Writing) -> bytes:
+    def _pack_one_by_one(self, group: Sequence[Any], record: type[Record] | None, path: str, how: Writing) -> bytes:
         parts = []
         for at, item in enumerate(group):
             if record is None:
@@ -113,8 +113,8 @@ class Row:
             elif isinstance(item, record):
                 row = tuple(getattr(item, value.name) for value in self.values)
             else:
-                raise EncodeError(f"{where}[{at}]: {type(item).__name__} is not {record.__name__}")
-            parts.append(self.pack(row, f"{where}[{at}]", how))
+                raise EncodeError(f"must be a {record.__name__}, not {type(item).__name__}", f"{path}[{at}]")
+            parts.append(self.pack(row, f"{path}[{at}]", how))
         return b"".join(parts)
 
     def text(self, row: list[Any], encoding: str) -> list[Any]:
@@ -153,3 +153,8 @@ class Row:
             return tuple(map(record, *columns))
 
         return read
+
+
+def _inside(path: str, name: str) -> str:
+    """Return the path of a field; a bare number has no name."""
+    return ".".join(filter(None, (path, name)))

@@ -44,8 +44,8 @@ def test_what_does_not_fit_is_refused_whole_never_cut() -> None:
 @pytest.mark.parametrize(
     ("text", "encoding", "fault"),
     [
-        (7, "utf-8", "Packet.caption: 7 is no text"),
-        (b"wave", "utf-8", "is no text"),
+        (7, "utf-8", "Packet.caption: must be text, not 7"),
+        (b"wave", "utf-8", "must be text, not b'wave'"),
         ("機", "latin-1", "cannot be written in latin-1"),
         ("\ud800", "utf-8", "cannot be written in utf-8"),
         ("a\x1b[2J", "utf-8", r"'a\\x1b\[2J' holds control characters"),

@@ -50,10 +50,7 @@ OUT_OF_RANGE: list[tuple[Packet, str]] = [
     (ExecuteActionRequest((Step(1, 2, -1),)), "ExecuteActionRequest.steps[0].interval: -1 is outside 0..32767"),
     (
         AddActionRequest(1, "pose", (Step(1, 0, 0), Step(300, 40_000, 0))),
-        (
-            "AddActionRequest.steps[1].servo_id: 300 is outside 0..255; "
-            "AddActionRequest.steps[1].degree: 40000 is outside -32768..32767"
-        ),
+        ("AddActionRequest.steps[1].servo_id: 300 is outside 0..255; steps[1].degree: 40000 is outside -32768..32767"),
     ),
     (AddMacroRequest(1, "", (MacroCommand(1, 3),)), "AddMacroRequest.commands[0].type: 3 is outside 0..2"),
     (AddMacroRequest(1, "", (MacroCommand(1, 0, 0),)), "AddMacroRequest.commands[0].ratio: 0 is outside 1..100"),
@@ -73,13 +70,13 @@ def test_a_value_out_of_range_is_refused_with_packet_field_value_and_range(packe
 WRONG: Any = "1"  # a value that no type checker would let pass
 
 WRONG_TYPE: list[tuple[Packet, str]] = [
-    (QueryServoRequest(WRONG), "QueryServoRequest.servo_id: '1' is no integer"),
-    (SetServoParameterRequest(1, WRONG, 0), "SetServoParameterRequest.is_start: '1' is no integer"),
-    (QueryServoRequest(1.0), "QueryServoRequest.servo_id: 1.0 is no integer"),  # type: ignore[arg-type]
-    (QueryRemainPowerResponse(float("nan")), "permil: nan is no integer"),  # type: ignore[arg-type]
-    (ExecuteActionRequest(WRONG), "ExecuteActionRequest.steps: str is not a tuple"),
-    (ExecuteActionRequest(((1, 2, 3),)), "ExecuteActionRequest.steps[0]: tuple is not Step"),  # type: ignore[arg-type]
-    (SendDummyDataRequest(WRONG), "SendDummyDataRequest.data: str is not bytes"),
+    (QueryServoRequest(WRONG), "QueryServoRequest.servo_id: must be an integer, not '1'"),
+    (SetServoParameterRequest(1, WRONG, 0), "SetServoParameterRequest.is_start: must be an integer, not '1'"),
+    (QueryServoRequest(1.0), "QueryServoRequest.servo_id: must be an integer, not 1.0"),  # type: ignore[arg-type]
+    (QueryRemainPowerResponse(float("nan")), "permil: must be an integer, not nan"),  # type: ignore[arg-type]
+    (ExecuteActionRequest(WRONG), "ExecuteActionRequest.steps: must be a tuple, not str"),
+    (ExecuteActionRequest(((1, 2, 3),)), "ExecuteActionRequest.steps[0]: must be a Step, not tuple"),  # type: ignore[arg-type]
+    (SendDummyDataRequest(WRONG), "SendDummyDataRequest.data: must be bytes, not str"),
     (
         AddServoParameterRequest((ServoParameter(1, 0, WRONG * 33),)),
         "AddServoParameterRequest.servos[0].servo_caption: ",

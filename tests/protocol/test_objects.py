@@ -46,8 +46,8 @@ STEP = {"servo_id": 1, "degree": 2, "interval": 3}
 @pytest.mark.parametrize(
     ("described", "fault"),
     [
-        (None, "None is no object with packet and fields"),
-        ([1], "[1] is no object with packet and fields"),
+        (None, "must be an object with packet and fields, not None"),
+        ([1], "must be an object with packet and fields, not [1]"),
         ({}, "the object names neither packet nor id"),
         ({"packet": "Dance"}, "packet: there is no 'Dance'"),
         ({"packet": "\x1b[2J"}, "packet: there is no '\\x1b[2J'"),
@@ -56,7 +56,7 @@ STEP = {"servo_id": 1, "degree": 2, "interval": 3}
         ({"id": True}, "id: no packet has the id True"),
         ({"id": 20050.0}, "id: no packet has the id 20050.0"),
         ({"id": 20020, "packet": "ExecuteActionRequest"}, "id: ExecuteActionRequest has the id 20050, not 20020"),
-        ({"id": 20050, "fields": [1]}, "ExecuteActionRequest.fields: [1] is no object"),
+        ({"id": 20050, "fields": [1]}, "ExecuteActionRequest.fields: must be an object, not [1]"),
         ({"id": 20050, "fields": {"setps": []}}, "ExecuteActionRequest.setps: no such field; it has steps"),
         ({"id": 20010, "fields": {"x": 1}}, "QueryServoListRequest.x: no such field; it has none"),
         ({"id": 20020}, "QueryServoRequest: Object missing required field `servo_id`"),
@@ -82,8 +82,8 @@ STEP = {"servo_id": 1, "degree": 2, "interval": 3}
             {"id": 20050, "fields": {"steps": [{"\udcff": 9}]}},
             "ExecuteActionRequest: '\\udcff' names no field of a record",
         ),
-        ({"id": 10050, "fields": {"data": "1"}}, "SendDummyDataRequest.data: '1' is no text of hex digits"),
-        ({"id": 10050, "fields": {"data": 19}}, "SendDummyDataRequest.data: 19 is no text of hex digits"),
+        ({"id": 10050, "fields": {"data": "1"}}, "SendDummyDataRequest.data: must be text of hex digits, not '1'"),
+        ({"id": 10050, "fields": {"data": 19}}, "SendDummyDataRequest.data: must be text of hex digits, not 19"),
         (
             {"id": 10031, "fields": {"size": 1, "total_size": -2}},
             "QueryMemorySizeResponse.total_size: -2 is outside 0..2",
