@@ -35,6 +35,10 @@ class ServolinkError(Exception):
         """
         return escape(super().__str__())
 
+    def __repr__(self) -> str:
+        """Return class and text, escaped: Python leaves some invisible characters as they are."""
+        return escape(super().__repr__())
+
 
 class TransportError(ServolinkError, ConnectionError):
     """The byte pipe to the board failed."""
