@@ -36,9 +36,22 @@ if TYPE_CHECKING:
     from servolink.motion import Adc as Adc
     from servolink.motion import Angle as Angle
     from servolink.motion import Degrees as Degrees
+    from servolink.project.adjust import rename_record as rename_record
+    from servolink.project.adjust import rename_servo as rename_servo
+    from servolink.project.adjust import scale_project as scale_project
+    from servolink.project.build import build_project as build_project
+    from servolink.project.build import extend_project as extend_project
+    from servolink.project.fix import fix_project as fix_project
+    from servolink.project.merge import merge_projects as merge_projects
+    from servolink.project.mirror import Mirror as Mirror
+    from servolink.project.mirror import mirror_by_captions as mirror_by_captions
+    from servolink.project.mirror import mirror_project as mirror_project
     from servolink.project.model import Project as Project
+    from servolink.project.preflight import preflight as preflight
     from servolink.project.project_file import load_project as load_project
     from servolink.project.project_file import save_project as save_project
+    from servolink.project.validate import Diagnostic as Diagnostic
+    from servolink.project.validate import validate_project as validate_project
     from servolink.protocol.codec import Codec as Codec
     from servolink.protocol.parser import FrameParser as FrameParser
     from servolink.protocol.records import Action as Action
@@ -99,6 +112,19 @@ else:
         "TransportUnavailable": "servolink.errors",
         "connect": "servolink.client.connect",
         "discover": "servolink.discovery.search",
+        "build_project": "servolink.project.build",
+        "extend_project": "servolink.project.build",
+        "Mirror": "servolink.project.mirror",
+        "mirror_project": "servolink.project.mirror",
+        "mirror_by_captions": "servolink.project.mirror",
+        "merge_projects": "servolink.project.merge",
+        "scale_project": "servolink.project.adjust",
+        "rename_record": "servolink.project.adjust",
+        "rename_servo": "servolink.project.adjust",
+        "fix_project": "servolink.project.fix",
+        "validate_project": "servolink.project.validate",
+        "Diagnostic": "servolink.project.validate",
+        "preflight": "servolink.project.preflight",
         "load_project": "servolink.project.project_file",
         "reconnecting": "servolink.client.connect",
         "save_project": "servolink.project.project_file",

@@ -21,7 +21,7 @@ from servolink.escaping import escape
 from servolink.project.project_file import load_project
 from servolink.project.transfer.apply import backup_for
 from servolink.project.transfer.backups import BackupStore
-from servolink.project.transfer.results import ApplyResult, Phase, Plan, Progress, Tell
+from servolink.project.transfer.results import ApplyResult, Phase, Plan, Progress, ProgressCallback
 
 _UNTOUCHED = "nothing was changed on the board"
 
@@ -60,11 +60,13 @@ def _apply(args: argparse.Namespace) -> int:
     project = load_project(args.file)
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        async def work(tell: Tell) -> ApplyResult:
-            return await board.apply_project(project, replace=args.replace, backup=not args.no_backup, on_progress=tell)
+        async def work(on_progress: ProgressCallback) -> ApplyResult:
+            return await board.apply_project(
+                project, replace=args.replace, backup=not args.no_backup, on_progress=on_progress
+            )
 
-        async def plan(tell: Tell) -> Plan:
-            return await board.plan_project(project, replace=args.replace, on_progress=tell)
+        async def plan(on_progress: ProgressCallback) -> Plan:
+            return await board.plan_project(project, replace=args.replace, on_progress=on_progress)
 
         ways = (
             "the same command goes on; without a backup nothing goes back"
@@ -87,11 +89,11 @@ def _roll_back(args: argparse.Namespace) -> int:
         if not args.json:
             print_text(f"from {path}")
 
-        async def plan(tell: Tell) -> Plan:
-            return await board.plan_project(project, unchecked=True, on_progress=tell)
+        async def plan(on_progress: ProgressCallback) -> Plan:
+            return await board.plan_project(project, unchecked=True, on_progress=on_progress)
 
-        async def work(tell: Tell) -> ApplyResult:
-            return await board.rollback_project(path, on_progress=tell)
+        async def work(on_progress: ProgressCallback) -> ApplyResult:
+            return await board.rollback_project(path, on_progress=on_progress)
 
         return await _Change(args, board, interruption, "nothing is lost: the same command goes on").make(plan, work)
 
@@ -109,7 +111,9 @@ class _Change:
         self._ways = ways
 
     async def make(
-        self, planned: Callable[[Tell], Awaitable[Plan]], work: Callable[[Tell], Awaitable[ApplyResult]]
+        self,
+        planned: Callable[[ProgressCallback], Awaitable[Plan]],
+        work: Callable[[ProgressCallback], Awaitable[ApplyResult]],
     ) -> int:
         """Do what is planned, if it is wanted; ProjectError if it is not the same any more when the answer comes."""
         plan = await self._shown(planned)
@@ -128,20 +132,20 @@ class _Change:
                 f"{_UNTOUCHED} by this command: look at the new plan"
             )
         try:
-            with shown_progress(self._board, quiet=self._args.json) as tell:
-                applied = await work(lambda progress: self._note(progress, tell))
+            with shown_progress(self._board, quiet=self._args.json) as on_progress:
+                applied = await work(lambda progress: self._note(progress, on_progress))
         except ServolinkError:
             print(f"servolink: {self._interruption.state}", file=sys.stderr)
             raise
         self._report(plan, applied)
         return OK
 
-    async def _shown(self, planned: Callable[[Tell], Awaitable[Plan]]) -> Plan:
-        with shown_progress(self._board, quiet=self._args.json) as tell:
-            return await planned(tell)
+    async def _shown(self, planned: Callable[[ProgressCallback], Awaitable[Plan]]) -> Plan:
+        with shown_progress(self._board, quiet=self._args.json) as on_progress:
+            return await planned(on_progress)
 
-    def _note(self, progress: Progress, tell: Tell) -> None:
-        tell(progress)
+    def _note(self, progress: Progress, on_progress: ProgressCallback) -> None:
+        on_progress(progress)
         if progress.phase not in ("reading", "saving"):
             self._interruption.state = (
                 f"{_LEFT.get(progress.phase, 'the board holds an unfinished import')}, stopped while "
@@ -170,7 +174,7 @@ _LEFT: dict[Phase, str] = {
 
 def _done(plan: Plan) -> object:
     """Return what is done, without what it takes."""
-    return plan.changes, plan.faults, plan.is_unfinished
+    return plan.changes, plan.inconsistencies, plan.is_unfinished
 
 
 def _can_ask() -> bool:

@@ -26,8 +26,8 @@ def run_export(args: argparse.Namespace) -> int:
     _refuse_other_files(args.file)
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        with shown_progress(board, quiet=args.json) as tell:
-            project = await board.export_project(on_progress=tell)
+        with shown_progress(board, quiet=args.json) as on_progress:
+            project = await board.export_project(on_progress=on_progress)
         save_project(args.file, project)
         interruption.state = f"{escape(str(args.file))} is written"
         counts = {name: len(getattr(project, name)) for name in _COUNTED}

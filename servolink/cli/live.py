@@ -13,7 +13,7 @@ from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.errors import RequestTimeout
 from servolink.escaping import escape
-from servolink.project.transfer.results import Phase, Progress, Tell
+from servolink.project.transfer.results import Phase, Progress, ProgressCallback
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -100,7 +100,7 @@ PHASES: dict[Phase, str] = {
 
 
 @contextmanager
-def shown_progress(board: Board, *, quiet: bool) -> Iterator[Tell]:
+def shown_progress(board: Board, *, quiet: bool) -> Iterator[ProgressCallback]:
     """Yield what takes the progress and shows it on standard error, not at all if `quiet`."""
     if quiet:
         yield lambda progress: None
@@ -112,7 +112,7 @@ def shown_progress(board: Board, *, quiet: bool) -> Iterator[Tell]:
 
 
 @contextmanager
-def _bar(board: Board) -> Iterator[Tell]:
+def _bar(board: Board) -> Iterator[ProgressCallback]:
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
 

@@ -28,8 +28,8 @@ def run(args: argparse.Namespace) -> int:
     project = load_project(args.file)
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        with shown_progress(board, quiet=args.json) as tell:
-            plan = await board.plan_project(project, replace=args.replace, on_progress=tell)
+        with shown_progress(board, quiet=args.json) as on_progress:
+            plan = await board.plan_project(project, replace=args.replace, on_progress=on_progress)
         if args.json:
             print_json(plan_object(plan))
         else:
@@ -47,7 +47,7 @@ def plan_object(plan: Plan) -> dict[str, object]:
     ]
     return {
         "changes": changes,
-        "faults": list(plan.faults),
+        "inconsistencies": list(plan.inconsistencies),
         "requests": plan.requests,
         "wire_bytes": plan.wire_bytes,
         "estimated_seconds": plan.seconds,
@@ -68,11 +68,11 @@ def print_plan(plan: Plan) -> None:
         print_text("0 differences: the board holds this project")
         return
     print_changes(plan.changes)
-    for fault in plan.faults:
+    for fault in plan.inconsistencies:
         print_text(f"! {fault}", "yellow")
     size = "" if plan.memory_size is None else f" of {plan.memory_size:,}"
     facts = [
-        ("differences", len(plan.changes) + len(plan.faults)),
+        ("differences", len(plan.changes) + len(plan.inconsistencies)),
         ("on the line", f"{plan.wire_bytes:,} bytes in {plan.requests:,} requests, with backup and verification"),
         ("takes about", f"{plan.seconds:.0f} s" if plan.seconds >= 1 else "less than a second"),
         ("memory free", f"{plan.free_before:,} bytes{size}, afterwards {plan.free_after:,}"),

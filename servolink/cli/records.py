@@ -11,7 +11,7 @@ from servolink.cli.main import OK
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
-from servolink.project.transfer.backups import is_unfinished
+from servolink.project.model import is_unfinished
 from servolink.project.transfer.results import Change
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 

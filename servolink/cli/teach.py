@@ -22,6 +22,7 @@ from servolink.cli.terminal import handled
 from servolink.client.board import Board
 from servolink.errors import ConnectionLost, ProjectError, ServolinkError
 from servolink.escaping import escape
+from servolink.project.build import build_project, extend_project
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, save_project
 from servolink.project.teaching import LONGEST, SHORTEST, PoseRecorder, refuse_taken
@@ -32,7 +33,7 @@ async def check_name(board: Board, name: str, file: Path | None) -> None:
     """Raise ProjectError, before anything goes limp, if the lesson could not be written under `name`."""
     project = _in(file) if file is not None else await _outline(board)
     refuse_taken(project, name)
-    Project.of(Action.pose(f"{name} 99", {}), Macro.of(name))
+    build_project(Action.pose(f"{name} 99", {}), Macro.of(name))
 
 
 async def write(board: Board, lesson: PoseRecorder, file: Path | None) -> str:
@@ -42,15 +43,21 @@ async def write(board: Board, lesson: PoseRecorder, file: Path | None) -> str:
     """
     try:
         if file is not None:
-            save_project(file, lesson.into(_in(file)))
+            save_project(file, _taught_to(_in(file), lesson))
             return str(file)
-        await board.apply_project(lesson.into(await board.export_project()))
+        await board.apply_project(_taught_to(await board.export_project(), lesson))
     except ServolinkError as error:
         kept = _free_file(lesson.caption)
-        save_project(kept, lesson.into(Project()))
+        save_project(kept, build_project(lesson.record()))
         where = escape(str(kept))
         raise ProjectError(f"{error}. What was taught is in {where}; `servolink project merge` adds it") from error
     return "on the board"
+
+
+def _taught_to(project: Project, lesson: PoseRecorder) -> Project:
+    """Return `project` with what was taught. Raise ProjectError if it has something of that name."""
+    refuse_taken(project, lesson.caption)
+    return extend_project(project, lesson.record())
 
 
 def _in(file: Path) -> Project:

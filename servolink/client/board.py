@@ -17,7 +17,7 @@ from servolink.errors import ConnectionLost, Rejected, ServolinkError
 from servolink.escaping import escape
 from servolink.motion import AngleUnit, MotionLimits
 from servolink.project.model import Project
-from servolink.project.transfer.results import ApplyResult, Plan, Tell, tell_nobody
+from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
 from servolink.protocol.settings import (
     ClearAllDataRequest,
     QueryMemorySizeRequest,
@@ -78,26 +78,33 @@ class Projects(Settings, ReadBack):
 
     _told_of_import = False
 
-    async def export_project(self, *, on_progress: Tell = tell_nobody) -> Project:
+    async def export_project(self, *, on_progress: ProgressCallback = ignore_progress) -> Project:
         """Return everything stored on the board, each part read until two consecutive readings agree (4.3).
 
         ProjectError if they never do, or if the board lists what it does not give.
         """
-        from servolink.project.transfer.read import OneConnection, read_project
+        from servolink.project.transfer.read import PinnedConnection, read_project
 
-        return await read_project(OneConnection(self), on_progress)
+        return await read_project(PinnedConnection(self), on_progress)
 
     async def plan_project(
-        self, project: Project, *, replace: bool = False, unchecked: bool = False, on_progress: Tell = tell_nobody
+        self,
+        project: Project,
+        *,
+        replace: bool = False,
+        unchecked: bool = False,
+        on_progress: ProgressCallback = ignore_progress,
     ) -> Plan:
         """Return what `apply` would change, and what that costs; changes nothing.
 
         `unchecked` is for a project that was read from a board and may hold what servolink would not write by itself.
         """
         from servolink.project.transfer.plan import plan_project
-        from servolink.project.transfer.read import OneConnection
+        from servolink.project.transfer.read import PinnedConnection
 
-        return await plan_project(OneConnection(self), project, tell=on_progress, replace=replace, unchecked=unchecked)
+        return await plan_project(
+            PinnedConnection(self), project, on_progress=on_progress, replace=replace, unchecked=unchecked
+        )
 
     async def apply_project(
         self,
@@ -106,7 +113,7 @@ class Projects(Settings, ReadBack):
         replace: bool = False,
         backup: bool = True,
         folder: Path | None = None,
-        on_progress: Tell = tell_nobody,
+        on_progress: ProgressCallback = ignore_progress,
     ) -> ApplyResult:
         """Make the board hold `project`: only what differs is written, or with `replace` all of it (4.2).
 
@@ -116,13 +123,13 @@ class Projects(Settings, ReadBack):
         """
         from servolink.project.transfer.apply import apply_project
         from servolink.project.transfer.backups import BackupStore
-        from servolink.project.transfer.read import OneConnection
+        from servolink.project.transfer.read import PinnedConnection
 
-        board, store = OneConnection(self), BackupStore(folder)
-        return await apply_project(board, project, store=store, tell=on_progress, replace=replace, backup=backup)
+        board, store = PinnedConnection(self), BackupStore(folder)
+        return await apply_project(board, project, store=store, on_progress=on_progress, replace=replace, backup=backup)
 
     async def rollback_project(
-        self, backup: Path | None = None, *, folder: Path | None = None, on_progress: Tell = tell_nobody
+        self, backup: Path | None = None, *, folder: Path | None = None, on_progress: ProgressCallback = ignore_progress
     ) -> ApplyResult:
         """Make the board hold what it held before the last import at this address, or what `backup` holds.
 
@@ -130,13 +137,13 @@ class Projects(Settings, ReadBack):
         """
         from servolink.project.transfer.apply import roll_back
         from servolink.project.transfer.backups import BackupStore
-        from servolink.project.transfer.read import OneConnection
+        from servolink.project.transfer.read import PinnedConnection
 
-        return await roll_back(OneConnection(self), backup, store=BackupStore(folder), tell=on_progress)
+        return await roll_back(PinnedConnection(self), backup, store=BackupStore(folder), on_progress=on_progress)
 
     async def has_unfinished_import(self) -> bool:
         """Tell whether an import was begun on the board and not finished; `apply` again, or `rollback`."""
-        from servolink.project.transfer.backups import is_unfinished
+        from servolink.project.model import is_unfinished
 
         self._told_of_import = True
         return is_unfinished(await super().project_id())
@@ -146,7 +153,7 @@ class Projects(Settings, ReadBack):
 
         One that says that an import was begun and not finished is a warning in the log, once.
         """
-        from servolink.project.transfer.backups import is_unfinished
+        from servolink.project.model import is_unfinished
 
         project_id = await super().project_id()
         if is_unfinished(project_id) and not self._told_of_import:

@@ -20,12 +20,14 @@ _LARGEST = 1e9  # as a factor; with more nothing that takes time is short enough
 _DELAY = 1
 
 
-def scaled(project: Project, factor: float, action_ids: Collection[int] | None = None) -> tuple[Project, list[str]]:
+def scale_project(
+    project: Project, factor: float, action_ids: Collection[int] | None = None
+) -> tuple[Project, list[str]]:
     """Return `project` with its times multiplied by `factor`, and what was changed; 2 makes it half as fast.
 
     With `action_ids` only the times of these actions; else those of all actions, and the pauses and other times of
     macros. What takes no time still takes none, and all else takes 10 ms at least. The macros that call an action are
-    as they were: `fixed` makes their times right. ProjectError for a factor or an action that cannot be used.
+    as they were: `fix_project` makes their times right. ProjectError for a factor or an action that cannot be used.
     """
     if isinstance(factor, bool) or not isinstance(factor, (int, float)) or not 0 < factor <= _LARGEST:
         raise ProjectError(f"the factor {quote(factor)} is not above 0 and at most {_LARGEST:,}")
@@ -81,7 +83,7 @@ def _time(units: int, factor: float, most: int, where: str, milliseconds: int) -
     return max(1, round(units * factor))
 
 
-def renamed(project: Project, kind: RecordType[Any], record_id: int, caption: str) -> tuple[Project, list[str]]:
+def rename_record(project: Project, kind: RecordType[Any], record_id: int, caption: str) -> tuple[Project, list[str]]:
     """Return `project` with another caption for a record, and what was changed; ProjectError if there is none."""
     records = by_kind(project)
     shelf = records[kind.field]
@@ -93,7 +95,7 @@ def renamed(project: Project, kind: RecordType[Any], record_id: int, caption: st
     return with_records(project, records), [f"{named(record)} is now '{escape(caption)}'"]
 
 
-def renamed_servo(project: Project, servo_id: int, caption: str) -> tuple[Project, list[str]]:
+def rename_servo(project: Project, servo_id: int, caption: str) -> tuple[Project, list[str]]:
     """Return `project` with another caption for a servo, which it need not have had, and what was changed."""
     parameters = by_servo(project)
     before = parameters.get(servo_id, ServoParameter(servo_id))

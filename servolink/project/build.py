@@ -1,16 +1,16 @@
-"""Projects from parts that call each other by object."""
+"""Build projects from parts that refer to each other by object."""
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Mapping
 from typing import Any, TypeAlias
 
 import msgspec
 
 from servolink.errors import ProjectError
 from servolink.project.model import Project
-from servolink.project.records import by_kind, by_servo, free_id, named, times, with_id, with_records
-from servolink.project.validate import problems
+from servolink.project.records import by_kind, by_servo, durations, free_id, named, with_id, with_records
+from servolink.project.validate import validate_project
 from servolink.protocol.record_types import RecordType, type_of
 from servolink.protocol.records import Action, JoystickTable, Macro, RecordRef, ServoParameter
 
@@ -20,10 +20,28 @@ _DEEPEST = 100
 """Macros that call macros; what can be played nests less deep."""
 
 
-def with_parts(
-    project: Project, parts: Iterable[Part], captions: Mapping[int, str], active: JoystickTable | None
+def build_project(
+    *parts: Part,
+    project_id: int = 0,
+    captions: Mapping[int, str] | None = None,
+    active: JoystickTable | None = None,
 ) -> Project:
-    """Return `project` with `parts`, with all that they call, and with these captions of servos."""
+    """Return the project of `parts` and of all records that they refer to.
+
+    A record without an id gets the lowest free one, in the order in which records are first met. `captions` names
+    servos by their ids, `active` is the joystick table that the buttons obey. The durations of macro commands are
+    filled in. Raise ProjectError for values that no board could store.
+    """
+    return extend_project(Project(project_id), *parts, captions=captions, active=active)
+
+
+def extend_project(
+    project: Project,
+    *parts: Part,
+    captions: Mapping[int, str] | None = None,
+    active: JoystickTable | None = None,
+) -> Project:
+    """Return `project` with more parts, as `build_project` adds them; a record that it has is not added again."""
     records: list[Any] = [] if active is None else [active]
     parameters = by_servo(project)
     for part in parts:
@@ -31,7 +49,7 @@ def with_parts(
             parameters[part.servo_id] = part
         else:
             records.append(part)
-    for servo_id, caption in captions.items():
+    for servo_id, caption in (captions or {}).items():
         before = parameters.get(servo_id, ServoParameter(servo_id))
         parameters[servo_id] = msgspec.structs.replace(before, servo_caption=caption)
     building = _Building(project)
@@ -44,11 +62,16 @@ def with_parts(
         active_joystick_table=project.active_joystick_table if active is None else ids[0],
     )
     built = _timed(built, {one.macro_id for one in project.macros})
-    had = {str(problem) for problem in problems(project)}
-    errors = [str(one) for one in problems(built) if one.severity == "error" and str(one) not in had]
+    _refuse_new_errors(project, built)
+    return built
+
+
+def _refuse_new_errors(before: Project, built: Project) -> None:
+    """Raise ProjectError for an error that `before` did not have."""
+    had = {str(found) for found in validate_project(before)}
+    errors = [str(found) for found in validate_project(built) if found.severity == "error" and str(found) not in had]
     if errors:
         raise ProjectError(errors[0] + (f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""))
-    return built
 
 
 class _Building:
@@ -118,7 +141,7 @@ def _untimed(record: Any) -> Any:
 
 def _timed(project: Project, old: Container[int]) -> Project:
     """Return `project` with the times of its macros, but for those that are `old`, and times that were given."""
-    found = times(project)
+    found = durations(project)
 
     def timed(macro: Macro) -> Macro:
         commands = tuple(

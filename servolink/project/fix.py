@@ -16,8 +16,8 @@ from servolink.protocol.record_types import RECORD_TYPES
 from servolink.protocol.records import ServoParameter
 
 
-def fixed(project: Project) -> tuple[Project, list[str]]:
-    """Return `project` with what `problems` calls fixable repaired, in the order of a file, and what was done to it.
+def fix_project(project: Project) -> tuple[Project, list[str]]:
+    """Return `project` with what `validate_project` calls fixable repaired, and the list of repairs.
 
     Nothing is done where only its author can know, such as about a call of what is not there.
     """

@@ -13,7 +13,7 @@ from servolink.project.records import by_kind, by_servo, free_id, named, with_id
 from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType, type_of
 
 
-def merged(one: Project, other: Project) -> tuple[Project, list[str]]:
+def merge_projects(one: Project, other: Project) -> tuple[Project, list[str]]:
     """Return `one` with all that `other` has besides, and what was done; ProjectError for ids that are used twice.
 
     What is the same in both is there once. A record of `other` whose id means something else in `one` gets a new id,

@@ -104,7 +104,7 @@ def mirror_by_captions(project: Project, records: Iterable[Record], same_sign: C
     return Mirror(partners, same_sign)
 
 
-def mirrored(project: Project, records: Iterable[Record], mirror: Mirror) -> tuple[Project, list[str]]:
+def mirror_project(project: Project, records: Iterable[Record], mirror: Mirror) -> tuple[Project, list[str]]:
     """Return `project` with the mirror images of `records` and of what they call, and what was done.
 
     An image that is there already is not added again, and what looks the same in the mirror has none.

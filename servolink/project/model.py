@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Annotated
 
 import msgspec
@@ -12,7 +12,12 @@ from servolink.protocol.packet import I32
 from servolink.protocol.records import Action, JoystickTable, Macro, ServoParameter
 
 UNFINISHED = range(0x7A00_0000, 0x7A10_0000)
-"""Project ids that mean "an import is under way"; the number within says which (see `journal`)."""
+"""Project ids that mean "an import is under way". The number names its journal (`transfer.backups`)."""
+
+
+def is_unfinished(project_id: int) -> bool:
+    """Return whether a project id means that an import is under way."""
+    return project_id in UNFINISHED
 
 
 class Project(Struct, frozen=True, forbid_unknown_fields=True):
@@ -24,32 +29,6 @@ class Project(Struct, frozen=True, forbid_unknown_fields=True):
     macros: tuple[Macro, ...] = ()
     joystick_tables: tuple[JoystickTable, ...] = ()
     active_joystick_table: Annotated[I32 | None, Meta(description="none: whichever the board takes")] = None
-
-    @staticmethod
-    def of(
-        *parts: Action | Macro | JoystickTable | ServoParameter,
-        project_id: int = 0,
-        captions: Mapping[int, str] | None = None,
-        active: JoystickTable | None = None,
-    ) -> Project:
-        """Return the project of actions, macros, joystick tables and servo parameters, and of all that they call.
-
-        What has no id gets the lowest that is free, in the order in which it is first met. `captions` name servos by
-        their ids, `active` is the joystick table that buttons obey. Macros get their times. ProjectError for what no
-        board could take.
-        """
-        return Project(project_id).adding(*parts, captions=captions, active=active)
-
-    def adding(
-        self,
-        *parts: Action | Macro | JoystickTable | ServoParameter,
-        captions: Mapping[int, str] | None = None,
-        active: JoystickTable | None = None,
-    ) -> Project:
-        """Return this project with more in it, as `of` does; what it has already is not added again."""
-        from servolink.project.build import with_parts
-
-        return with_parts(self, parts, captions or {}, active)
 
     def sorted(self) -> Project:
         """Return the same project in order of ids, without parameters that only say what a servo has anyway."""

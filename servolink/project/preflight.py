@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from servolink.motion import AngleLimits
 from servolink.project.model import Project
 from servolink.project.records import by_kind
-from servolink.project.speed import turns
+from servolink.project.speed import servo_moves
 from servolink.project.validate import Diagnostic
 from servolink.protocol.record_types import ACTION, MACRO, Record, type_of
 
@@ -31,7 +31,7 @@ def preflight(
     if speed_cap is not None:
         found += [
             Diagnostic(turn.path, f"{turn}; its cap is {speed_cap:g}", "warning")
-            for turn in turns(project, start)
+            for turn in servo_moves(project, start)
             if turn.degrees_per_second > speed_cap
         ]
     if records is None:

@@ -88,7 +88,7 @@ def dependency_order(macros: Mapping[int, Macro]) -> list[int]:
     return found
 
 
-def times(project: Project) -> dict[int, tuple[int | None, ...]]:
+def durations(project: Project) -> dict[int, tuple[int | None, ...]]:
     """Return, by macro, how many milliseconds each command takes with its ratio and loops: its `total_interval`.
 
     None: it cannot be known, because it calls what is not there or never ends, or is longer than `LONGEST`.
@@ -111,7 +111,7 @@ def wrong_times(project: Project) -> Iterator[tuple[int, int, int]]:
 
     Another is one that is more than 10 ms and more than 1 % off: programs differ in how they round.
     """
-    found, macros = times(project), MACRO.by_id(project)
+    found, macros = durations(project), MACRO.by_id(project)
     for at, macro in enumerate(project.macros):
         if macros[macro.macro_id] is not macro:
             continue  # its id is there twice, so nobody knows which one is called

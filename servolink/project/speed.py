@@ -14,7 +14,7 @@ from servolink.protocol.record_types import ACTION, MACRO
 from servolink.protocol.records import Action, Macro, MacroCommand
 
 
-class Turn(Struct, frozen=True):
+class ServoMove(Struct, frozen=True):
     """One servo's way from the pose before to that of a step."""
 
     path: str
@@ -58,7 +58,7 @@ class _Effect:
     """By servo: the degree at which it leaves it."""
 
 
-def turns(project: Project, start: Mapping[int, int] | None = None) -> Iterator[Turn]:
+def servo_moves(project: Project, start: Mapping[int, int] | None = None) -> Iterator[ServoMove]:
     """Yield each way for which the pose before is known: of macros, and of what begins from the pose `start`.
 
     A macro that is called is looked at by itself, at full speed, and again where it begins and where it repeats.
@@ -69,7 +69,7 @@ def turns(project: Project, start: Mapping[int, int] | None = None) -> Iterator[
     for at, action in enumerate(project.actions):
         for servo_id, (_, step, seconds) in _of_action(action).first.items():
             if servo_id in before:
-                yield Turn(f"actions[{at}].steps[{step}]", action, step, before[servo_id], seconds)
+                yield ServoMove(f"actions[{at}].steps[{step}]", action, step, before[servo_id], seconds)
     places = {macro.macro_id: f"macros[{at}]" for at, macro in enumerate(project.macros)}
     of_macros: dict[int, _Effect] = {}
     for macro_id in dependency_order(macros):
@@ -93,7 +93,7 @@ def _called(command: MacroCommand, actions: Mapping[int, _Effect], macros: Mappi
 
 def _of_macro(
     place: str, macro: Macro, called: list[_Effect], before: Mapping[int, int], whole: _Effect
-) -> Iterator[Turn]:
+) -> Iterator[ServoMove]:
     """Yield the ways between the commands of a macro, and put the effect of all of them into `whole`."""
     for at, (command, effect) in enumerate(zip(macro.commands, called, strict=True)):
         for _ in range(min(command.loop, 2)):  # all further loops find what the second finds
@@ -102,5 +102,5 @@ def _of_macro(
                 whole.first.setdefault(servo_id, (action, step, slowed))
                 start = whole.last.get(servo_id, before.get(servo_id))
                 if start is not None:
-                    yield Turn(f"{place}.commands[{at}]", action, step, start, slowed)
+                    yield ServoMove(f"{place}.commands[{at}]", action, step, start, slowed)
             whole.last |= effect.last

@@ -60,16 +60,12 @@ class PoseRecorder:
             self.poses.pop()
             self._times.pop()
 
-    def into(self, project: Project) -> Project:
-        """Return `project` with the lesson: one action, or an action for each pose and the macro that plays them.
-
-        ProjectError if it has something of that name, and for a name that is no caption.
-        """
-        refuse_taken(project, self.caption)
+    def record(self) -> Action | Macro:
+        """Return the action of a single pose, or the macro that plays an action for each pose."""
         if len(self.poses) == 1:
-            return project.adding(self._action(self.caption, self.poses[0]))
+            return self._action(self.caption, self.poses[0])
         actions = [self._action(f"{self.caption} {at}", pose) for at, pose in enumerate(self.poses, 1)]
-        return project.adding(Macro.of(self.caption, *actions))
+        return Macro.of(self.caption, *actions)
 
     @staticmethod
     def _action(caption: str, pose: Pose) -> Action:

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from servolink.errors import EncodeError
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.records import dependency_order, named, total_size, wrong_times
-from servolink.project.speed import turns
+from servolink.project.speed import servo_moves
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.json_errors import fault
@@ -36,7 +36,7 @@ class Diagnostic(Struct, frozen=True):
     text: str
     severity: Severity
     fixable: bool = False
-    """There is one right answer, and `fixed` gives it."""
+    """There is one right answer, and `fix_project` gives it."""
 
     def __str__(self) -> str:
         """Return place and text."""
@@ -218,7 +218,7 @@ _NUMBER = re.compile(r"\d+")
 _PLACES = tuple(Project.__struct_fields__)
 
 
-def problems(
+def validate_project(
     project: Project,
     *,
     servo_ids: Collection[int] | None = None,
@@ -241,7 +241,7 @@ def problems(
     if speed_cap is not None:
         found += (
             Diagnostic(turn.path, f"{turn}; its cap is {speed_cap:g}", "warning")
-            for turn in turns(project, start)
+            for turn in servo_moves(project, start)
             if turn.degrees_per_second > speed_cap
         )
     return sorted(found, key=_place)

@@ -82,7 +82,7 @@ class Action(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     def pose(caption: str, degrees: Mapping[int, int], *, seconds: float = 1.0, action_id: int = 0) -> Action:
         """Return the action that brings servos to angles, all in `seconds` (0 to 327.67, to 0.01 s).
 
-        Without an id it gets one in a `Project.of`. EncodeError for a time that is not possible.
+        Without an id it gets one in a `build_project`. EncodeError for a time that is not possible.
         """
         interval = _whole(seconds, 100, 0x7FFF)
         return Action(action_id, caption, tuple(Step(servo_id, angle, interval) for servo_id, angle in degrees.items()))
@@ -108,7 +108,7 @@ class MacroCommand(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     def of(part: Action | Macro | float, *, ratio: int = 100, loop: int = 1) -> MacroCommand:
         """Return the command that runs an action or a macro, or waits for so many seconds (to 0.001 s).
 
-        Its `total_interval` is filled in by `Project.of`. EncodeError for a pause that is not possible.
+        Its `total_interval` is filled in by `build_project`. EncodeError for a pause that is not possible.
         """
         if isinstance(part, Action):
             return MacroCommand(RecordRef.of(part), MacroCommandType.ACTION.value, ratio, loop)
@@ -128,7 +128,7 @@ class Macro(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     def of(caption: str, *parts: Action | Macro | MacroCommand | float, loop: int = 1, macro_id: int = 0) -> Macro:
         """Return the macro that does `parts` one after the other, a number being a pause in seconds, `loop` times.
 
-        Without an id it gets one in a `Project.of`. EncodeError for a pause that is not possible.
+        Without an id it gets one in a `build_project`. EncodeError for a pause that is not possible.
         """
         commands = tuple(part if isinstance(part, MacroCommand) else MacroCommand.of(part) for part in parts)
         return Macro(macro_id, caption, commands * loop)
@@ -201,7 +201,7 @@ class JoystickTable(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 
     @staticmethod
     def of(caption: str, *buttons: Button, table_id: int = 0) -> JoystickTable:
-        """Return the table of `buttons`; without an id it gets one in a `Project.of`."""
+        """Return the table of `buttons`; without an id it gets one in a `build_project`."""
         return JoystickTable(table_id, caption, buttons)
 
 

@@ -106,4 +106,4 @@ def test_a_plan_names_what_the_board_lists_wrongly(capsys: pytest.CaptureFixture
         "takes about less than a second",
         "memory free 100 bytes, afterwards 143",
     ]
-    assert plan_object(plan)["faults"] == ["action 1 is listed more than once"]
+    assert plan_object(plan)["inconsistencies"] == ["action 1 is listed more than once"]

@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from servolink.project.merge import merged
-from servolink.project.mirror import Mirror, mirrored
+from servolink.project.merge import merge_projects
+from servolink.project.mirror import Mirror, mirror_project
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, save_project
 from servolink.protocol.records import Action, ServoParameter, Step
@@ -168,7 +168,7 @@ class TestMirror:
             "macro 5 'Show' mirrored as macro 2 'Show mirrored'",
             f"{run.path / 'robot'}: written",
         ]
-        image, _ = mirrored(HUMANOID, [SHOW], Mirror({1: 2, 2: 1, 3: 4, 4: 3}))
+        image, _ = mirror_project(HUMANOID, [SHOW], Mirror({1: 2, 2: 1, 3: 4, 4: 3}))
         assert run.load("robot") == image.sorted()
         again = run("mirror", "robot", "Show", "--in-place", "--json").json
         assert (again["written"], again["pairs"]) == (False, [[1, 2], [3, 4]])
@@ -237,7 +237,7 @@ class TestMerge:
         said = run("merge", "robot", "other", "-o", "=out")
         assert said.code == 0
         assert "action 1 'Bow' added as 3\n" in said.out
-        assert run.load("out") == merged(HUMANOID, other)[0].sorted()
+        assert run.load("out") == merge_projects(HUMANOID, other)[0].sorted()
 
     def test_with_itself_nothing_changes(self, run: Folder) -> None:
         assert run("merge", "robot", "robot", "--in-place", "--json").json == {

@@ -14,7 +14,7 @@ import pytest
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.project.model import UNFINISHED
-from servolink.project.transfer.results import Progress, Tell
+from servolink.project.transfer.results import Progress, ProgressCallback
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.storage import Contents
 from servolink.virtual.transport import VirtualTransport
@@ -27,7 +27,9 @@ OTHER_CONTENTS = contents_of(OTHER)
 HERE, THERE = "virtual://here", "virtual://there"
 
 
-async def stopped(begin: Callable[[Tell], Coroutine[Any, Any, object]], when: Callable[[Progress], bool]) -> None:
+async def stopped(
+    begin: Callable[[ProgressCallback], Coroutine[Any, Any, object]], when: Callable[[Progress], bool]
+) -> None:
     """Begin something and cancel it at the moment of which it is told."""
 
     def tell(progress: Progress) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from servolink.errors import EncodeError, ProjectError
+from servolink.project.build import build_project, extend_project
 from servolink.project.model import Project
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddMacroRequest
@@ -28,7 +29,7 @@ def test_a_pose() -> None:
 
 
 def test_a_project_has_all_that_its_parts_call() -> None:
-    project = Project.of(PAD)
+    project = build_project(PAD)
     assert project.actions == (Action(1, "Up", UP.steps), Action(2, "Down", DOWN.steps))
     assert [macro.macro_id for macro in project.macros] == [1, 2]
     assert project.macros == (
@@ -44,14 +45,14 @@ def test_a_project_has_all_that_its_parts_call() -> None:
 
 
 def test_numbers_are_given_in_the_order_of_the_parts() -> None:
-    assert [one.action_caption for one in Project.of(DOWN, HELLO).actions] == ["Down", "Up"]
-    assert Project.of(DOWN, UP, WAVE, HELLO, PAD) == Project.of(DOWN, PAD)
-    assert Project.of() == Project()
+    assert [one.action_caption for one in build_project(DOWN, HELLO).actions] == ["Down", "Up"]
+    assert build_project(DOWN, UP, WAVE, HELLO, PAD) == build_project(DOWN, PAD)
+    assert build_project() == Project()
 
 
 def test_numbers_that_are_given_are_kept_from_others() -> None:
     second = Action.pose("Second", {1: 1}, action_id=1)
-    project = Project.of(UP, Macro.of("Both", DOWN, second, macro_id=5), Macro.of("One", second), project_id=9)
+    project = build_project(UP, Macro.of("Both", DOWN, second, macro_id=5), Macro.of("One", second), project_id=9)
     assert [(one.action_id, one.action_caption) for one in project.actions] == [(2, "Up"), (3, "Down"), (1, "Second")]
     assert [one.macro_id for one in project.macros] == [5, 1]
     assert [one.command_id for one in project.macros[0].commands] == [3, 1]
@@ -60,70 +61,70 @@ def test_numbers_that_are_given_are_kept_from_others() -> None:
 
 def test_the_same_without_a_number_is_one() -> None:
     again = Action.pose("Up", {1: 60, 2: -30}, seconds=0.5)
-    assert Project.of(UP, again, Macro.of("M", again)).actions == (Action(1, "Up", UP.steps),)
+    assert build_project(UP, again, Macro.of("M", again)).actions == (Action(1, "Up", UP.steps),)
     other = Action.pose("Up", {1: 61, 2: -30}, seconds=0.5)
-    assert len(Project.of(UP, other).actions) == 2
+    assert len(build_project(UP, other).actions) == 2
 
 
 def test_the_same_with_a_number_is_one() -> None:
     numbered = Macro.of("Numbered", UP, macro_id=5)
-    project = Project.of(numbered)
-    assert project.adding(numbered, Macro.of("Twice", numbered, loop=2)).macros[0] == project.macros[0]
+    project = build_project(numbered)
+    assert extend_project(project, numbered, Macro.of("Twice", numbered, loop=2)).macros[0] == project.macros[0]
 
 
 def test_times_that_are_known_or_were_given_are_kept() -> None:
     slow = Macro(1, "Slow", (MacroCommand(1, total_interval=9000), MacroCommand(1)))
     before = Project(actions=(Action(1, "Up", UP.steps),), macros=(slow,))
-    assert before.adding(DOWN).macros == (slow,)
-    assert [one.total_interval for one in Project.of(*before.actions, slow).macros[0].commands] == [9000, 500]
+    assert extend_project(before, DOWN).macros == (slow,)
+    assert [one.total_interval for one in build_project(*before.actions, slow).macros[0].commands] == [9000, 500]
 
 
 def test_macros_that_differ_in_what_they_call_are_two() -> None:
-    project = Project.of(Macro.of("M", UP), Macro.of("M", DOWN))
+    project = build_project(Macro.of("M", UP), Macro.of("M", DOWN))
     assert [one.commands[0].command_id for one in project.macros] == [1, 2]
 
 
 def test_more_is_added_to_a_project() -> None:
-    before = Project.of(PAD, project_id=3)
-    after = before.adding(WAVE, Macro.of("More", UP, Action.pose("New", {3: 1})))
+    before = build_project(PAD, project_id=3)
+    after = extend_project(before, WAVE, Macro.of("More", UP, Action.pose("New", {3: 1})))
     assert after.actions[:2] == before.actions
     assert [one.action_caption for one in after.actions] == ["Up", "Down", "New"]
     assert after.macros[:2] == before.macros
     assert [one.command_id for one in after.macros[2].commands] == [1, 3]
     assert after.project_id == 3
-    assert before.adding() == before
+    assert extend_project(before) == before
 
 
 def test_servos_get_captions() -> None:
-    project = Project.of(ServoParameter(1, 4, "x"), captions={1: "left arm", 2: "neck"})
+    project = build_project(ServoParameter(1, 4, "x"), captions={1: "left arm", 2: "neck"})
     assert project.servo_parameters == (ServoParameter(1, 4, "left arm"), ServoParameter(2, 0, "neck"))
-    assert project.adding(captions={2: "head"}).servo_parameters[1] == ServoParameter(2, 0, "head")
+    assert extend_project(project, captions={2: "head"}).servo_parameters[1] == ServoParameter(2, 0, "head")
 
 
 def test_a_table_is_made_the_active_one() -> None:
     second = JoystickTable.of("Second")
-    assert Project.of(PAD, second, active=second).active_joystick_table == 1
-    project = Project.of(PAD).adding(active=second)
+    assert build_project(PAD, second, active=second).active_joystick_table == 1
+    project = extend_project(build_project(PAD), active=second)
     assert (project.active_joystick_table, len(project.joystick_tables)) == (2, 2)
-    assert project.adding(UP).active_joystick_table == 2
+    assert extend_project(project, UP).active_joystick_table == 2
 
 
 def test_numbers_without_objects_are_left_alone() -> None:
     macro = Macro(2, "By hand", (MacroCommand(77), MacroCommand(UP.action_id, 1)))
-    assert Project.of(macro).macros == (macro,)
+    assert build_project(macro).macros == (macro,)
 
 
 def test_two_with_one_number_are_refused() -> None:
     with pytest.raises(ProjectError, match="action 1 'A' has the id of action 1 'B'"):
-        Project.of(Action.pose("A", {1: 1}, action_id=1), Action.pose("B", {1: 1}, action_id=1))
+        build_project(Action.pose("A", {1: 1}, action_id=1), Action.pose("B", {1: 1}, action_id=1))
     with pytest.raises(ProjectError, match="action 1 'Up' has the id of"):
-        Project.of(UP).adding(Action.pose("B", {1: 1}, action_id=1))
+        extend_project(build_project(UP), Action.pose("B", {1: 1}, action_id=1))
 
 
 @pytest.mark.parametrize("part", ["wave", 3, None, MacroCommand(1)])
 def test_what_is_no_part_is_refused(part: Any) -> None:
     with pytest.raises(ProjectError, match="is not an action, a macro or a joystick table"):
-        Project.of(part)
+        build_project(part)
 
 
 @pytest.mark.parametrize("seconds", [-0.1, 327.68, math.nan, math.inf, True, "1", None, 10**400])
@@ -159,14 +160,14 @@ def test_buttons_start_macros_only(started: Any) -> None:
 )
 def test_what_no_board_takes_is_refused_with_its_place(part: Any, text: str) -> None:
     with pytest.raises(ProjectError, match=text):
-        Project.of(part)
+        build_project(part)
 
 
 def test_what_was_wrong_before_does_not_matter() -> None:
     odd = Project(actions=(Action(9, "\x07"),))
-    assert len(odd.adding(UP).actions) == 2
+    assert len(extend_project(odd, UP).actions) == 2
     with pytest.raises(ProjectError, match=r"actions\[1\]"):
-        odd.adding(Action.pose("\x07", {1: 1}))
+        extend_project(odd, Action.pose("\x07", {1: 1}))
 
 
 def test_a_macro_of_numbered_parts_can_be_sent_as_it_is() -> None:
@@ -184,6 +185,6 @@ def nested(depth: int) -> Macro:
 
 
 def test_deep_macros_are_built_or_refused() -> None:
-    assert len(Project.of(nested(30)).macros) == 31
+    assert len(build_project(nested(30)).macros) == 31
     with pytest.raises(ProjectError, match="nest deeper than 100"):
-        Project.of(nested(5000))
+        build_project(nested(5000))

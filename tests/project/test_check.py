@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from servolink.errors import EncodeError
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import format_project, parse_project
-from servolink.project.validate import Diagnostic, problems
+from servolink.project.validate import Diagnostic, validate_project
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.packet import Packet
@@ -28,7 +28,7 @@ SOUND = Project(7, (ServoParameter(1, -3, "elbow"),), (WAVE,), (SHOW, TWICE), (P
 
 
 def said(project: Project, **known: Any) -> list[str]:
-    return [f"{'!' if one.severity == 'error' else ''}{one}" for one in problems(project, **known)]
+    return [f"{'!' if one.severity == 'error' else ''}{one}" for one in validate_project(project, **known)]
 
 
 def macro(*commands: MacroCommand, macro_id: int = 1) -> Project:
@@ -40,8 +40,8 @@ def pad(*buttons: Button) -> Project:
 
 
 def test_a_sound_project_has_no_problems_on_a_board_that_it_fits() -> None:
-    assert problems(SOUND, servo_ids=[1, 2], speed_cap=60.0, memory=500, start={1: 0, 2: 0}) == []
-    assert problems(Project()) == []
+    assert validate_project(SOUND, servo_ids=[1, 2], speed_cap=60.0, memory=500, start={1: 0, 2: 0}) == []
+    assert validate_project(Project()) == []
 
 
 @pytest.mark.parametrize(
@@ -239,14 +239,16 @@ def test_what_has_one_right_answer_is_called_fixable() -> None:
         (PAD,),
         9,
     )
-    assert [problem.path for problem in problems(project) if problem.fixable] == [
+    assert [problem.path for problem in validate_project(project) if problem.fixable] == [
         "servo_parameters[1].servo_id",
         "actions[1].steps[1].servo_id",
         "macros[0].commands[0].total_interval_ms",
         "active_joystick_table",
     ]
-    assert not problems(Project(joystick_tables=(PAD, replace(PAD, table_id=2)), active_joystick_table=9))[-1].fixable
-    assert problems(Project(active_joystick_table=9))[0].fixable
+    assert not validate_project(Project(joystick_tables=(PAD, replace(PAD, table_id=2)), active_joystick_table=9))[
+        -1
+    ].fixable
+    assert validate_project(Project(active_joystick_table=9))[0].fixable
 
 
 def test_problems_come_in_the_order_of_the_file() -> None:
@@ -256,7 +258,7 @@ def test_problems_come_in_the_order_of_the_file() -> None:
         joystick_tables=(JoystickTable(0),),
         active_joystick_table=1,
     )
-    assert [problem.path for problem in problems(project, memory=1)] == [
+    assert [problem.path for problem in validate_project(project, memory=1)] == [
         "",
         "actions[0].action_id",
         "actions[11].action_id",
@@ -279,28 +281,28 @@ def test_problems_come_in_the_order_of_the_file() -> None:
     ],
 )
 def test_what_is_of_no_type_of_a_project_is_the_one_problem(project: Project, expected: str) -> None:
-    (problem,) = problems(project)
+    (problem,) = validate_project(project)
     assert problem.severity == "error"
     assert str(problem).endswith(expected.removeprefix("..."))
 
 
 @given(storable_projects)
 def test_what_can_be_stored_has_no_errors_but_macros_that_never_end(project: Project) -> None:
-    errors = [problem for problem in problems(project) if problem.severity == "error"]
+    errors = [problem for problem in validate_project(project) if problem.severity == "error"]
     assert all("never ends" in problem.text for problem in errors)
     assert unencodable(project) == ""
 
 
 @given(projects)
 def test_without_an_error_the_encoder_and_the_file_take_everything(project: Project) -> None:
-    if not any(problem.severity == "error" for problem in problems(project)):
+    if not any(problem.severity == "error" for problem in validate_project(project)):
         assert parse_project(format_project(project)) == project.sorted()
         assert unencodable(project) == ""
 
 
 @given(said_projects())
 def test_what_the_encoder_refuses_is_an_error(project: Project) -> None:
-    found = problems(project, servo_ids=(), speed_cap=0, memory=0, start=dict.fromkeys(range(256), 0))
+    found = validate_project(project, servo_ids=(), speed_cap=0, memory=0, start=dict.fromkeys(range(256), 0))
     assert any(problem.severity == "error" for problem in found) or not unencodable(project)
     assert all(within(project, problem) for problem in found)
 

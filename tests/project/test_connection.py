@@ -10,7 +10,7 @@ import pytest
 
 from servolink.client import connect as connecting
 from servolink.errors import ConnectionLost
-from servolink.project.transfer.read import OneConnection
+from servolink.project.transfer.read import PinnedConnection
 from servolink.protocol.servos import QueryServoListRequest
 from tests.client.sockets import Socket
 from tests.client.test_reconnect import connected, until
@@ -56,7 +56,7 @@ def test_whatever_is_asked_after_a_loss_is_an_error(monkeypatch: pytest.MonkeyPa
 
     async def main() -> None:
         async with connected() as board:
-            one, there = OneConnection(board), socket.board
+            one, there = PinnedConnection(board), socket.board
             assert (await one.request(QueryServoListRequest())).servo_id_list
             assert (one.url, one.codec) == (board.url, board.codec)
             assert there is not None

@@ -204,7 +204,7 @@ def test_doubled_records_make_room_where_they_go(tmp_path: Path) -> None:
         virtual.storage.memory = doubled.size + 10
         async with connect(VirtualTransport(virtual)) as board:
             plan = await board.plan_project(project)
-            assert plan.faults == ("action 1 is listed more than once",)
+            assert plan.inconsistencies == ("action 1 is listed more than once",)
             await board.apply_project(project, folder=tmp_path)
             assert (await board.memory()).size == plan.free_after
 
@@ -219,7 +219,7 @@ def test_a_project_that_is_there_but_for_a_doubled_record_is_not_there_yet(tmp_p
         plan = await board.plan_project(OLD)
         assert plan.differs
         assert plan.requests
-        assert (plan.changes, plan.faults) == ((), ("action 1 is listed more than once",))
+        assert (plan.changes, plan.inconsistencies) == ((), ("action 1 is listed more than once",))
         assert (await board.apply_project(OLD, folder=tmp_path)).changed
         assert not (await board.plan_project(OLD)).differs
 

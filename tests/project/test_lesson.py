@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from servolink.errors import ProjectError
+from servolink.project.build import build_project, extend_project
 from servolink.project.model import Project
-from servolink.project.teaching import LONGEST, SHORTEST, PoseRecorder
+from servolink.project.teaching import LONGEST, SHORTEST, PoseRecorder, refuse_taken
 from servolink.protocol.records import Action, Macro, Step
 
 
@@ -18,14 +19,14 @@ def lesson(seconds: float | None = None) -> PoseRecorder:
 def test_one_pose_is_an_action() -> None:
     one = lesson()
     one.take({1: 30, 2: 0}, 101.5)
-    assert one.into(Project()) == Project(actions=(Action(1, "Wave", (Step(1, 30, 150), Step(2, 0, 150))),))
+    assert build_project(one.record()) == Project(actions=(Action(1, "Wave", (Step(1, 30, 150), Step(2, 0, 150))),))
 
 
 def test_several_poses_are_a_macro_with_the_times_between_them() -> None:
     several = lesson()
     several.take({1: 30, 2: 0}, 101.5)
     several.take({1: 0, 2: 10}, 103.75)
-    project = several.into(Project(actions=(Action(1, "Old"),), macros=(Macro(4, "Old"),)))
+    project = extend_project(Project(actions=(Action(1, "Old"),), macros=(Macro(4, "Old"),)), several.record())
     assert [(one.action_id, one.action_caption) for one in project.actions] == [
         (1, "Old"),
         (2, "Wave 1"),
@@ -68,14 +69,12 @@ def test_what_is_undone_leaves_no_trace() -> None:
     ],
 )
 def test_a_name_is_not_taken_twice(project: Project) -> None:
-    taken = lesson()
-    taken.take({1: 10}, 101.0)
     with pytest.raises(ProjectError, match=r"there is (action|macro) 'Wave.*' already; take another name"):
-        taken.into(project)
+        refuse_taken(project, "Wave")
 
 
 def test_a_name_that_is_no_caption_is_refused() -> None:
     long = PoseRecorder("W" * 40, {1: 0}, 0.0, speed_cap=90.0)
     long.take({1: 1}, 1.0)
     with pytest.raises(ProjectError, match="a caption has at most 32 bytes"):
-        long.into(Project())
+        build_project(long.record())

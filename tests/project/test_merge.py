@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.errors import ProjectError
-from servolink.project.merge import merged
+from servolink.project.merge import merge_projects
 from servolink.project.model import Project
 from servolink.protocol.record_types import ACTION, MACRO, TABLE
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
@@ -18,14 +18,14 @@ from tests.project.projects import HUMANOID, NOD, PAD, RAISE, SHOW, WAVE
 
 
 def test_the_same_twice_is_the_same() -> None:
-    assert merged(HUMANOID, HUMANOID) == (HUMANOID, [])
-    assert merged(HUMANOID, Project()) == (HUMANOID, [])
-    assert merged(Project(), HUMANOID)[0] == HUMANOID
+    assert merge_projects(HUMANOID, HUMANOID) == (HUMANOID, [])
+    assert merge_projects(HUMANOID, Project()) == (HUMANOID, [])
+    assert merge_projects(Project(), HUMANOID)[0] == HUMANOID
 
 
 def test_what_has_another_id_is_added_under_its_own() -> None:
     bow = Action(9, "Bow", (Step(1, 5, 5),))
-    project, said = merged(HUMANOID, Project(actions=(bow,)))
+    project, said = merge_projects(HUMANOID, Project(actions=(bow,)))
     assert project == msgspec.structs.replace(HUMANOID, actions=(RAISE, NOD, bow))
     assert said == ["action 9 'Bow' added"]
 
@@ -40,7 +40,7 @@ def test_what_means_something_else_gets_a_new_id_and_its_callers_follow() -> Non
         joystick_tables=(JoystickTable(7, "Other", (Button(1, "", 6, 4, 0),)),),
         active_joystick_table=7,
     )
-    project, said = merged(HUMANOID, other)
+    project, said = merge_projects(HUMANOID, other)
     assert project.actions == (RAISE, NOD, Action(3, "Bow", bow.steps))
     assert project.macros == (
         WAVE,
@@ -62,14 +62,14 @@ def test_what_means_something_else_gets_a_new_id_and_its_callers_follow() -> Non
 def test_the_active_table_follows_its_new_id() -> None:
     one = Project(joystick_tables=(JoystickTable(7, "One"),))
     other = Project(joystick_tables=(JoystickTable(7, "Other"),), active_joystick_table=7)
-    project, _ = merged(one, other)
+    project, _ = merge_projects(one, other)
     assert project.active_joystick_table == 1
     assert TABLE.by_id(project)[1].table_caption == "Other"
 
 
 def test_a_macro_that_calls_what_got_a_new_id_is_another_macro() -> None:
     other = msgspec.structs.replace(HUMANOID, actions=(Action(1, "Raise left arm", (Step(1, 61, 50),)), NOD))
-    project, _ = merged(HUMANOID, other)
+    project, _ = merge_projects(HUMANOID, other)
     wave, show = project.macros[2:]
     assert wave.commands[0].command_id == 3
     assert show.commands[0].command_id == wave.macro_id
@@ -79,7 +79,7 @@ def test_a_macro_that_calls_what_got_a_new_id_is_another_macro() -> None:
 def test_callers_may_come_before_what_they_call() -> None:
     caller = Macro(1, "Caller", (MacroCommand(2, 2),))
     one, other = (Project(macros=(caller, Macro(2, "Waits", (MacroCommand(delay, 1),)))) for delay in (5, 6))
-    project, _ = merged(one, other)
+    project, _ = merge_projects(one, other)
     assert project.macros[2:] == (
         Macro(4, "Caller", (MacroCommand(3, 2),)),
         Macro(3, "Waits", (MacroCommand(6, 1),)),
@@ -89,7 +89,7 @@ def test_callers_may_come_before_what_they_call() -> None:
 def test_macros_that_never_end_can_be_merged() -> None:
     one = Project(macros=tuple(Macro(at, "XY"[at % 2], (MacroCommand(at % 4 + 1, 2),)) for at in (1, 2, 3, 4)))
     other = Project(macros=(Macro(1, "Y", (MacroCommand(2, 2),)), Macro(2, "X", (MacroCommand(1, 2),))))
-    project, _ = merged(one, other)
+    project, _ = merge_projects(one, other)
     assert project.macros[:4] == one.macros
     first, second = project.macros[4:]
     assert (first.commands[0].command_id, second.commands[0].command_id) == (second.macro_id, first.macro_id)
@@ -97,8 +97,8 @@ def test_macros_that_never_end_can_be_merged() -> None:
 
 def test_merging_again_adds_nothing() -> None:
     other = msgspec.structs.replace(HUMANOID, actions=(Action(1, "Raise left arm", (Step(1, 61, 50),)), NOD))
-    once, _ = merged(HUMANOID, other)
-    again, said = merged(once, other)
+    once, _ = merge_projects(HUMANOID, other)
+    again, said = merge_projects(once, other)
     assert again == once
     assert "action 1 'Raise left arm' is action 3 'Raise left arm'" in said
 
@@ -107,8 +107,8 @@ def test_merging_again_adds_nothing_where_actions_are_alike() -> None:
     one = Project(actions=(Action(2, "b", (Step(1, 1, 1),)),))
     alike = tuple(Action(number, "a", (Step(1, 2, 1),)) for number in (2, 9))
     other = Project(actions=alike, macros=(Macro(1, "m", (MacroCommand(2),)),))
-    project, _ = merged(one, other)
-    assert merged(project, other)[0] == project
+    project, _ = merge_projects(one, other)
+    assert merge_projects(project, other)[0] == project
 
 
 def test_of_what_can_be_there_once_the_first_stays() -> None:
@@ -117,7 +117,7 @@ def test_of_what_can_be_there_once_the_first_stays() -> None:
         project_id=2,
         servo_parameters=(ServoParameter(1, 4, "Knie"), ServoParameter(2, 1), ServoParameter(3), ServoParameter(4, 9)),
     )
-    project, said = merged(one, other)
+    project, said = merge_projects(one, other)
     assert project.project_id == 1
     assert project.servo_parameters == (ServoParameter(1, 0, "knee"), ServoParameter(2, 1), ServoParameter(4, 9))
     assert said == [
@@ -126,15 +126,15 @@ def test_of_what_can_be_there_once_the_first_stays() -> None:
         "servo 4 '' added",
         "project id 1 stays, 2 goes",
     ]
-    assert merged(Project(), other)[0].project_id == 2
+    assert merge_projects(Project(), other)[0].project_id == 2
 
 
 @pytest.mark.parametrize("first", [Project(), HUMANOID])
 def test_ids_that_are_used_twice_are_refused(first: Project) -> None:
     with pytest.raises(ProjectError, match="macro 4 is there twice"):
-        merged(first, Project(macros=(WAVE, WAVE)))
+        merge_projects(first, Project(macros=(WAVE, WAVE)))
     with pytest.raises(ProjectError, match="servo 3 is there twice"):
-        merged(first, Project(servo_parameters=(ServoParameter(3, 1), ServoParameter(3, 2))))
+        merge_projects(first, Project(servo_parameters=(ServoParameter(3, 1), ServoParameter(3, 2))))
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_ids_that_are_used_twice_are_refused(first: Project) -> None:
 def test_a_call_of_nothing_does_not_call_something_by_chance(lost: Project) -> None:
     for one, other in [(HUMANOID, lost), (lost, HUMANOID)]:
         with pytest.raises(ProjectError, match=r"calls (action|macro) \d, which is not there: correct it first"):
-            merged(one, other)
+            merge_projects(one, other)
 
 
 ids = st.integers(1, 4)
@@ -190,9 +190,9 @@ def whole(project: Project) -> bool:
 
 @given(small.filter(whole), small.filter(whole))
 def test_each_macro_still_does_what_it_did(one: Project, other: Project) -> None:
-    project, _ = merged(one, other)
+    project, _ = merge_projects(one, other)
     assert whole(project)
     here = [meaning(project, macro.macro_id) for macro in project.macros]
     assert here[: len(one.macros)] == [meaning(one, macro.macro_id) for macro in one.macros]
     assert all(meaning(other, macro.macro_id) in here for macro in other.macros)
-    assert merged(project, one)[0] == project
+    assert merge_projects(project, one)[0] == project

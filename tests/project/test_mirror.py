@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.errors import ProjectError
-from servolink.project.mirror import Mirror, mirror_by_captions, mirrored, other_side
+from servolink.project.build import extend_project
+from servolink.project.mirror import Mirror, mirror_by_captions, mirror_project, other_side
 from servolink.project.model import Project
 from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
 from tests.project.projects import HUMANOID, NOD, RAISE, SHOW, WAVE
@@ -57,35 +58,35 @@ def test_the_other_side_of_the_other_side_names_the_same_servo(caption: str) -> 
 def test_an_action_is_mirrored_by_the_captions_of_its_servos() -> None:
     mirror = mirror_by_captions(HUMANOID, [RAISE])
     assert mirror.partners == {1: 2, 2: 1, 3: 4, 4: 3}
-    project, said = mirrored(HUMANOID, [RAISE], mirror)
+    project, said = mirror_project(HUMANOID, [RAISE], mirror)
     image = Action(3, "Raise right arm", (Step(2, -60, 50), Step(4, 30, 40), Step(5, 10, 20)))
     assert project == msgspec.structs.replace(HUMANOID, actions=(RAISE, NOD, image))
     assert said == ["action 1 'Raise left arm' mirrored as action 3 'Raise right arm'"]
 
 
 def test_the_image_of_the_image_is_there_already() -> None:
-    project, _ = mirrored(HUMANOID, [RAISE], ARMS)
-    again, said = mirrored(project, [project.actions[-1]], ARMS)
+    project, _ = mirror_project(HUMANOID, [RAISE], ARMS)
+    again, said = mirror_project(project, [project.actions[-1]], ARMS)
     assert again == project
     assert said == ["action 3 'Raise right arm' has its image already: action 1 'Raise left arm'"]
 
 
 def test_servos_with_the_same_sign_keep_their_angle() -> None:
     for given_servo in (3, 4):
-        project, _ = mirrored(HUMANOID, [RAISE], mirror_by_captions(HUMANOID, [RAISE], {given_servo}))
+        project, _ = mirror_project(HUMANOID, [RAISE], mirror_by_captions(HUMANOID, [RAISE], {given_servo}))
         assert project.actions[-1].steps == (Step(2, -60, 50), Step(4, -30, 40), Step(5, 10, 20))
 
 
 def test_a_servo_that_is_its_own_partner_turns_the_other_way() -> None:
-    project, said = mirrored(HUMANOID, [NOD], Mirror({5: 5}))
+    project, said = mirror_project(HUMANOID, [NOD], Mirror({5: 5}))
     assert project.actions[-1] == Action(3, "Nod mirrored", (Step(5, -20, 30),))
     assert said == ["action 2 'Nod' mirrored as action 3 'Nod mirrored'"]
 
 
 def test_what_looks_the_same_is_not_added() -> None:
     both = Action(9, "Both", (Step(1, 10, 5), Step(2, -10, 5)))
-    project = HUMANOID.adding(both)
-    assert mirrored(project, [NOD, both], ARMS) == (
+    project = extend_project(HUMANOID, both)
+    assert mirror_project(project, [NOD, both], ARMS) == (
         project,
         [
             "action 2 'Nod' looks the same in the mirror: nothing added",
@@ -95,7 +96,7 @@ def test_what_looks_the_same_is_not_added() -> None:
 
 
 def test_a_macro_is_mirrored_with_what_it_calls() -> None:
-    project, said = mirrored(HUMANOID, [SHOW], mirror_by_captions(HUMANOID, [SHOW]))
+    project, said = mirror_project(HUMANOID, [SHOW], mirror_by_captions(HUMANOID, [SHOW]))
     wave = Macro(1, "Wave right", (MacroCommand(3, 0, 50, 2, 2000), *WAVE.commands[1:]))
     show = Macro(2, "Show mirrored", (MacroCommand(1, 2, total_interval=2300), *SHOW.commands[1:]))
     assert project.macros == (WAVE, SHOW, wave, show)
@@ -107,7 +108,7 @@ def test_a_macro_is_mirrored_with_what_it_calls() -> None:
 def test_an_angle_without_an_opposite_is_refused() -> None:
     lowest = Action(9, "Lowest", (Step(1, -0x8000, 5),))
     with pytest.raises(ProjectError, match="servo 1: -32768 has no opposite"):
-        mirrored(HUMANOID.adding(lowest), [lowest], ARMS)
+        mirror_project(extend_project(HUMANOID, lowest), [lowest], ARMS)
 
 
 @pytest.mark.parametrize(
@@ -141,14 +142,14 @@ def test_a_macro_that_runs_itself_ends() -> None:
     one, two = Macro(1, "One", (MacroCommand(2, 2),)), Macro(2, "Two", (MacroCommand(1, 2), MacroCommand(1)))
     project = Project(servo_parameters=HUMANOID.servo_parameters, actions=(RAISE,), macros=(one, two))
     with pytest.raises(ProjectError, match="macro 1 runs itself"):
-        mirrored(project, [one], mirror_by_captions(project, [one]))
+        mirror_project(project, [one], mirror_by_captions(project, [one]))
 
 
 def test_a_call_of_nothing_is_named() -> None:
     with pytest.raises(ProjectError, match="there is no action 9"):
-        mirrored(Project(macros=(Macro(1, "One", (MacroCommand(9),)),)), [Macro(1)], ARMS)
+        mirror_project(Project(macros=(Macro(1, "One", (MacroCommand(9),)),)), [Macro(1)], ARMS)
 
 
 def test_nothing_is_lost_where_an_id_is_used_twice() -> None:
     with pytest.raises(ProjectError, match="action 1 is there twice"):
-        mirrored(Project(actions=(RAISE, RAISE)), [RAISE], ARMS)
+        mirror_project(Project(actions=(RAISE, RAISE)), [RAISE], ARMS)

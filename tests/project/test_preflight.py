@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from servolink.project.build import build_project
 from servolink.project.model import Project
 from servolink.project.preflight import preflight
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
@@ -10,7 +11,7 @@ from tests.project.projects import HUMANOID, NOD, RAISE
 LEFT = Action.pose("Left", {3: -62}, seconds=0.5)
 RIGHT = Action.pose("Right", {1: 20, 3: 62}, seconds=0.4)
 SWING = Macro.of("Swing", LEFT, RIGHT)
-PROJECT = Project.of(NOD, SWING)
+PROJECT = build_project(NOD, SWING)
 
 
 def test_a_servo_that_is_too_fast() -> None:

@@ -18,7 +18,7 @@ from servolink.project.transfer.apply import apply_project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.plan import compare, plan_project, writes
 from servolink.project.transfer.read import Content, Listed
-from servolink.project.transfer.results import Change, Progress, tell_nobody
+from servolink.project.transfer.results import Change, Progress, ignore_progress
 from servolink.protocol.editing import (
     QueryActionRequest,
     QueryActionResponse,
@@ -147,7 +147,7 @@ def test_what_cannot_be_understood_is_taken_for_what_is_not_given() -> None:
         undecodable = encode_frame(QueryActionResponse.packet_id, bytes(36) + b"\x05\0", "little")
         fake.plan(QueryActionRequest, *[Fate(mangle=lambda _: undecodable)] * 6)
         plan = await board.plan_project(OLD)
-        assert plan.faults == ("action 1 is listed and not given",)
+        assert plan.inconsistencies == ("action 1 is listed and not given",)
         assert [change.what for change in plan.changes] == ["action 1"]
 
     on_fake(work)
@@ -158,7 +158,7 @@ def test_servo_parameters_that_are_listed_twice_are_a_fault_and_the_last_counts(
         twice = (ServoParameter(1, 9, "old"), *OLD.servo_parameters)
         fake.plan(QueryServoParameterRequest, *[lie(QueryServoParameterResponse(twice))] * 3)
         plan = await board.plan_project(OLD)
-        assert (plan.changes, plan.faults) == ((), ("servo parameter 1 is listed more than once",))
+        assert (plan.changes, plan.inconsistencies) == ((), ("servo parameter 1 is listed more than once",))
 
     on_fake(work)
 
@@ -168,10 +168,10 @@ def test_an_active_table_that_is_not_in_the_project_is_no_difference(tmp_path: P
     said = replace(OLD, active_joystick_table=99)
 
     async def work(board: Board) -> None:
-        plan = await plan_project(board, said, tell=tell_nobody, unchecked=True)
+        plan = await plan_project(board, said, on_progress=ignore_progress, unchecked=True)
         assert not plan.differs
         assert not (
-            await apply_project(board, said, store=BackupStore(tmp_path), tell=tell_nobody, unchecked=True)
+            await apply_project(board, said, store=BackupStore(tmp_path), on_progress=ignore_progress, unchecked=True)
         ).changed
 
     on_board(work)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from servolink.project.model import Project
-from servolink.project.records import LONGEST, dependency_order, times
+from servolink.project.records import LONGEST, dependency_order, durations
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import HEADER_SIZE
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
@@ -71,11 +71,11 @@ def test_a_command_takes_the_time_of_what_it_does_with_ratio_and_loops(
         Macro(3, "endless", (MacroCommand(3, 2),)),
         Macro(4, "calls an endless one", (MacroCommand(3, 2),)),
     )
-    assert times(Project(actions=(FAST,), macros=macros))[1] == (takes,)
+    assert durations(Project(actions=(FAST,), macros=macros))[1] == (takes,)
 
 
 def test_an_action_without_steps_takes_no_time() -> None:
-    assert times(Project(actions=(Action(1),), macros=(Macro(1, "", (MacroCommand(1),)),))) == {1: (0,)}
+    assert durations(Project(actions=(Action(1),), macros=(Macro(1, "", (MacroCommand(1),)),))) == {1: (0,)}
 
 
 def test_those_that_are_called_come_first_however_deep_they_are() -> None:
@@ -87,7 +87,7 @@ def test_those_that_are_called_come_first_however_deep_they_are() -> None:
 def test_loops_in_loops_for_ages_are_not_counted_out() -> None:
     macros = [Macro(1, "", (MacroCommand(1),))]
     macros += [Macro(number, "", (MacroCommand(number - 1, 2, 1, 0x7FFF),)) for number in range(2, 2000)]
-    assert times(Project(actions=(FAST,), macros=tuple(macros)))[1999] == (None,)
+    assert durations(Project(actions=(FAST,), macros=tuple(macros)))[1999] == (None,)
 
 
 @st.composite
@@ -108,7 +108,7 @@ def _playable(draw: st.DrawFn) -> Project:
 
 @given(_playable())
 def test_a_board_plays_as_long(project: Project) -> None:
-    found = times(project)
+    found = durations(project)
     for macro in project.macros:
         whole = [time for time in found[macro.macro_id] if time is not None]
         assert played(project, macro.macro_id) == pytest.approx(sum(whole) / 1000)

@@ -10,12 +10,12 @@ from servolink.cli.arguments import whole_number
 from servolink.cli.main import FAILED, OK, refuse
 from servolink.cli.output import print_json, print_text
 from servolink.cli.project.source import add_source, is_address, with_project
-from servolink.project.fix import fixed
+from servolink.project.fix import fix_project
 from servolink.project.model import Project
 from servolink.project.preflight import preflight
 from servolink.project.project_file import save_project
 from servolink.project.records import find
-from servolink.project.validate import Diagnostic, problems
+from servolink.project.validate import Diagnostic, validate_project
 from servolink.protocol.record_types import ACTION, MACRO
 
 _IDS = re.compile(r"([0-9]{1,3})(?:-([0-9]{1,3}))?", re.ASCII)
@@ -41,11 +41,11 @@ def run_check(args: argparse.Namespace) -> int:
     def check(project: Project) -> int:
         fixes: list[str] = []
         if args.fix:
-            result, fixes = fixed(project)
+            result, fixes = fix_project(project)
             if fixes:
                 save_project(Path(args.source), result)
                 project = result
-        found = problems(
+        found = validate_project(
             project,
             servo_ids=args.servos,
             speed_cap=args.speed_cap,

@@ -10,10 +10,11 @@ from servolink.cli.arguments import number, whole_number
 from servolink.cli.main import OK, refuse
 from servolink.cli.output import print_json, print_text
 from servolink.cli.project.source import add_force, add_output, add_source, with_project, write_edited, write_new
-from servolink.project.adjust import renamed, renamed_servo, scaled
-from servolink.project.fix import fixed
-from servolink.project.merge import merged
-from servolink.project.mirror import Mirror, mirror_by_captions, mirrored
+from servolink.project.adjust import rename_record, rename_servo, scale_project
+from servolink.project.build import build_project
+from servolink.project.fix import fix_project
+from servolink.project.merge import merge_projects
+from servolink.project.mirror import Mirror, mirror_by_captions, mirror_project
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, schema_text
 from servolink.project.records import find
@@ -62,20 +63,20 @@ def run_edits(args: argparse.Namespace) -> int:
 
 def _scaled(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
     actions = [find(project, name, (ACTION,)).action_id for name in args.actions]
-    result, changes = scaled(project, args.factor, actions or None)
-    result, fixes = fixed(result)
+    result, changes = scale_project(project, args.factor, actions or None)
+    result, fixes = fix_project(result)
     return result, changes + fixes
 
 
 def _merged(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
-    return merged(project, load_project(args.other, unchecked=True))
+    return merge_projects(project, load_project(args.other, unchecked=True))
 
 
 def _renamed(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
     if args.kind == "servo":
-        return renamed_servo(project, args.id, args.caption)
+        return rename_servo(project, args.id, args.caption)
     kind = next(kind for kind in RECORD_TYPES if kind.label == _TABLE.get(args.kind, args.kind))
-    return renamed(project, kind, args.id, args.caption)
+    return rename_record(project, kind, args.id, args.caption)
 
 
 _PAIR = re.compile(r"([0-9]{1,3})=([0-9]{1,3})", re.ASCII)
@@ -113,7 +114,7 @@ def _mirror(args: argparse.Namespace, project: Project) -> int:
             refuse(args, "no action moves a servo of --map")
     if strangers := [servo_id for servo_id in args.same_sign if servo_id not in mirror.partners]:
         refuse(args, f"servo {strangers[0]} of --same-sign has no partner")
-    result, changes = mirrored(project, records, mirror)
+    result, changes = mirror_project(project, records, mirror)
     pairs = sorted((one, other) for one, other in mirror.partners.items() if one <= other)
     said = [f"pairs: {', '.join(f'{one}={other}' for one, other in pairs)}", *changes]
     return write_edited(args, project, result, said, pairs=pairs)
@@ -154,7 +155,7 @@ def run_new(args: argparse.Namespace) -> int:
     """Write a project with a caption for each servo and a pose with all of them at 0 degrees."""
     servo_ids = range(1, args.servos + 1)
     rest = Action.pose("Rest", dict.fromkeys(servo_ids, 0), seconds=1.0)
-    project = Project.of(rest, captions={servo_id: f"servo {servo_id}" for servo_id in servo_ids})
+    project = build_project(rest, captions={servo_id: f"servo {servo_id}" for servo_id in servo_ids})
     write_new(args, args.file, project)
     if args.json:
         print_json({"file": str(args.file), "servos": args.servos, "actions": len(project.actions)})

@@ -11,7 +11,7 @@ from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.project.source import add_source, with_project
 from servolink.cli.records import described, whole_table
 from servolink.project.model import Project
-from servolink.project.records import find, times, total_size
+from servolink.project.records import durations, find, total_size
 from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, TABLE, RecordType
 from servolink.protocol.records import Action, MacroCommand
 
@@ -111,7 +111,7 @@ def _macro_seconds(project: Project) -> dict[int, float | None]:
     """Return how long each macro takes; None if it never ends, or calls what is not there."""
     return {
         macro_id: None if None in each else sum(time or 0 for time in each) / 1000
-        for macro_id, each in times(project).items()
+        for macro_id, each in durations(project).items()
     }
 
 

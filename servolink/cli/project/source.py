@@ -13,7 +13,7 @@ from servolink.errors import ProjectError
 from servolink.escaping import escape
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, save_project
-from servolink.project.validate import problems
+from servolink.project.validate import validate_project
 
 
 def add_source(parser: argparse.ArgumentParser) -> None:
@@ -41,8 +41,8 @@ def with_project(args: argparse.Namespace, then: Callable[[Project], int]) -> in
     read: list[Project] = []
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        with shown_progress(board, quiet=args.json) as tell:
-            read.append(await board.export_project(on_progress=tell))
+        with shown_progress(board, quiet=args.json) as on_progress:
+            read.append(await board.export_project(on_progress=on_progress))
         return OK
 
     args.url = args.source
@@ -86,7 +86,7 @@ def write_new(args: argparse.Namespace, target: Path, project: Project) -> None:
 
     ProjectError if no board could store it, with captions in the encoding of `args`.
     """
-    found = problems(project, caption_encoding=args.caption_encoding)
+    found = validate_project(project, caption_encoding=args.caption_encoding)
     if errors := [str(problem) for problem in found if problem.severity == "error"]:
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
         raise ProjectError(f"the result would be no valid project, and nothing was written: {errors[0]}{more}")

@@ -10,21 +10,21 @@ import msgspec
 
 from servolink.errors import ProjectError
 from servolink.escaping import escape
-from servolink.project.model import Project
-from servolink.project.transfer.backups import BackupStore, Journal, is_unfinished, journal_of, last_import
+from servolink.project.model import Project, is_unfinished
+from servolink.project.transfer.backups import BackupStore, Journal, journal_of, last_import
 from servolink.project.transfer.import_run import Import
 from servolink.project.transfer.plan import check_writable, writes
-from servolink.project.transfer.read import Asked, Content, read_content, read_project_id
-from servolink.project.transfer.results import ApplyResult, Progress, Tell
+from servolink.project.transfer.read import BoardConnection, Content, read_content, read_project_id
+from servolink.project.transfer.results import ApplyResult, Progress, ProgressCallback
 from servolink.protocol.settings import QueryMemorySizeRequest
 
 
 async def apply_project(
-    board: Asked,
+    board: BoardConnection,
     project: Project,
     *,
     store: BackupStore,
-    tell: Tell,
+    on_progress: ProgressCallback,
     replace: bool = False,
     backup: bool = True,
     unchecked: bool = False,
@@ -44,7 +44,7 @@ async def apply_project(
     begun = journal_of(journals, before, board.url)
     content = None
     if begun is None or not is_unfinished(before):
-        content = await read_content(board, tell)
+        content = await read_content(board, on_progress)
         if content.project_id != before:
             raise ProjectError(f"{escape(board.url)}: another program is writing to the board; try again after it")
     if content is not None and begun is None:
@@ -52,14 +52,14 @@ async def apply_project(
             await _finish(last_import(journals, before, board.url), store)
             return ApplyResult(changed=False, resumed=False, backup=None)
         await _check_memory(board, content, project)
-    kept = await _backup(board, content, begun, store, tell, wanted=backup)
+    kept = await _backup(board, content, begun, store, on_progress, wanted=backup)
     name = None if kept is None else kept.name
     marker = await asyncio.to_thread(store.new_marker)
     journal = Journal(marker, board.url, project.project_id, name, restores=restores)
     others = [one for one in journals if one.url == board.url and one is not begun]
-    run = Import(board, project, journal, store, tell, unchecked=unchecked)
+    run = Import(board, project, journal, store, on_progress, unchecked=unchecked)
     await run.run(content, before, begun, others, replace=replace)
-    tell(Progress("finishing", 1, 1, f"project id {project.project_id}"))
+    on_progress(Progress("finishing", 1, 1, f"project id {project.project_id}"))
     return ApplyResult(changed=True, resumed=begun is not None, backup=kept)
 
 
@@ -69,7 +69,7 @@ async def _finish(last: Journal | None, store: BackupStore) -> None:
         await asyncio.to_thread(store.write, msgspec.structs.replace(last, phase="finished"))
 
 
-async def _check_memory(board: Asked, content: Content, project: Project) -> None:
+async def _check_memory(board: BoardConnection, content: Content, project: Project) -> None:
     free = (await board.request(QueryMemorySizeRequest())).size
     more = content.growth(project)
     if more > free:
@@ -79,14 +79,20 @@ async def _check_memory(board: Asked, content: Content, project: Project) -> Non
 
 
 async def _backup(
-    board: Asked, content: Content | None, begun: Journal | None, store: BackupStore, tell: Tell, *, wanted: bool
+    board: BoardConnection,
+    content: Content | None,
+    begun: Journal | None,
+    store: BackupStore,
+    on_progress: ProgressCallback,
+    *,
+    wanted: bool,
 ) -> Path | None:
     """Return the backup with what was on the board before the import; none if there is none."""
     if begun is None:
-        return await _keep(board, content or Content(), store, tell) if wanted else None
+        return await _keep(board, content or Content(), store, on_progress) if wanted else None
     if content is not None and not content.is_empty() and wanted:
         # It looks as if it had just been cleared, and not all of it is gone: or it is another board.
-        path = await _keep(board, content, store, tell)
+        path = await _keep(board, content, store, on_progress)
         logging.getLogger(__name__).warning("what is left on %s is kept in %s", escape(board.url), escape(str(path)))
     if begun.backup is None:
         return None
@@ -97,19 +103,21 @@ async def _backup(
     return None
 
 
-async def _keep(board: Asked, content: Content, store: BackupStore, tell: Tell) -> Path:
+async def _keep(board: BoardConnection, content: Content, store: BackupStore, on_progress: ProgressCallback) -> Path:
     """Keep what is on the board; ProjectError if not all of it is given."""
-    tell(Progress("saving", 0, 1, "backup"))
+    on_progress(Progress("saving", 0, 1, "backup"))
     try:
         old = content.project()
     except ProjectError as error:
         raise ProjectError(f"no backup of {escape(board.url)} can be made: {error}") from error
     path = await asyncio.to_thread(store.keep, old, board.url, board.codec.caption_encoding)
-    tell(Progress("saving", 1, 1, "backup"))
+    on_progress(Progress("saving", 1, 1, "backup"))
     return path
 
 
-async def roll_back(board: Asked, backup: Path | None, *, store: BackupStore, tell: Tell) -> ApplyResult:
+async def roll_back(
+    board: BoardConnection, backup: Path | None, *, store: BackupStore, on_progress: ProgressCallback
+) -> ApplyResult:
     """Restore `backup`, by default the one of the unfinished import, else that of the last import at this address.
 
     ProjectError if there is none. It is an import like any other: it can be interrupted, and rolled back.
@@ -117,10 +125,10 @@ async def roll_back(board: Asked, backup: Path | None, *, store: BackupStore, te
     path = backup or await backup_for(board, store)
     project = await asyncio.to_thread(store.load, path, board.codec.caption_encoding)
     restores = path.name if path == store.kept(path.name) else None
-    return await apply_project(board, project, store=store, tell=tell, unchecked=True, restores=restores)
+    return await apply_project(board, project, store=store, on_progress=on_progress, unchecked=True, restores=restores)
 
 
-async def backup_for(board: Asked, store: BackupStore) -> Path:
+async def backup_for(board: BoardConnection, store: BackupStore) -> Path:
     """Return the backup that holds what was on the board before the last import; ProjectError if there is none."""
     here, where = await read_project_id(board), escape(board.url)
     journals = await asyncio.to_thread(store.journals, here)

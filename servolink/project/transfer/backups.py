@@ -55,11 +55,6 @@ class Journal(Struct, frozen=True, forbid_unknown_fields=True):
         return self.phase in ("finishing", "finished")
 
 
-def is_unfinished(project_id: int) -> bool:
-    """Tell whether a project id says that an import is under way."""
-    return project_id in UNFINISHED
-
-
 def journal_of(journals: Iterable[Journal], project_id: int, url: str) -> Journal | None:
     """Return the journal of the import that the board with this project id is in the middle of, if there is one."""
     for journal in journals:

@@ -11,18 +11,18 @@ import msgspec
 
 from servolink.errors import OutcomeUnknown, ProjectError, Rejected
 from servolink.escaping import escape, quote
-from servolink.project.model import Project
-from servolink.project.transfer.backups import BackupStore, Journal, JournalPhase, is_unfinished
+from servolink.project.model import Project, is_unfinished
+from servolink.project.transfer.backups import BackupStore, Journal, JournalPhase
 from servolink.project.transfer.plan import Write, writes
-from servolink.project.transfer.read import Asked, Content, read_content, read_project_id
-from servolink.project.transfer.results import Phase, Progress, Tell
+from servolink.project.transfer.read import BoardConnection, Content, read_content, read_project_id
+from servolink.project.transfer.results import Phase, Progress, ProgressCallback
 from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.record_types import RECORD_TYPES, RecordType
 
 _MOST = 3
 
 
-def untaken(content: Content, todo: Sequence[Write], refused: Collection[str]) -> str:
+def explain_failed_writes(content: Content, todo: Sequence[Write], refused: Collection[str]) -> str:
     """Return what of `todo` is still to be done with `content` on the board, the first of it with a reason each.
 
     `refused` are the items to which the board said no.
@@ -73,14 +73,21 @@ class Import:
     """Writes one project to one board, under a journal."""
 
     def __init__(
-        self, board: Asked, target: Project, journal: Journal, store: BackupStore, tell: Tell, *, unchecked: bool
+        self,
+        board: BoardConnection,
+        target: Project,
+        journal: Journal,
+        store: BackupStore,
+        on_progress: ProgressCallback,
+        *,
+        unchecked: bool,
     ) -> None:
         """Bring `target` to the board under `journal`, which is a new one for each run."""
         self._board = board
         self._target = target
         self._journal = journal
         self._store = store
-        self._tell = tell
+        self._on_progress = on_progress
         self._exact = unchecked
 
     async def run(
@@ -132,7 +139,7 @@ class Import:
             raise self._not_taken(f"project id {project_id}")
 
     async def _keeps_id(self, project_id: int, phase: Phase) -> bool:
-        self._tell(Progress(phase, 0, 1, f"project id {project_id}"))
+        self._on_progress(Progress(phase, 0, 1, f"project id {project_id}"))
         for _ in range(_TRIES):
             with suppress(Rejected, OutcomeUnknown):  # what the board says next is what counts
                 await self._board.write_project_id(project_id)
@@ -142,13 +149,13 @@ class Import:
 
     async def _clear(self) -> Content:
         await self._note("clearing")
-        self._tell(Progress("clearing", 0, 1, "everything on the board"))
+        self._on_progress(Progress("clearing", 0, 1, "everything on the board"))
         for _ in range(_TRIES):
             with suppress(Rejected, OutcomeUnknown):
                 await self._board.clear_all_data()
             # It may have deleted the project id as well.
             await self._write_id(self._journal.marker, "clearing")
-            content = await read_content(self._board, self._tell, "clearing")
+            content = await read_content(self._board, self._on_progress, "clearing")
             if not any(content.records.values()):
                 await self._note("writing")
                 return content
@@ -169,10 +176,10 @@ class Import:
                 break
             refused = await self._pass(todo)
             content = await self._verified()
-        raise self._not_taken(untaken(content, todo, refused))
+        raise self._not_taken(explain_failed_writes(content, todo, refused))
 
     async def _verified(self) -> Content:
-        content = await read_content(self._board, self._tell, "verifying")
+        content = await read_content(self._board, self._on_progress, "verifying")
         await self._stay_alone(content.project_id)
         return content
 
@@ -191,12 +198,12 @@ class Import:
         """Do it all; return what the board refused."""
         refused = set()
         for at, write in enumerate(todo):
-            self._tell(Progress("writing", at, len(todo), write.item))
+            self._on_progress(Progress("writing", at, len(todo), write.item))
             with suppress(OutcomeUnknown):  # the next reading tells
                 answer = await self._board.request(write.request, unchecked=self._exact)
                 if not answer.result:
                     refused.add(write.item)
-        self._tell(Progress("writing", len(todo), len(todo), todo[-1].item))
+        self._on_progress(Progress("writing", len(todo), len(todo), todo[-1].item))
         return refused
 
     def _not_taken(self, what: str) -> ProjectError:

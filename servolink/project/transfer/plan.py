@@ -10,11 +10,10 @@ from typing import Any
 from msgspec import Struct
 
 from servolink.errors import EncodeError, ProjectError
-from servolink.project.model import Project, telling
-from servolink.project.transfer.backups import is_unfinished
-from servolink.project.transfer.read import Asked, Content, read_content
-from servolink.project.transfer.results import Change, Plan, Tell
-from servolink.project.validate import problems
+from servolink.project.model import Project, is_unfinished, telling
+from servolink.project.transfer.read import BoardConnection, Content, read_content
+from servolink.project.transfer.results import Change, Plan, ProgressCallback
+from servolink.project.validate import validate_project
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.frame import OVERHEAD
@@ -164,26 +163,31 @@ def _activation(content: Content, target: Project) -> list[Write]:
 
 
 async def plan_project(
-    board: Asked, project: Project, *, tell: Tell, replace: bool = False, unchecked: bool = False
+    board: BoardConnection,
+    project: Project,
+    *,
+    on_progress: ProgressCallback,
+    replace: bool = False,
+    unchecked: bool = False,
 ) -> Plan:
     """Return what `apply_project` would do; ProjectError for a project that cannot be written to any board."""
     check_writable(board, project, unchecked=unchecked)
     loop = asyncio.get_running_loop()
     begun = loop.time()
-    content = await read_content(board, tell)
+    content = await read_content(board, on_progress)
     taken = loop.time() - begun
     memory = await board.request(QueryMemorySizeRequest())
     here = content.readable()
     reading = cost_of_reading(here)
     changes = compare(here, project)
-    faults = (
+    inconsistencies = (
         *(f"{name} is listed more than once" for name in content.doubled()),
         *(f"{name} is listed and not given" for name in content.missing()),
     )
-    cost = _cost(board, content, project, replace=replace) if changes or faults else Cost()
+    cost = _cost(board, content, project, replace=replace) if changes or inconsistencies else Cost()
     return Plan(
         changes,
-        faults,
+        inconsistencies,
         cost.requests,
         cost.wire_bytes,
         round(cost.requests * taken / reading.requests, 3),
@@ -194,7 +198,7 @@ async def plan_project(
     )
 
 
-def _cost(board: Asked, content: Content, project: Project, *, replace: bool) -> Cost:
+def _cost(board: BoardConnection, content: Content, project: Project, *, replace: bool) -> Cost:
     codec = board.codec
     around = cost_of_reading(content.readable()) + cost_of_marking(2) + cost_of_reading(project.sorted())
     if not replace:
@@ -204,10 +208,10 @@ def _cost(board: Asked, content: Content, project: Project, *, replace: bool) ->
     return around + cost_of_writing([clearing, *writes(Content(), project)], codec) + cleared
 
 
-def check_writable(board: Asked, project: Project, *, unchecked: bool) -> None:
+def check_writable(board: BoardConnection, project: Project, *, unchecked: bool) -> None:
     """Raise ProjectError for what cannot be written to any board; `unchecked` as in `apply_project`."""
     if not unchecked:
-        for problem in problems(project, caption_encoding=board.codec.caption_encoding):
+        for problem in validate_project(project, caption_encoding=board.codec.caption_encoding):
             if problem.severity == "error":
                 raise ProjectError(f"{problem.path}: {problem.text}")
         return  # what has no error can be written

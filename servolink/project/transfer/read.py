@@ -16,7 +16,7 @@ from servolink.errors import ConnectionLost, DecodeError, ProjectError
 from servolink.escaping import escape
 from servolink.project.model import Project, telling
 from servolink.project.records import total_size
-from servolink.project.transfer.results import Phase, Progress, Tell
+from servolink.project.transfer.results import Phase, Progress, ProgressCallback
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryServoParameterRequest
 from servolink.protocol.joystick import QueryActiveJoystickTableRequest
@@ -25,10 +25,10 @@ from servolink.protocol.record_types import RECORD_TYPES, RecordType, stored_siz
 from servolink.protocol.records import ServoParameter
 
 
-class OneConnection:
+class PinnedConnection:
     """Passes on what a board is asked; ConnectionLost once its connection is another one, even to the same address."""
 
-    def __init__(self, board: Asked) -> None:
+    def __init__(self, board: BoardConnection) -> None:
         """Speak to `board` through the connection that it has now."""
         self._board = board
         self.connection = board.connection
@@ -55,7 +55,7 @@ class OneConnection:
         """Delete everything."""
         await self._still().clear_all_data()
 
-    def _still(self) -> Asked:
+    def _still(self) -> BoardConnection:
         if self._board.connection is not self.connection:
             raise ConnectionLost(
                 f"the connection to {escape(self.url)} was lost and came back in the middle of this, perhaps to "
@@ -71,7 +71,7 @@ _READINGS = 8
 """How many readings of one thing may differ before it is given up."""
 
 
-class Asked(Protocol):
+class BoardConnection(Protocol):
     """A connected board, as far as projects need one."""
 
     @property
@@ -172,28 +172,28 @@ class Content:
         return total_size(project) + sum(map(stored_size, neutral)) - stored
 
 
-async def read_project(board: Asked, tell: Tell) -> Project:
+async def read_project(board: BoardConnection, on_progress: ProgressCallback) -> Project:
     """Return everything stored on the board; ProjectError if the readings never agree or it is not sound."""
-    content = await read_content(board, tell)
+    content = await read_content(board, on_progress)
     if doubled := content.doubled():
         logging.getLogger(__name__).warning("%s lists twice and gives once: %s", escape(board.url), ", ".join(doubled))
     return content.project()
 
 
-async def read_content(board: Asked, tell: Tell, phase: Phase = "reading") -> Content:
-    """Return what is on the board, each part read until two consecutive readings agree; `phase` is what is told."""
+async def read_content(board: BoardConnection, on_progress: ProgressCallback, phase: Phase = "reading") -> Content:
+    """Return what is on the board, each part read until two consecutive readings agree; progress names `phase`."""
     for _ in range(_READINGS):
         content = await _agreed(board, _read_outline, "its lists")
         ids = {kind: content.records[kind] for kind in RECORD_TYPES}
         total, done = sum(map(len, ids.values())), 0
-        tell(Progress(phase, 0, total, "lists"))
+        on_progress(Progress(phase, 0, total, "lists"))
         known: dict[tuple[RecordType[Any], int], Any] = {}
         for kind, entries in ids.items():
             for entry in entries:
                 if (kind, entry.record_id) not in known:
                     known[kind, entry.record_id] = await _read_record(board, kind, entry.record_id)
                 done += 1
-                tell(Progress(phase, done, total, f"{kind.label} {entry.record_id}"))
+                on_progress(Progress(phase, done, total, f"{kind.label} {entry.record_id}"))
         if await _read_outline(board) == content:
             content.records = {
                 kind: tuple(Listed(entry.record_id, known[kind, entry.record_id]) for entry in entries)
@@ -204,16 +204,16 @@ async def read_content(board: Asked, tell: Tell, phase: Phase = "reading") -> Co
                        "program using it?")  # fmt: skip
 
 
-async def read_project_id(board: Asked) -> int:
+async def read_project_id(board: BoardConnection) -> int:
     """Return the project id, read until two consecutive readings agree."""
     return await _agreed(board, _project_id, "the project id")
 
 
-async def _project_id(board: Asked) -> int:
+async def _project_id(board: BoardConnection) -> int:
     return (await board.request(QueryProjectIDRequest())).project_id
 
 
-async def _read_outline(board: Asked) -> Content:
+async def _read_outline(board: BoardConnection) -> Content:
     """Read all but the records themselves."""
     return Content(
         project_id=await _project_id(board),
@@ -226,8 +226,8 @@ async def _read_outline(board: Asked) -> Content:
     )
 
 
-async def _read_record(board: Asked, kind: RecordType[Any], record_id: int) -> Any | None:
-    async def read(board: Asked) -> Any | None:
+async def _read_record(board: BoardConnection, kind: RecordType[Any], record_id: int) -> Any | None:
+    async def read(board: BoardConnection) -> Any | None:
         try:
             return kind.record_in(await board.request(kind.query(record_id)))
         except DecodeError:
@@ -236,7 +236,7 @@ async def _read_record(board: Asked, kind: RecordType[Any], record_id: int) -> A
     return await _agreed(board, read, f"{kind.label} {record_id}")
 
 
-async def _agreed(board: Asked, read: Callable[[Asked], Awaitable[T]], what: str) -> T:
+async def _agreed(board: BoardConnection, read: Callable[[BoardConnection], Awaitable[T]], what: str) -> T:
     before = await read(board)
     for _ in range(_READINGS):
         now = await read(board)

@@ -23,11 +23,11 @@ class Progress(Struct, frozen=True):
     """Such as "action 3"."""
 
 
-Tell: TypeAlias = Callable[[Progress], None]
+ProgressCallback: TypeAlias = Callable[[Progress], None]
 
 
-def tell_nobody(progress: Progress) -> None:
-    """Keep it to oneself."""
+def ignore_progress(progress: Progress) -> None:
+    """Ignore progress."""
 
 
 class Change(Struct, frozen=True):
@@ -45,7 +45,7 @@ class Plan(Struct, frozen=True):
 
     changes: tuple[Change, ...]
     """In the order of a project file."""
-    faults: tuple[str, ...]
+    inconsistencies: tuple[str, ...]
     """What else an import puts right: "action 3 is listed more than once"."""
     requests: int
     """Of the whole import: backup, writing, verification."""
@@ -64,7 +64,7 @@ class Plan(Struct, frozen=True):
     @property
     def differs(self) -> bool:
         """Whether there is anything to do."""
-        return bool(self.changes or self.faults)
+        return bool(self.changes or self.inconsistencies)
 
 
 class ApplyResult(Struct, frozen=True):
