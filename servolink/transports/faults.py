@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections import deque
+from collections.abc import Awaitable
 from dataclasses import dataclass
 from random import Random
 
@@ -147,26 +148,6 @@ class FaultyTransport(WrappedTransport):
         self._sending: asyncio.Task[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
 
-    async def send(self, data: bytes) -> None:
-        """Send what the faults leave of `data`; what is delayed counts as sent."""
-        self._check_open()
-        now = asyncio.get_running_loop().time()
-        pieces = self._down.apply(data, now)
-        if self._late_down or any(at > now for at, _ in pieces):
-            self._late_down += pieces
-            if pieces and (self._sending is None or self._sending.done()):
-                self._sending = asyncio.ensure_future(self._send_late())
-        elif pieces or not data:
-            await self._inner.send(b"".join(piece for _, piece in pieces))
-        if self._down.unplugged:
-            self._break(_UNPLUGGED)
-            self._check_open()
-
-    async def close(self) -> None:
-        """Close the wrapped transport; what is still delayed is lost."""
-        self._forget_late()
-        await super().close()
-
     def data(self, chunk: bytes, /) -> None:
         """Pass on what the faults leave of `chunk`."""
         now = asyncio.get_running_loop().time()
@@ -179,9 +160,30 @@ class FaultyTransport(WrappedTransport):
         if self._up.unplugged:
             self._break(_UNPLUGGED)
 
-    def _end(self, error: Exception | None) -> None:
+    def _send(self, data: bytes) -> Awaitable[None]:
+        return self._send_faulty(data)
+
+    async def _send_faulty(self, data: bytes) -> None:
+        """Send what the faults leave of `data`; what is delayed counts as sent."""
+        now = asyncio.get_running_loop().time()
+        pieces = self._down.apply(data, now)
+        if self._late_down or any(at > now for at, _ in pieces):
+            self._late_down += pieces
+            if pieces and (self._sending is None or self._sending.done()):
+                self._sending = asyncio.ensure_future(self._send_late())
+        elif pieces or not data:
+            await self._inner.send(b"".join(piece for _, piece in pieces))
+        if self._down.unplugged:
+            self._break(_UNPLUGGED)
+            raise self._lost()
+
+    async def _close(self) -> None:
+        self._forget_late()  # what is still delayed is lost
+        await super()._close()
+
+    def _abort(self) -> None:
         self._forget_late()
-        super()._end(error)
+        super()._abort()
 
     async def _send_late(self) -> None:
         loop = asyncio.get_running_loop()

@@ -1,4 +1,4 @@
-"""Writes down what passes through a transport, a JSON object a line, for `replay://` and for people."""
+"""Recordings of what passes through a transport, one JSON object a line, and transports that play them."""
 
 from __future__ import annotations
 
@@ -7,22 +7,23 @@ import json
 import math
 from bisect import bisect_right
 from collections import deque
+from collections.abc import Awaitable
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.escaping import escape
+from servolink.escaping import quote
 from servolink.files import read_file
 from servolink.transports.address import Address
-from servolink.transports.base import Receiver, Transport
-from servolink.transports.lifecycle import WrappedTransport
+from servolink.transports.base import Transport
+from servolink.transports.lifecycle import BaseTransport, WrappedTransport
 
 
 class RecordingTransport(WrappedTransport):
     """Records both directions with times.
 
     A line is `{"t": seconds since opening, "sent": hex}`, or `"received": hex`, or `"lost": text` as the last one.
-    Each is on its way to the disk before the next, so that a crash loses one line at most.
+    Each is handed to the system before the next, so that a crash loses one line at most.
     """
 
     def __init__(self, inner: Transport, path: str | Path) -> None:
@@ -32,40 +33,37 @@ class RecordingTransport(WrappedTransport):
         self._file: TextIO | None = None
         self._start = 0.0
 
-    async def open(self, receiver: Receiver) -> None:
-        """Make the file, then open the wrapped transport; a file that is there already is an OpenError."""
-        self._check_unused()
-        try:
-            self._file = self._path.open("x", encoding="ascii", buffering=1)
-        except FileExistsError as error:
-            raise OpenError(f"{self._shown()} exists already; remove it or record to another file") from error
-        except (OSError, ValueError) as error:
-            raise OpenError(f"cannot record to {self._shown()}: {escape(str(error))}; choose another file") from error
-        self._start = asyncio.get_running_loop().time()
-        try:
-            await super().open(receiver)
-        except BaseException:
-            self._close_file()
-            self._path.unlink(missing_ok=True)
-            raise
-
-    async def send(self, data: bytes) -> None:
-        """Record and send all of `data`."""
-        self._check_open()
-        if data:
-            self._write("sent", data.hex())
-        await super().send(data)
-
     def data(self, chunk: bytes, /) -> None:
         """Record `chunk` and pass it on."""
         self._write("received", chunk.hex())
         super().data(chunk)
 
-    def _end(self, error: Exception | None) -> None:
-        if error is not None:
-            self._write("lost", str(error))
+    async def _open(self) -> None:
+        """Create the file, then open the wrapped transport; an existing file is never overwritten."""
+        try:
+            self._file = self._path.open("x", encoding="ascii", buffering=1)
+        except FileExistsError as error:
+            raise OpenError(f"{self._path} exists already; remove it or record to another file") from error
+        except (OSError, ValueError) as error:
+            raise OpenError(f"cannot record to {self._path}: {error}; choose another file") from error
+        self._start = asyncio.get_running_loop().time()
+        try:
+            await super()._open()
+        except BaseException:
+            self._close_file()
+            self._path.unlink(missing_ok=True)
+            raise
+
+    def _send(self, data: bytes) -> Awaitable[None] | None:
+        if data:
+            self._write("sent", data.hex())
+        return super()._send(data)
+
+    def _abort(self) -> None:
+        if self._error is not None:
+            self._write("lost", str(self._error))
         self._close_file()
-        super()._end(error)
+        super()._abort()
 
     def _write(self, what: str, text: str) -> None:
         if self._file is None:
@@ -75,7 +73,7 @@ class RecordingTransport(WrappedTransport):
             self._file.write(json.dumps({"t": seconds, what: text}) + "\n")
         except OSError as error:  # going on with a hole in the recording would mislead whoever reads it
             self._close_file()
-            self._break(f"{self._shown()} cannot be written: {escape(str(error))}")
+            self._break(f"{self._path} cannot be written: {error}")
 
     def _close_file(self) -> None:
         file, self._file = self._file, None
@@ -83,10 +81,7 @@ class RecordingTransport(WrappedTransport):
             try:
                 file.close()
             except OSError:
-                return  # the disk is full, which the write before has told
-
-    def _shown(self) -> str:
-        return escape(str(self._path))
+                return  # the disk is full, as the write before has reported
 
 
 class _Line(NamedTuple):
@@ -97,40 +92,29 @@ class _Line(NamedTuple):
     data: bytes
 
 
-class ReplayTransport:
+class ReplayTransport(BaseTransport):
     """A board that answers from a recording.
 
-    What was received comes once everything that was sent before it has been sent again, as much later as then,
+    A recorded answer comes once everything sent before it has been sent again, as much later as in the recording,
     or at once without `timing`. How sends are cut does not matter; a differing byte ends the connection.
     """
 
     def __init__(self, path: str | Path, *, timing: bool = True, url: str = "") -> None:
         """Play the recording at `path`."""
+        super().__init__(url or f"replay://{path}")
         self._path = Path(path)
         self._timing = timing
-        self._url = url or f"replay://{path}"
-        self._receiver: Receiver | None = None
-        self._ended = False
-        self._cause: ConnectionLost | None = None
         self._sends: list[_Line] = []
         self._ends: list[int] = []  # of each send, in all that is to be sent
         self._expected = bytearray()
         self._said = 0  # bytes
         self._done = 0  # sends
-        self._coming: deque[tuple[int, _Line]] = deque()  # what the board said, each after so many sends
+        self._coming: deque[tuple[int, _Line]] = deque()  # what the board sent, each after so many sends
         self._shift = 0.0  # from the recording's time to the loop's
         self._timer: asyncio.Handle | None = None
 
-    @property
-    def url(self) -> str:
-        """The address of the recording."""
-        return self._url
-
-    async def open(self, receiver: Receiver) -> None:
-        """Read the recording; OpenError names the line that is none."""
-        if self._receiver is not None or self._ended:
-            raise OpenError(f"{escape(self.url)}: a transport is opened once; make another")
-        self._receiver = receiver
+    async def _open(self) -> None:
+        """Read the recording; OpenError names the invalid line."""
         for line in _read(self._path):
             if line.what == "sent":
                 self._sends.append(line)
@@ -141,28 +125,29 @@ class ReplayTransport:
         self._shift = asyncio.get_running_loop().time()
         self._arm()
 
-    async def send(self, data: bytes) -> None:
+    def _send(self, data: bytes) -> None:
         """Compare `data` with the recording; ConnectionLost names the line that differs."""
-        if self._cause is not None:
-            raise ConnectionLost(*self._cause.args) from self._cause
-        if self._receiver is None or self._ended:
-            raise ConnectionLost(f"{escape(self.url)}: it is {'closed' if self._ended else 'not open yet'}")
         before, self._said = self._said, self._said + len(data)
         if self._expected[before : self._said] != data:
-            raise self._mismatch(data, before)
+            error = self._mismatch(data, before)
+            self._lose(error)
+            raise error
         done = bisect_right(self._ends, self._said)
         if done > self._done:
             self._done = done
             self._shift = asyncio.get_running_loop().time() - self._sends[done - 1].seconds
         self._arm()
 
-    async def close(self) -> None:
-        """End the replay."""
-        self._end(None)
+    async def _close(self) -> None:
+        """There is nothing to free."""
+
+    def _abort(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
 
     def _arm(self) -> None:
         """Set the timer for the next chunk, if what has to be sent before it has been."""
-        if self._timer is None and not self._ended and self._coming and self._coming[0][0] <= self._done:
+        if self._timer is None and self._coming and self._coming[0][0] <= self._done:
             loop = asyncio.get_running_loop()
             due = self._coming[0][1].seconds + self._shift if self._timing else loop.time()
             self._timer = loop.call_at(due, self._play) if due > loop.time() else loop.call_soon(self._play)
@@ -171,10 +156,11 @@ class ReplayTransport:
         self._timer = None
         _, line = self._coming.popleft()
         if line.what == "lost":
-            self._end(ConnectionLost(f"{escape(self.url)}: line {line.number}: {escape(line.text)}"))
-        elif self._receiver is not None:
-            self._receiver.data(line.data)
-            self._arm()
+            self._lose(ConnectionLost(f"{self.url}: line {line.number}: {line.text}"))
+        else:
+            self._deliver(line.data)
+            if self._stage != "ended":  # by what the receiver did
+                self._arm()
 
     def _mismatch(self, data: bytes, before: int) -> ConnectionLost:
         wanted = self._expected[before:]
@@ -186,32 +172,20 @@ class ReplayTransport:
             index = bisect_right(self._ends, before + same)
             rest = self._expected[before + same : self._ends[index]][:32]
             reason = f"line {self._sends[index].number}: expected {rest.hex()}, {got}"
-        error = ConnectionLost(f"{escape(self.url)}: the program went another way: {reason}")
-        self._end(error)
-        return error
-
-    def _end(self, error: ConnectionLost | None) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-        if not self._ended:
-            self._ended, self._cause = True, error
-            if self._receiver is not None:
-                self._receiver.lost(error)
+        return ConnectionLost(f"{self.url}: the program went another way: {reason}")
 
 
 def _read(path: Path) -> list[_Line]:
     try:
         lines = read_file(path).split(b"\n")
     except (OSError, ValueError) as error:
-        raise OpenError(f"cannot read the recording {escape(str(path))}: {escape(str(error))}") from error
+        raise OpenError(f"cannot read the recording {path}: {error}") from error
     read: list[_Line] = []
     for number, text in enumerate(lines[:-1], 1):  # after the last newline is nothing, or what a crash left
         try:
             read.append(_parse(number, text, read[-1].seconds if read else 0.0))
         except (ValueError, TypeError, OverflowError, RecursionError) as error:
-            raise OpenError(
-                f"{escape(str(path))}, line {number}: no line of a recording: {escape(str(error))[:200]}"
-            ) from error
+            raise OpenError(f"{path}, line {number}: not a line of a recording: {str(error)[:200]}") from error
     return read
 
 
@@ -224,7 +198,7 @@ def _parse(number: int, text: bytes, earliest: float) -> _Line:
     if not earliest <= seconds < math.inf:
         raise ValueError(f"its time must be from {earliest:g} on, as the lines are in order")
     if what not in ("sent", "received", "lost") or not isinstance(entry[what], str):
-        raise ValueError(f"{what!r} is none of sent, received and lost, or no text")
+        raise ValueError(f'expected "sent", "received" or "lost" with a text, not {quote(what)}')
     return _Line(number, seconds, what, entry[what], b"" if what == "lost" else bytes.fromhex(entry[what]))
 
 

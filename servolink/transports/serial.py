@@ -96,7 +96,8 @@ class SerialTransport(StreamTransport):
         self._port.rts = rts
         self._port.failed = self._unplugged
 
-    async def _connect(self) -> asyncio.Transport:
+    async def connect(self) -> asyncio.Transport:
+        """Open the port in a thread; OpenError says what to do."""
         loop = asyncio.get_running_loop()
         opening = loop.run_in_executor(None, self._open_port)
         try:
@@ -124,7 +125,7 @@ class SerialTransport(StreamTransport):
     def _unplugged(self, error: Exception) -> None:
         gone = ConnectionResetError("the device is gone; is it unplugged or switched off?")
         gone.__cause__ = error
-        self._end(gone)
+        self._lose(gone)
 
     def _write(self, pipe: asyncio.Transport, data: bytes) -> None:
         """Do not wait a turn of the loop for what the system takes at once, which is most often all."""

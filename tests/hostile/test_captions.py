@@ -10,6 +10,7 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost
+from servolink.escaping import escape
 from servolink.project.project_file import load_project
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest
@@ -94,4 +95,4 @@ def test_a_recording_holds_nothing_but_plain_characters(world: World, tmp_path: 
     run(record())
     text = (tmp_path / "recording").read_text(encoding="ascii")
     assert not controls(text)
-    assert json.loads(text.splitlines()[-1])["lost"].endswith(world.name)
+    assert json.loads(text.splitlines()[-1])["lost"].endswith(escape(world.name))

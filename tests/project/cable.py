@@ -22,7 +22,8 @@ class Cable(WrappedTransport):
 
     async def send(self, data: bytes) -> None:
         """Send `data` as far as it goes."""
-        self._check_open()
+        if self._stage != "open":
+            raise self._lost()
         passed = data if self._most_sent is None else data[: self._most_sent - self.sent]
         self.sent += len(passed)
         await self._inner.send(passed)

@@ -100,7 +100,7 @@ class FailingTransport(WrappedTransport):
             if self.fault == "partial":
                 await super().send(data[: len(data) // 2])
             self._break("unplugged")
-            self._check_open()
+            raise self._lost()
 
     async def close(self) -> None:
         if self._fails():

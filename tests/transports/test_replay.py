@@ -206,7 +206,7 @@ def test_a_line_that_is_none_is_named(tmp_path: Path, line: str) -> None:
     path = tmp_path / "session.jsonl"
     path.write_text(f'{{"t": 0.5, "sent": "00"}}\n{line}\n')
     text = _open_error(path)
-    assert "session.jsonl, line 2: no line of a recording" in text
+    assert "session.jsonl, line 2: not a line of a recording" in text
     assert text.isprintable()
 
 
@@ -230,4 +230,4 @@ def test_any_file_is_a_recording_or_one_readable_error(
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "any.jsonl"
     path.write_bytes(content + b"\n")
-    assert "any.jsonl, line 1: no line of a recording" in _open_error(path)
+    assert "any.jsonl, line 1: not a line of a recording" in _open_error(path)
