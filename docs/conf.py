@@ -33,6 +33,7 @@ nitpicky = True
 nitpick_ignore_regex = [
     ("py:.*", r"(asyncio|collections|pathlib|types)\..*"),  # Python's own documentation is not at hand during a build
     ("py:.*", r".*\.R(_co)?"),  # type variables
+    ("py:.*", r"servolink\.virtual\..*"),  # how the virtual board keeps what is stored
 ]
 
 default_role = "code"
