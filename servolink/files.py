@@ -1,31 +1,58 @@
-"""Files that are there whole or not at all, whenever the program is killed or the power fails."""
+"""Files read and written whole, and the user's folders."""
 
 from __future__ import annotations
 
 import errno
 import os
+import re
 import secrets
 import stat
+import time
+import warnings
 from contextlib import suppress
 from pathlib import Path
+from typing import IO, Literal
+
+MIB = 1024 * 1024
 
 _NO_SYNC = {errno.EINVAL, errno.ENOTSUP}
-"""What network file systems say that cannot write a folder to the disk at will."""
+"""The errors of network file systems that cannot write a folder to the disk on demand."""
+_TEMPORARY = re.compile(r"\.servolink-[0-9a-f]{16}")
+_ABANDONED = 3600
+"""The age in seconds at which a temporary file is certainly not being written any more."""
+_PRIVATE = 0o600
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Let `path` hold `content`, replacing what it held; on any failure it is as it was. OSError says why.
+def read_file(path: Path, limit: int) -> bytes:
+    """Return the content of a regular file of at most `limit` bytes.
 
-    A link stays one, and a file keeps its permissions; a new one gets the usual ones. What is no file, such as a
-    device or a pipe, is left alone.
+    Raise OSError, without waiting, for a pipe or a device, which may never come to an end, and for a larger file.
+    Raise ValueError for a name that no system has, such as one with NUL.
+    """
+    _refuse_irregular(path, path.stat())  # a device must not even be opened: that alone can change its state
+    with open(path, "rb", buffering=0, opener=_open_without_waiting) as file:
+        status = os.fstat(file.fileno())
+        _refuse_irregular(path, status)  # it may be another file by now
+        content = _read_up_to(file, limit + 1) if status.st_size <= limit else b""
+    if max(status.st_size, len(content)) > limit:
+        raise OSError(errno.EFBIG, f"is larger than {_size(limit)}, the most that is read", str(path))
+    return content
+
+
+def write_atomically(path: Path, content: bytes, *, private: bool = False) -> None:
+    """Replace the content of `path`, whole or, on any failure, not at all. Raise OSError for a failure.
+
+    A link stays a link, and an existing file keeps its permissions. A new file gets the usual ones, or, if `private`,
+    only its owner can read it. Anything but a regular file, such as a device or a pipe, is left alone.
+    Temporary files left here by a program that was killed are removed.
     """
     if path.is_symlink():
         path = Path(os.path.realpath(path))
-    if path.exists() and not (path.is_file() or path.is_dir()):  # a folder is refused by the system, in clear words
-        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+    if path.exists() and not path.is_dir():  # the system itself refuses a folder, in clear words
+        _refuse_irregular(path, path.stat())
     temporary = path.with_name(f".servolink-{secrets.token_hex(8)}")
     try:
-        with temporary.open("xb") as file:
+        with open(temporary, "xb", opener=_create_private if private else None) as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
@@ -33,14 +60,65 @@ def write_atomically(path: Path, content: bytes) -> None:
             temporary.chmod(stat.S_IMODE(path.stat().st_mode))
         temporary.replace(path)
     except BaseException:
-        with suppress(OSError):  # what went wrong first is what is told
+        with suppress(OSError):  # the first failure is the one to report
             temporary.unlink()
         raise
     _keep_name(path.parent)
+    _remove_abandoned(path.parent)
+
+
+def reason(error: Exception) -> str:
+    """Return the text of an error from here, without number and path where it is the system's."""
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+
+
+def user_folder(kind: Literal["config", "data", "runtime"]) -> Path:
+    """Return this user's folder for servolink's files of this kind. Raise OSError for a user without a home."""
+    import platformdirs  # most programs start without it
+
+    find = {
+        "config": platformdirs.user_config_path,
+        "data": platformdirs.user_data_path,
+        "runtime": platformdirs.user_runtime_path,
+    }[kind]
+    with warnings.catch_warnings():  # where the system has no runtime folder, platformdirs warns and takes one in /tmp
+        warnings.simplefilter("ignore")
+        try:
+            return find("servolink", appauthor=False)
+        except RuntimeError as error:
+            raise OSError(errno.ENOENT, f"{error}; set HOME") from error
+
+
+def _refuse_irregular(path: Path, status: os.stat_result) -> None:
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, "is not a regular file", str(path))
+
+
+def _open_without_waiting(path: str, flags: int) -> int:
+    """Open a file that may have become a pipe, whose other end may never come."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
+
+
+def _create_private(path: str, flags: int) -> int:
+    return os.open(path, flags, _PRIVATE)
+
+
+def _read_up_to(file: IO[bytes], most: int) -> bytes:
+    parts: list[bytes] = []
+    while most > 0 and (part := file.read(min(most, MIB))):
+        parts.append(part)
+        most -= len(part)
+    return b"".join(parts)
+
+
+def _size(limit: int) -> str:
+    return f"{limit // MIB} MiB" if limit >= MIB and limit % MIB == 0 else f"{limit:,} bytes"
 
 
 def _keep_name(folder: Path) -> None:
-    """Write the folder itself to the disk, without which the new name can be lost; Windows has no such thing."""
+    """Write the folder itself to the disk, or a power failure can lose the new name. Windows has nothing like it."""
     with suppress(PermissionError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -52,8 +130,12 @@ def _keep_name(folder: Path) -> None:
             os.close(descriptor)
 
 
-def read_file(path: Path) -> bytes:
-    """Return what a file holds; OSError says why not, also for a pipe or a device, which may never come to an end."""
-    if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "it is no regular file", str(path))
-    return path.read_bytes()
+def _remove_abandoned(folder: Path) -> None:
+    """Remove old temporary files of `write_atomically`; failing to do so is not worth an error."""
+    oldest = time.time() - _ABANDONED
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if _TEMPORARY.fullmatch(entry.name):
+                status = entry.stat(follow_symlinks=False)
+                if stat.S_ISREG(status.st_mode) and status.st_mtime < oldest:
+                    Path(entry.path).unlink()

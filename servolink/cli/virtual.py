@@ -18,6 +18,7 @@ from servolink.cli.terminal import not_ignored, single_keys
 from servolink.discovery.announcements import announced
 from servolink.errors import TransportUnavailable
 from servolink.escaping import escape
+from servolink.files import MIB, read_file, reason
 from servolink.listeners import AVAILABLE, host_and_port
 from servolink.protocol.codec import Codec
 from servolink.transports.device_info import DeviceInfo
@@ -30,7 +31,6 @@ from servolink.virtual.state_file import load_state, save_state
 from servolink.virtual.storage import CLEAR, ON_DUPLICATE
 
 _MOST_MEMORY = 2**31 - 1
-_LONGEST_SCRIPT = 1 << 20
 
 
 def configure(command: str, parser: argparse.ArgumentParser) -> None:
@@ -208,15 +208,6 @@ def _state(text: str) -> Path:
 
 def _script(text: str) -> list[Deed]:
     try:
-        return parse_script(_beginning(Path(text)))
+        return parse_script(read_file(Path(text), MIB).decode())
     except (OSError, ValueError) as error:
-        raise argparse.ArgumentTypeError(f"{escape(text)}: {escape(str(error))}") from None
-
-
-def _beginning(path: Path) -> str:
-    """Return what is in a file; ValueError for one that is longer than anybody writes, or has no end."""
-    with path.open(encoding="utf-8") as file:
-        text = file.read(_LONGEST_SCRIPT + 1)
-    if len(text) > _LONGEST_SCRIPT:
-        raise ValueError(f"is longer than the {_LONGEST_SCRIPT:,} characters that a script may have")
-    return text
+        raise argparse.ArgumentTypeError(f"{escape(text)}: {escape(reason(error))}") from None

@@ -10,7 +10,6 @@ import os
 import stat
 import sys
 import tempfile
-import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
@@ -18,8 +17,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 import msgspec
-import platformdirs
 
+from servolink.files import user_folder
 from servolink.transports.device_info import DeviceInfo
 
 _SUFFIX = ".board"
@@ -55,7 +54,7 @@ def announced(board: DeviceInfo) -> Iterator[None]:
     """Let `candidates` find `board` from now to the end; where no file can be kept it is served all the same."""
     with ExitStack() as stack:
         with suppress(OSError):
-            folder = _folder()
+            folder = user_folder("runtime")
             folder.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
             number, name = tempfile.mkstemp(_SUFFIX, dir=folder)
             stack.callback(Path(name).unlink, missing_ok=True)
@@ -67,18 +66,12 @@ def announced(board: DeviceInfo) -> Iterator[None]:
 
 def candidates() -> list[DeviceInfo]:
     """Return the virtual boards that are being served by this user on this machine."""
-    folder = _folder()
     try:
+        folder = user_folder("runtime")
         names = sorted(folder.glob(f"*{_SUFFIX}")) if _is_ours(folder) else []
     except OSError:
         return []
     return [board for name in names if (board := _read(name)) is not None]
-
-
-def _folder() -> Path:
-    with warnings.catch_warnings():  # it warns where the system names no such folder, and takes one in /tmp
-        warnings.simplefilter("ignore")
-        return platformdirs.user_runtime_path("servolink", appauthor=False)
 
 
 def _is_ours(folder: Path) -> bool:

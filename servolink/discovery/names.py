@@ -13,7 +13,7 @@ import msgspec
 from servolink.discovery.search import only, scheme, search
 from servolink.errors import OpenError, TransportUnavailable
 from servolink.escaping import escape
-from servolink.files import write_atomically
+from servolink.files import MIB, read_file, reason, user_folder, write_atomically
 from servolink.transports.address import Address, refusal
 from servolink.transports.device_info import DeviceInfo
 
@@ -41,12 +41,10 @@ def is_name(text: str) -> bool:
 
 def aliases_path() -> Path:
     """Return where the names are kept; TransportUnavailable for a user without a home."""
-    import platformdirs  # most programs start without asking where it is
-
     try:
-        return platformdirs.user_config_path("servolink", appauthor=False) / "boards.toml"
-    except RuntimeError as error:
-        raise TransportUnavailable(f"names for boards have no place: {escape(str(error))}; set HOME") from error
+        return user_folder("config") / "boards.toml"
+    except OSError as error:
+        raise TransportUnavailable(f"names for boards cannot be kept: {error.strerror}") from error
 
 
 def load_aliases() -> dict[str, Alias]:
@@ -56,13 +54,11 @@ def load_aliases() -> dict[str, Alias]:
     except TransportUnavailable:
         return {}
     try:
-        return _parsed(path.read_text(encoding="utf-8-sig"))
+        return _parsed(read_file(path, MIB).decode("utf-8-sig"))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError) as error:  # what TOML and types have against it is a ValueError
-        raise TransportUnavailable(
-            f"{escape(str(path))} cannot be used: {escape(str(error))}; correct it or remove it"
-        ) from error
+        raise TransportUnavailable(f"{path} cannot be used: {reason(error)}; correct it or remove it") from error
 
 
 def save_alias(name: str, alias: Alias) -> None:
@@ -77,11 +73,11 @@ def save_alias(name: str, alias: Alias) -> None:
     aliases = load_aliases() | {name: alias}
     path = aliases_path()
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, _toml(aliases).encode())
+    write_atomically(path, _toml(aliases).encode(), private=True)
 
 
 def _parsed(text: str) -> dict[str, Alias]:
-    import tomllib  # as platformdirs: only where there are names
+    import tomllib  # only where there are names
 
     aliases = msgspec.convert(tomllib.loads(text), _File).boards
     for name in aliases:

@@ -9,7 +9,7 @@ import msgspec
 
 from servolink.errors import ProjectError
 from servolink.escaping import escape, quote
-from servolink.files import write_atomically
+from servolink.files import read_file, reason, write_atomically
 from servolink.json_text import MAX_SIZE, place, read_text, write_text
 from servolink.project.model import Project
 from servolink.protocol.json_errors import fault, version_fault
@@ -34,10 +34,9 @@ def load_project(path: Path, *, unchecked: bool = False) -> Project:
     """
     name = escape(str(path))
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_SIZE + 1)
+        content = read_file(path, MAX_SIZE)
     except (OSError, ValueError) as error:  # ValueError: NUL in the name
-        raise ProjectError(f"{name}: cannot be read: {_reason(error)}") from error
+        raise ProjectError(f"{name}: cannot be read: {reason(error)}") from error
     try:
         return parse_project(content, unchecked=unchecked)
     except ProjectError as error:
@@ -73,9 +72,4 @@ def save_project(path: Path, project: Project) -> None:
     try:
         write_atomically(path, content)
     except (OSError, ValueError) as error:
-        raise ProjectError(f"{name}: cannot be written: {_reason(error)}") from error
-
-
-def _reason(error: OSError | ValueError) -> str:
-    """Return what the system says, without the name of the file, which stands in front."""
-    return escape((error.strerror if isinstance(error, OSError) else None) or str(error))
+        raise ProjectError(f"{name}: cannot be written: {reason(error)}") from error

@@ -13,7 +13,7 @@ from typing import NamedTuple, TextIO
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.escaping import quote
-from servolink.files import read_file
+from servolink.files import MIB, read_file, reason
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
 from servolink.transports.lifecycle import BaseTransport, WrappedTransport
@@ -175,11 +175,15 @@ class ReplayTransport(BaseTransport):
         return ConnectionLost(f"{self.url}: the program went another way: {reason}")
 
 
+_LARGEST = 256 * MIB
+"""The largest recording that is replayed: days of ordinary use."""
+
+
 def _read(path: Path) -> list[_Line]:
     try:
-        lines = read_file(path).split(b"\n")
+        lines = read_file(path, _LARGEST).split(b"\n")
     except (OSError, ValueError) as error:
-        raise OpenError(f"cannot read the recording {path}: {error}") from error
+        raise OpenError(f"cannot read the recording {path}: {reason(error)}") from error
     read: list[_Line] = []
     for number, text in enumerate(lines[:-1], 1):  # after the last newline is nothing, or what a crash left
         try:

@@ -15,7 +15,7 @@ from msgspec import Meta, Struct
 
 from servolink.errors import OpenError, PacketError, ServolinkError
 from servolink.escaping import escape
-from servolink.files import read_file, write_atomically
+from servolink.files import MIB, read_file, reason, write_atomically
 from servolink.protocol import editing, joystick
 from servolink.protocol.frame import HEADER_SIZE, ByteOrder, encode_frame
 from servolink.protocol.packet import Packet
@@ -61,13 +61,14 @@ def load_state(board: Hardware, path: Path) -> None:
     """
     name = escape(str(path))
     try:
-        state = msgspec.json.decode(read_file(path), type=BoardState)
+        # In hex a record takes less than three times its size.
+        state = msgspec.json.decode(read_file(path, MIB + 4 * board.storage.memory), type=BoardState)
     except FileNotFoundError as error:
         if not path.resolve().parent.is_dir():  # where it could not be saved either
             raise OpenError(f"{name}: there is no such folder; make it first") from error
         return
     except OSError as error:
-        raise OpenError(f"{name}: cannot be read: {escape(str(error))}") from error
+        raise OpenError(f"{name}: cannot be read: {reason(error)}") from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise OpenError(f"{name}: is no saved board: {escape(str(error))}; delete it to begin anew") from error
     if state.byte_order != board.codec.byte_order:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import stat
+import sys
 import tomllib
 from pathlib import Path
 
@@ -46,6 +49,20 @@ def test_names_are_kept(path: Path) -> None:
     assert [file.name for file in path.parent.iterdir()] == [path.name]
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes and permissions of POSIX")
+def test_names_are_for_their_owner_and_are_not_waited_for(path: Path) -> None:
+    save_alias("left", Alias("tcp://pi:9000"))
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(TransportUnavailable, match=r"boards\.toml cannot be used: is not a regular file; correct it"):
+        load_aliases()
+    path.unlink()
+    path.write_bytes(b"#" * (1 << 20) + b"\n")
+    with pytest.raises(TransportUnavailable, match=r"boards\.toml cannot be used: is larger than 1 MiB"):
+        load_aliases()
+
+
 def test_a_user_without_a_home_has_no_names(monkeypatch: pytest.MonkeyPatch) -> None:
     def homeless(*_: object, **__: object) -> None:
         raise RuntimeError("could not determine the home directory")
@@ -54,7 +71,7 @@ def test_a_user_without_a_home_has_no_names(monkeypatch: pytest.MonkeyPatch) -> 
     assert load_aliases() == {}
     with pytest.raises(TransportUnavailable, match=r"neither an address nor a name \(none is known\)"):
         asyncio.run(resolved("left"))
-    with pytest.raises(TransportUnavailable, match=r"names for boards have no place: could not .* set HOME"):
+    with pytest.raises(TransportUnavailable, match=r"names for boards cannot be kept: could not .* set HOME"):
         save_alias("left", Alias("tcp://pi:9000"))
 
 

@@ -40,6 +40,15 @@ def test_backups_are_numbered_and_never_overwritten_whatever_the_clock_says(tmp_
     assert kept[0].name.startswith("000001-20260304T090500Z-serial_dev_ttyACM0-utf_8-")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="permissions of POSIX")
+def test_backups_and_journals_are_for_their_owner(tmp_path: Path) -> None:
+    store = BackupStore(tmp_path)
+    store.keep(OLD, URL, "utf-8")
+    store.write(JOURNAL)
+    modes = {path.parent.name: path.stat().st_mode & 0o777 for path in tmp_path.rglob("*.json")}
+    assert modes == {"backups": 0o600, "imports": 0o600}
+
+
 @pytest.mark.parametrize(
     ("url", "board"),
     [
@@ -206,5 +215,5 @@ def test_a_user_without_a_home_is_an_error(monkeypatch: pytest.MonkeyPatch) -> N
         raise RuntimeError("could not determine the home directory")
 
     monkeypatch.setattr(platformdirs, "user_data_path", homeless)
-    with pytest.raises(ProjectError, match=r"backups of boards have no place: could not .* directory; set HOME"):
+    with pytest.raises(ProjectError, match=r"backups of boards cannot be kept: could not .* directory; set HOME"):
         BackupStore()

@@ -179,7 +179,9 @@ def test_a_missing_recording_is_told(tmp_path: Path) -> None:
 
 
 def test_what_may_never_end_is_no_recording() -> None:
-    assert "no regular file" in _open_error(Path(os.devnull))  # stands for a pipe, at which a failing test would hang
+    assert "not a regular file" in _open_error(
+        Path(os.devnull)
+    )  # stands for a pipe, at which a failing test would hang
 
 
 @pytest.mark.parametrize(

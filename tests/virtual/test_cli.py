@@ -378,7 +378,7 @@ def test_it_ends_with_its_terminal() -> None:
         (("--clear", "most"), 2, "records"),
         (("--faults", "dorp=0.1"), 2, "unknown option dorp"),
         (("--script", "missing"), 2, "missing"),
-        (("--script", "/dev/zero"), 2, "is longer than"),
+        (("--script", "/dev/zero"), 2, "is not a regular file"),
         (("--tcp", "192.0.2.1:80"), 3, "try another port"),
         (("--state", "/"), 3, "cannot be read"),
         (("--state", "missing/board.json"), 2, "missing is no folder; make it"),

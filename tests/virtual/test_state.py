@@ -149,8 +149,16 @@ def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
 
 
 def test_what_is_no_file_is_refused_without_waiting_for_it() -> None:
-    with pytest.raises(OpenError, match=r"cannot be read: .*no regular file"):
+    with pytest.raises(OpenError, match=r"cannot be read: .*not a regular file"):
         load_state(VirtualBoard(), Path(os.devnull))
+
+
+def test_a_file_larger_than_any_state_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "board.json"
+    with path.open("wb") as file:
+        file.truncate(1 << 30)
+    with pytest.raises(OpenError, match=r"board\.json: cannot be read: is larger than 4,848,576 bytes"):
+        load_state(VirtualBoard(memory=950_000), path)
 
 
 def test_a_file_that_could_not_be_saved_is_refused_at_the_start(tmp_path: Path) -> None:

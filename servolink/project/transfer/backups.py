@@ -15,12 +15,11 @@ from secrets import choice
 from typing import Annotated, Literal, TypeAlias
 
 import msgspec
-import platformdirs
 from msgspec import Meta, Struct
 
 from servolink.errors import ProjectError
 from servolink.escaping import escape
-from servolink.files import write_atomically
+from servolink.files import read_file, user_folder, write_atomically
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import format_project, load_project
 
@@ -113,7 +112,7 @@ class BackupStore:
             number = 1 + max((backup.number for backup in self.backups()), default=0)
             what = f"{_slug(url)}-{_slug_of_encoding(caption_encoding)}-{_digest(project)}"
             path = folder / f"{number:06}-{self.now():{_TIME}}-{what}{_SUFFIX}"
-            write_atomically(path, format_project(project).encode())
+            write_atomically(path, format_project(project).encode(), private=True)
         if load_project(path, unchecked=True) != project.sorted():
             raise ProjectError(f"{escape(str(path))}: the backup does not read back as it was written")
         return path
@@ -150,7 +149,8 @@ class BackupStore:
         with _told("the journal of the import cannot be written"):
             self._made("imports")
             # ASCII, in which an address that is no text has its place as well.
-            write_atomically(self._journal(journal.marker), json.dumps(msgspec.to_builtins(journal)).encode() + b"\n")
+            content = json.dumps(msgspec.to_builtins(journal)).encode() + b"\n"
+            write_atomically(self._journal(journal.marker), content, private=True)
 
     def end(self, journal: Journal) -> None:
         """Forget an import that is over; a journal that is left does no harm, as no board has its marker."""
@@ -209,9 +209,9 @@ _LOG = logging.getLogger(__name__)
 
 def _data_folder() -> Path:
     try:
-        return platformdirs.user_data_path("servolink", appauthor=False)
-    except RuntimeError as error:
-        raise ProjectError(f"backups of boards have no place: {escape(str(error))}; set HOME") from error
+        return user_folder("data")
+    except OSError as error:
+        raise ProjectError(f"backups of boards cannot be kept: {error.strerror}") from error
 
 
 @contextmanager
@@ -226,8 +226,7 @@ def _told(what: str) -> Iterator[None]:
 
 
 def _read(path: Path, marker: int) -> Journal:
-    with path.open("rb") as file:
-        journal = msgspec.convert(json.loads(file.read(_LARGEST)), Journal)
+    journal = msgspec.convert(json.loads(read_file(path, _LARGEST)), Journal)
     if journal.marker != marker:
         raise ValueError(f"it is that of {journal.marker:08x}")
     for name in filter(None, (journal.backup, journal.restores)):
