@@ -13,7 +13,7 @@ from msgspec import Meta, Struct
 from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.layout import layout
-from servolink.protocol.packet import Counted, Packet, Query, Request, Response, Wire
+from servolink.protocol.packet import Counted, Packet, Query, Response, Wire
 
 _CHAPTERS = {"3.1": settings, "3.2": servos, "3.3": editing, "3.4": joystick}
 _TYPES = {"B": "u8", "H": "u16", "I": "u32", "h": "i16", "i": "i32", "32s": "caption"}
@@ -21,8 +21,8 @@ _INTRODUCTION = """\
 # Packet reference
 
 All 60 packets, made from the declarations in `servolink/protocol/`. Names in JSON and in Python are the same.
-`u8` and so on are unsigned, `i16` and `i32` signed numbers, in the byte order of the connection; a caption is
-32 bytes of text. The ranges are what servolink sends; what a board sends is shown as it is.
+`u8`, `u16` and `u32` are unsigned numbers, `i16` and `i32` signed ones, in the byte order of the connection; a caption
+is 32 bytes of text. The ranges are those that servolink sends; what a board sends is accepted as it is.
 """
 
 
@@ -49,7 +49,7 @@ def _title(chapter: ModuleType) -> str:
 
 
 def _packet(declared: type[Packet]) -> str:
-    facts = [f"Document {declared.section}", _direction(declared), f"content {_length(declared)}", _answer(declared)]
+    facts = [f"Document {declared.section}", _direction(declared), f"content {_length(declared)}", _response(declared)]
     lines = [f"### {declared.packet_id} {declared.__name__}", "", inspect.cleandoc(declared.__doc__ or ""), ""]
     lines += [" · ".join(fact for fact in facts if fact) + ".", ""]
     if rows := list(_rows(declared)):
@@ -74,14 +74,13 @@ def _length(declared: type[Packet]) -> str:
     return f"{rule.base} + n * {rule.unit} bytes, n up to {rule.limit:,}"
 
 
-def _answer(declared: type[Packet]) -> str:
-    """Say who answers, or what is answered."""
+def _response(declared: type[Packet]) -> str:
+    """Return which packet is the response, or to which request this is one."""
     other = PACKETS.get(declared.packet_id + (-1 if issubclass(declared, Response) else 1))
     if other is None:
-        return "sent without a request" if issubclass(declared, Response) else "not answered"
-    relation = "answers" if issubclass(declared, Response) else "answered by"
-    asked = other if issubclass(declared, Response) else declared
-    kind = ", changes nothing" if issubclass(asked, Query) and issubclass(declared, Request) else ""
+        return "sent without a request" if issubclass(declared, Response) else "no response"
+    relation = "response to" if issubclass(declared, Response) else "response:"
+    kind = " · changes nothing" if issubclass(declared, Query) else ""
     return f"{relation} {other.packet_id} `{other.__name__}`{kind}"
 
 
@@ -96,7 +95,7 @@ def _rows(declared: type[Struct], prefix: str = "") -> Iterator[tuple[str, str, 
             yield f"`{prefix}{name}`", *_type_and_range(notes), meaning
             continue
         item = get_args(get_args(hints[name])[0])[0]
-        yield f"`{name}`", f"their number as {_TYPES[counted.count]}, then each", "", meaning
+        yield f"`{name}`", f"{_TYPES[counted.count]} count, then each", "", meaning
         if isinstance(item, type) and issubclass(item, Struct):
             yield from _rows(item, f"{name}[].")
         else:

@@ -20,6 +20,15 @@ def test_links_have_a_text_and_lead_somewhere(page: Path) -> None:
         re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     ):
         assert text, target
-        path = target.partition("#")[0]
-        if path and "://" not in target and (page.name, target) not in BUILT:
-            assert (page.parent / path).exists(), target
+        path, _, heading = target.partition("#")
+        if "://" in target or (page.name, target) in BUILT:
+            continue
+        aim = page.parent / path if path else page
+        assert aim.exists(), target
+        assert not heading or heading in anchors(aim), target
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors that a repository's web page makes of the headings of `page`."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
