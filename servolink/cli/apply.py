@@ -11,7 +11,7 @@ from pathlib import Path
 from servolink.cli.arguments import not_empty
 from servolink.cli.export import backup_named
 from servolink.cli.live import PHASES, shown_progress
-from servolink.cli.main import FAILED, OK, refuse
+from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import print_json, print_text
 from servolink.cli.plan import plan_object, print_plan
 from servolink.cli.session import Interruption, run_with_board
@@ -26,18 +26,23 @@ from servolink.project.transfer.results import ApplyResult, Phase, Plan, Progres
 _UNTOUCHED = "nothing was changed on the board"
 
 
-def configure(command: str, parser: argparse.ArgumentParser) -> None:
-    """Add the options of `command`."""
+def configure_rollback(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink rollback`."""
+    parser.set_defaults(run=run)
     parser.add_argument("--yes", action="store_true", help="do not ask")
-    if command == "rollback":
-        parser.add_argument(
-            "backup",
-            nargs="?",
-            type=not_empty,
-            metavar="BACKUP",
-            help="a number of `servolink backups`, or a file (the last)",
-        )
-        return
+    parser.add_argument(
+        "backup",
+        nargs="?",
+        type=not_empty,
+        metavar="BACKUP",
+        help="a number of `servolink backups`, or a file (the last)",
+    )
+
+
+def configure_apply(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink apply`."""
+    parser.set_defaults(run=run)
+    parser.add_argument("--yes", action="store_true", help="do not ask")
     parser.add_argument("file", type=Path, metavar="FILE", help="a project file")
     parser.add_argument(
         "--replace", action="store_true", help="delete everything on the board first, instead of only what differs"
@@ -50,9 +55,9 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Show what would change, ask, and do it."""
     if not args.yes and args.json:
-        refuse(args, "--json asks nothing; --yes goes on without asking")
+        usage_error(args, "--json asks nothing; --yes goes on without asking")
     if not (args.yes or _can_ask()):
-        refuse(args, "there is no terminal to ask on; --yes goes on without asking")
+        usage_error(args, "there is no terminal to ask on; --yes goes on without asking")
     return _apply(args) if args.command == "apply" else _roll_back(args)
 
 

@@ -24,8 +24,9 @@ _PERCENTILES = (50, 90, 99)
 _MOST = 100_000
 
 
-def configure(command: str, parser: argparse.ArgumentParser) -> None:
+def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink bench`."""
+    parser.set_defaults(run=run)
     parser.add_argument("--requests", type=_requests, default=200, metavar="N", help="of each kind (200)")
 
 

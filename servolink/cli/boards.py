@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from servolink.cli.main import NO_BOARD, OK, fail, refuse
+from servolink.cli.main import NO_BOARD, OK, fail, usage_error
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible, run_with_board
 from servolink.client.board import Board
@@ -20,8 +20,9 @@ from servolink.protocol.servos import ALL_SERVOS
 from servolink.transports.device_info import DeviceInfo
 
 
-def configure_list(command: str, parser: argparse.ArgumentParser) -> None:
+def configure_list(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink list`."""
+    parser.set_defaults(run=run_list)
     parser.add_argument("--probe", action="store_true", help="open each and ask whether it is a board")
 
 
@@ -82,8 +83,9 @@ def _answer(heard: ProbeResult) -> str:
     return f"project id {heard.answer.project_id}, {heard.answer.byte_order} byte order{mode}"
 
 
-def configure_use(command: str, parser: argparse.ArgumentParser) -> None:
+def configure_use(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink use`."""
+    parser.set_defaults(run=run_use)
     parser.add_argument("name", metavar="NAME", help="of letters, digits, - and _")
     parser.add_argument("address", metavar="URL", help="the board's address, as `servolink list` shows it")
 
@@ -91,7 +93,7 @@ def configure_use(command: str, parser: argparse.ArgumentParser) -> None:
 def run_use(args: argparse.Namespace) -> int:
     """Keep the name; nothing is opened."""
     if not is_name(args.name):
-        refuse(args, f"{args.name!r} cannot be a name: up to 64 letters, digits, - and _, and no port")
+        usage_error(args, f"{args.name!r} cannot be a name: up to 64 letters, digits, - and _, and no port")
     alias = alias_for(args.address, search())
     save_alias(args.name, alias)
     if args.json:
@@ -106,8 +108,9 @@ def run_use(args: argparse.Namespace) -> int:
     return OK
 
 
-def configure_info(command: str, parser: argparse.ArgumentParser) -> None:
+def configure_info(parser: argparse.ArgumentParser) -> None:
     """Add nothing: `servolink info` has no options of its own."""
+    parser.set_defaults(run=run_info)
 
 
 def run_info(args: argparse.Namespace) -> int:

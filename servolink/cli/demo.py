@@ -288,8 +288,9 @@ _SERVOS = 16
 _FAST = 0.05
 
 
-def configure(command: str, parser: argparse.ArgumentParser) -> None:
+def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink demo`."""
+    parser.set_defaults(run=run)
     parser.add_argument("--fast", action="store_true", help="do the same with quick movements and no time to read")
 
 

@@ -21,8 +21,9 @@ from servolink.errors import OpenError
 _PERCENTILES = (50, 90, 99)
 
 
-def configure(command: str, parser: argparse.ArgumentParser) -> None:
+def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink doctor`."""
+    parser.set_defaults(run=run)
     parser.add_argument(
         "board",
         nargs="?",

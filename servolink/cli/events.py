@@ -13,8 +13,9 @@ from servolink.client.board import Board
 from servolink.client.events import ButtonEvents
 
 
-def configure(command: str, parser: argparse.ArgumentParser) -> None:
+def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink events`."""
+    parser.set_defaults(run=run)
     parser.add_argument("--count", type=_count, metavar="N", help="end after N events")
     parser.add_argument("--seconds", type=_seconds, metavar="N", help="end after N seconds")
 

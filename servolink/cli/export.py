@@ -16,8 +16,9 @@ from servolink.project.project_file import load_project, save_project
 from servolink.project.transfer.backups import BackupStore
 
 
-def configure_export(command: str, parser: argparse.ArgumentParser) -> None:
+def configure_export(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink export`."""
+    parser.set_defaults(run=run_export)
     parser.add_argument("file", type=Path, metavar="FILE", help="such as robot.servolink.json")
 
 
@@ -62,8 +63,9 @@ def _refuse_other_files(path: Path) -> None:
             ) from error
 
 
-def configure_backups(command: str, parser: argparse.ArgumentParser) -> None:
+def configure_backups(parser: argparse.ArgumentParser) -> None:
     """Add nothing: `servolink backups` has no options of its own."""
+    parser.set_defaults(run=run_backups)
 
 
 def run_backups(args: argparse.Namespace) -> int:

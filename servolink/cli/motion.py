@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, nullcontext
 
 from servolink.cli.arguments import number, speed
 from servolink.cli.live import Draw, follow, live_bars
-from servolink.cli.main import FAILED, OK, refuse
+from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import Table, is_terminal, print_json, print_table, print_text
 from servolink.cli.records import record_id
 from servolink.cli.servos import print_servos, reported
@@ -28,8 +28,9 @@ _TARGET = re.compile(r"([0-9]{1,3})=([+-]?[0-9]{1,5})", re.ASCII)
 _FINISHING = "and the servos finish it; `servolink stop` stops them"
 
 
-def configure_move(command: str, parser: argparse.ArgumentParser) -> None:
+def configure_move(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink move`."""
+    parser.set_defaults(run=run_move)
     parser.add_argument("targets", nargs="+", type=_target, metavar="SERVO=ANGLE", help="such as 1=90 2=-45")
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument(
@@ -52,11 +53,11 @@ def run_move(args: argparse.Namespace) -> int:
     kind = Adc if args.adc else Degrees
     targets = {servo_id: kind(angle) for servo_id, angle in args.targets}
     if len(targets) < len(args.targets):
-        refuse(args, "a servo is given twice")
+        usage_error(args, "a servo is given twice")
     if args.adc and args.duration is None:
-        refuse(args, "--adc needs --duration: speeds are in degrees per second")
+        usage_error(args, "--adc needs --duration: speeds are in degrees per second")
     if args.limit and not args.limit[0] <= args.limit[1]:
-        refuse(args, "--limit takes the lower angle first, as in --limit -90 90")
+        usage_error(args, "--limit takes the lower angle first, as in --limit -90 90")
     pace = DEFAULT_SPEED if args.speed is None and args.duration is None else args.speed
     limits = tuple(args.limit) if args.limit else None
 
@@ -146,19 +147,14 @@ def _target(text: str) -> tuple[int, int]:
 _WARNING = "released servos are limp, and raised limbs fall"
 
 
-def configure_stop(command: str, parser: argparse.ArgumentParser) -> None:
-    """Add the options of `command`."""
-    if command == "release":
-        parser.add_argument("servo_ids", nargs="*", type=servo_id, metavar="SERVO", help="which servos (all)")
-        parser.add_argument("--yes", action="store_true", help=f"do not ask: {_WARNING}")
+def configure_stop(parser: argparse.ArgumentParser) -> None:
+    """Add nothing: `servolink stop` has no options of its own."""
+    parser.set_defaults(run=run_stop)
 
 
 def run_stop(args: argparse.Namespace) -> int:
-    """Stop or release, and say what the servos then report."""
-    return _stop(args) if args.command == "stop" else _release(args)
+    """Stop, and print what the servos then report."""
 
-
-def _stop(args: argparse.Namespace) -> int:
     async def talk(board: Board, interruption: Interruption) -> int:
         interruption.state = "the stop was not confirmed; run `servolink stop` again"
         await board.stop()
@@ -172,7 +168,15 @@ def _stop(args: argparse.Namespace) -> int:
     return run_with_board(args, talk, greet=False)
 
 
-def _release(args: argparse.Namespace) -> int:
+def configure_release(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink release`."""
+    parser.set_defaults(run=run_release)
+    parser.add_argument("servo_ids", nargs="*", default=[], type=servo_id, metavar="SERVO", help="which servos (all)")
+    parser.add_argument("--yes", action="store_true", help=f"do not ask: {_WARNING}")
+
+
+def run_release(args: argparse.Namespace) -> int:
+    """Release servos, and print what the servos then report."""
     which = f"servos {', '.join(map(str, args.servo_ids))}" if args.servo_ids else "all servos"
     if not args.yes and not may_release(args, which):
         return FAILED
@@ -202,7 +206,7 @@ async def _release_each(board: Board, servo_ids: Sequence[int]) -> None:
 def may_release(args: argparse.Namespace, which: str) -> bool:
     """Ask a person whether servos may go limp; a program has to say --yes."""
     if args.json or sys.stdin is None or not sys.stdin.isatty():
-        refuse(args, f"{_WARNING}; say --yes if they may")
+        usage_error(args, f"{_WARNING}; say --yes if they may")
     print(f"{_WARNING}. Release {which}? [y/N] ", end="", file=sys.stderr, flush=True)
     try:
         answer = sys.stdin.readline()
@@ -222,14 +226,15 @@ def servo_id(text: str) -> int:
     return int(text)
 
 
-def configure_stored(command: str, parser: argparse.ArgumentParser) -> None:
+def configure_run(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink run`."""
-    parser.add_argument("kind", choices=("action", "macro"), help="what to run")
+    parser.set_defaults(run=run_run)
+    parser.add_argument("kind", choices=("action", "macro"), metavar="action|macro", help="what to run")
     parser.add_argument("id", type=record_id, metavar="ID", help="its id, as in `servolink actions`")
     parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
 
 
-def run_stored(args: argparse.Namespace) -> int:
+def run_run(args: argparse.Namespace) -> int:
     """Run it; returns when the board has been told, as the board does not say when it is done."""
 
     async def talk(board: Board, interruption: Interruption) -> int:

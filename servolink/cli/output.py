@@ -7,7 +7,8 @@ import json
 import os
 import sys
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +45,30 @@ def print_error(text: str) -> None:
 def silence(descriptor: int) -> None:
     """Let a stream that cannot be written swallow everything, so that Python does not fail again at its end."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
+
+
+@contextmanager
+def logged(verbosity: int) -> Iterator[None]:
+    """Write what servolink logs to standard error: nothing (0), information (1) or each frame as well (2)."""
+    if not verbosity:
+        yield
+        return
+    import logging
+
+    class Escaping(logging.Formatter):
+        def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
+            return escape(super().formatMessage(record))
+
+    logger, handler = logging.getLogger("servolink"), logging.StreamHandler()
+    handler.setFormatter(Escaping("{asctime}.{msecs:03.0f} {message}", "%H:%M:%S", style="{"))
+    before = logger.level
+    logger.setLevel(logging.DEBUG if verbosity > 1 else logging.INFO)
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(before)
 
 
 def lost_output(error: OSError) -> str:

@@ -24,16 +24,20 @@ _MAX_LINE = 1 << 22  # several times the longest packet in JSON
 _SHOWN_BYTES = 32  # of what was no frame, in text for people
 
 
-def configure(command: str, parser: argparse.ArgumentParser) -> None:
-    """Add the options of `command`."""
-    if command == "encode":
-        parser.add_argument(
-            "objects",
-            nargs="*",
-            metavar="OBJECT",
-            help="packet as a JSON object; without any, one a line is read from stdin",
-        )
-        return
+def configure_encode(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink encode`."""
+    parser.set_defaults(run=run)
+    parser.add_argument(
+        "objects",
+        nargs="*",
+        metavar="OBJECT",
+        help="packet as a JSON object; without any, one a line is read from stdin",
+    )
+
+
+def configure_decode(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink decode`."""
+    parser.set_defaults(run=run)
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("frames", nargs="*", default=[], metavar="HEX", help="one frame in hex, or its single bytes")
     source.add_argument(

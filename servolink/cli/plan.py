@@ -17,8 +17,9 @@ from servolink.project.transfer.results import Plan
 from servolink.protocol.json_form import to_file
 
 
-def configure(command: str, parser: argparse.ArgumentParser) -> None:
+def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink plan`."""
+    parser.set_defaults(run=run)
     parser.add_argument("file", type=Path, metavar="FILE", help="a project file")
     parser.add_argument("--replace", action="store_true", help="as for `servolink apply --replace`")
 

@@ -20,8 +20,9 @@ _TYPES = {0: "action", 1: "delay", 2: "macro"}
 _DELAY = 1
 
 
-def configure(command: str, parser: argparse.ArgumentParser) -> None:
+def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `command`."""
+    parser.set_defaults(run=run)
     parser.add_argument("id", nargs="?", type=record_id, metavar="ID", help="show this one whole")
 
 

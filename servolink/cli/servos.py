@@ -15,8 +15,9 @@ from servolink.errors import NotFound, Rejected
 from servolink.motion import Angle
 
 
-def configure(command: str, parser: argparse.ArgumentParser) -> None:
+def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink servos`."""
+    parser.set_defaults(run=run)
     parser.add_argument("--adc", action="store_true", help="angles as raw ADC readings instead of degrees")
 
 

@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from servolink.cli.main import INTERRUPTED, NO_BOARD, fail, refuse
+from servolink.cli.main import INTERRUPTED, NO_BOARD, fail, usage_error
 from servolink.cli.output import Table, console, lost_output, show_table
 from servolink.client.board import Board
 from servolink.client.connect import connect
@@ -87,10 +87,10 @@ def run_with_board(
     """
     try:
         connection = connect(
-            chosen(args), byte_order=args.byte_order, caption_encoding=args.caption_encoding, **options
+            choose_board(args), byte_order=args.byte_order, caption_encoding=args.caption_encoding, **options
         )
     except ValueError as error:
-        refuse(args, str(error))
+        usage_error(args, str(error))
 
     async def main(interruption: Interruption) -> int:
         async with connection as board:
@@ -107,7 +107,7 @@ def run_with_board(
     return run_interruptible(main, state)
 
 
-def chosen(args: argparse.Namespace) -> str:
+def choose_board(args: argparse.Namespace) -> str:
     """Return the address in `args`, that of the only board here, or the one that is picked at the terminal.
 
     OpenError if there is none. Where nobody can be asked, several are wrong usage.
@@ -123,7 +123,7 @@ def chosen(args: argparse.Namespace) -> str:
         return only(candidates)
     if not (sys.stdin and sys.stdin.isatty() and sys.stderr.isatty()) or args.json:
         addresses = "\n".join(f"  --url {escape(board.url)}" for board in found)
-        refuse(args, f"{len(found)} boards are here; name one:\n{addresses}")
+        usage_error(args, f"{len(found)} boards are here; name one:\n{addresses}")
     return _picked(args, found)
 
 
@@ -135,5 +135,5 @@ def _picked(args: argparse.Namespace, found: Sequence[DeviceInfo]) -> str:
     terminal.print(f"Which one? 1 to {len(found)}:", end=" ")
     answer = sys.stdin.readline().strip()
     if not (answer.isascii() and answer.isdecimal() and 1 <= int(answer) <= len(found)):
-        refuse(args, f"{answer!r} is none of them; give --url")
+        usage_error(args, f"{answer!r} is none of them; give --url")
     return found[int(answer) - 1].url

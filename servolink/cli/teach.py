@@ -81,8 +81,9 @@ def _free_file(caption: str) -> Path:
 _SPEED_CAP = 120.0
 
 
-def configure(command: str, parser: argparse.ArgumentParser) -> None:
+def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink teach`."""
+    parser.set_defaults(run=run)
     parser.add_argument("name", metavar="NAME", help="of the action, or of the macro if there are several poses")
     parser.add_argument("servo_ids", nargs="*", type=servo_id, metavar="SERVO", help="the servos to release (all)")
     parser.add_argument("--file", type=Path, metavar="FILE", help="write into this project file, not to the board")

@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 
 from servolink.cli.arguments import whole_number
-from servolink.cli.main import OK, refuse
+from servolink.cli.main import OK, usage_error
 from servolink.cli.terminal import not_ignored, single_keys
 from servolink.discovery.announcements import announced
 from servolink.errors import TransportUnavailable
@@ -33,8 +33,9 @@ from servolink.virtual.storage import CLEAR, ON_DUPLICATE
 _MOST_MEMORY = 2**31 - 1
 
 
-def configure(command: str, parser: argparse.ArgumentParser) -> None:
+def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink virtual`."""
+    parser.set_defaults(run=run)
     parser.add_argument(
         "--pty", action="store_true", help="serve a pseudo-terminal (what is done when nothing is said)"
     )
@@ -95,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     )
     pushed = {deed.servo_id for deed in args.script if isinstance(deed, Push)}
     if strangers := sorted(pushed - board.servos.keys()):
-        refuse(args, f"--script pushes servo {strangers[0]}, and the board has {args.servos} servos")
+        usage_error(args, f"--script pushes servo {strangers[0]}, and the board has {args.servos} servos")
     if args.state:
         load_state(board, args.state)
     try:

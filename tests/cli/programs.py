@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from servolink.cli.main import main
+from servolink.__main__ import main
 from tests.processes import finish, start
 
 COMMAND = (sys.executable, "-W", "error", "-m", "servolink")
@@ -47,6 +47,7 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> Said:
     except SystemExit as ended:  # argparse: wrong usage, or --help
         code = int(ended.code or 0)
     said = capsys.readouterr()
+    assert "internal error" not in said.err
     return Said(code, said.out, said.err)
 
 
@@ -66,7 +67,7 @@ def started(*arguments: str, **changed: str) -> subprocess.Popen[str]:
 _PATIENT = """
 import sys
 from servolink.cli import session
-from servolink.cli.main import main
+from servolink.__main__ import main
 session._PATIENCE = 1e9
 sys.exit(main(sys.argv[1:]))
 """

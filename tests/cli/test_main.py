@@ -18,7 +18,8 @@ import pytest
 import servolink
 from servolink.cli import session
 from servolink.cli import session as choosing
-from servolink.cli.main import COMMANDS, EXIT_CODES
+from servolink.cli.commands import COMMANDS
+from servolink.cli.parser import EXIT_CODES
 from servolink.client.connect import connect
 from tests import processes
 from tests.cli.programs import COMMAND, call, environment, program
@@ -37,7 +38,7 @@ HEAVY = {
 
 LIST_MODULES = """
 import sys
-from servolink.cli.main import main
+from servolink.__main__ import main
 try:
     main(sys.argv[1:])
 finally:

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from servolink.cli.main import main
+from servolink.__main__ import main
 from servolink.protocol.frame import HEADER, MAGIC, encode_frame
 from tests import processes
 
@@ -260,7 +260,7 @@ def test_hostile_objects_are_errors_for_people_too(line: bytes, fault: str, caps
         (["decode"], "one of the arguments HEX --hex --file is required"),
         (["decode", ASK, "--file", "x"], "not allowed with"),
         (["decode", "--hex", "x", "--file", "x"], "not allowed with"),
-        (["decode", ASK, "--byte-order", "middle"], "invalid choice: 'middle'"),
+        (["decode", ASK, "--byte-order", "middle"], "must be little or big, not 'middle'"),
         (["decode", ASK, "--caption-encoding", "klingon"], "caption encoding 'klingon' cannot be used"),
         (["encode", "{}", "--caption-encoding", "utf-16"], "take one such as utf-8, big5 or utf-16-le"),
     ],

@@ -184,7 +184,7 @@ def test_a_port_that_this_user_may_not_open() -> None:
 
 SWITCH = """
 import contextlib, io, os, sys
-from servolink.cli.main import main
+from servolink.__main__ import main
 with contextlib.redirect_stdout(io.StringIO()):
     main(["doctor", "serial:///dev/nowhere"])
 os.setgroups([]); os.setgid(int(sys.argv[1])); os.setuid(int(sys.argv[2]))

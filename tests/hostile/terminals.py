@@ -15,7 +15,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from servolink.cli.main import main
+from servolink.__main__ import main
 from tests.cli.programs import Said
 
 _COLUMNS, _LINES = 2000, 50
@@ -36,6 +36,7 @@ def in_pipe(*arguments: str) -> Said:
     for stream in (out, err):
         stream.seek(0)
         texts.append(stream.read())
+    assert "internal error" not in texts[1]
     return Said(code, *texts)
 
 
@@ -54,6 +55,7 @@ def in_terminal(*arguments: str) -> Said:
             for name, stream in (("stdout", out), ("stderr", err), ("stdin", typed)):
                 patch.setattr(sys, name, stream)
             code = _exit_code(arguments)
+    assert b"internal error" not in heard
     return Said(code, bytes(heard).decode(), "")
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from servolink.cli.main import COMMANDS, FAILED
+from servolink.cli.commands import COMMANDS
+from servolink.cli.main import FAILED
 from servolink.cli.project import COMMANDS as PROJECT_COMMANDS
 from tests.cli.programs import Said
 from tests.hostile.corpus import PAYLOADS, controls

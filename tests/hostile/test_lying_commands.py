@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from servolink.cli.main import COMMANDS, FAILED, NO_BOARD, OK
+from servolink.cli.commands import COMMANDS
+from servolink.cli.main import FAILED, NO_BOARD, OK
 from servolink.client import connect
 from servolink.connection import probe
 from servolink.project.project_file import save_project

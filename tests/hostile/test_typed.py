@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from servolink.cli.main import COMMANDS, FAILED, NO_BOARD, USAGE
+from servolink.cli.commands import COMMANDS
+from servolink.cli.main import FAILED, NO_BOARD, USAGE
 from tests.hostile.corpus import PAYLOADS, controls
 from tests.hostile.terminals import ESCAPE, in_pipe, in_terminal
 

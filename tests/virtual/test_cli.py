@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from servolink.__main__ import main as servolink
 from servolink.cli import virtual
-from servolink.cli.main import main as servolink
 from servolink.cli.terminal import ENDING, handled
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (

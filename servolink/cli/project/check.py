@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from servolink.cli.arguments import whole_number
-from servolink.cli.main import FAILED, OK, refuse
+from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import print_json, print_text
 from servolink.cli.project.source import add_source, is_address, with_project
 from servolink.project.fix import fix_project
@@ -22,8 +22,9 @@ _IDS = re.compile(r"([0-9]{1,3})(?:-([0-9]{1,3}))?", re.ASCII)
 _STYLES = {"error": "red", "warning": "yellow"}
 
 
-def configure_check(command: str, parser: argparse.ArgumentParser) -> None:
+def configure_check(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project check`."""
+    parser.set_defaults(run=run_check)
     add_source(parser)
     parser.add_argument("--fix", action="store_true", help="repair in the file what has one right answer")
     parser.add_argument("--servos", type=_servo_ids, metavar="N", help="servos of the board: 16, or ids as in 1-8,11")
@@ -34,9 +35,9 @@ def configure_check(command: str, parser: argparse.ArgumentParser) -> None:
 def run_check(args: argparse.Namespace) -> int:
     """Print a line for each problem: 0 if there is none left, else 1."""
     if args.fix and is_address(args.source):
-        refuse(args, "--fix repairs files; `servolink export` writes one from a board")
+        usage_error(args, "--fix repairs files; `servolink export` writes one from a board")
     if args.speed_cap is not None and not args.speed_cap > 0:
-        refuse(args, "--speed-cap takes degrees per second above 0")
+        usage_error(args, "--speed-cap takes degrees per second above 0")
 
     def check(project: Project) -> int:
         fixes: list[str] = []
@@ -88,8 +89,9 @@ _NUMBER = r"[+-]?[0-9]{1,5}(?:\.[0-9]{1,3})?"
 _SERVO_LIMIT = re.compile(rf"([0-9]{{1,3}})=({_NUMBER}):({_NUMBER})", re.ASCII)
 
 
-def configure_preflight(command: str, parser: argparse.ArgumentParser) -> None:
+def configure_preflight(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project preflight`."""
+    parser.set_defaults(run=run_preflight)
     add_source(parser)
     parser.add_argument("record", nargs="?", metavar="NAME", help="only this action or macro, and what it calls")
     parser.add_argument("--speed-cap", type=float, metavar="N", help="degrees per second that no servo may exceed")
@@ -112,11 +114,11 @@ def configure_preflight(command: str, parser: argparse.ArgumentParser) -> None:
 def run_preflight(args: argparse.Namespace) -> int:
     """Print what is too fast or goes too far: 0 if nothing does, else 1."""
     if args.speed_cap is None and not args.limit and not args.servo_limit:
-        refuse(args, "give --speed-cap, --limit or --servo-limit: this is what movements are compared with")
+        usage_error(args, "give --speed-cap, --limit or --servo-limit: this is what movements are compared with")
     if args.speed_cap is not None and not args.speed_cap > 0:
-        refuse(args, "--speed-cap takes degrees per second above 0")
+        usage_error(args, "--speed-cap takes degrees per second above 0")
     if args.limit and not args.limit[0] <= args.limit[1]:
-        refuse(args, "--limit takes the lower angle first, as in --limit -90 90")
+        usage_error(args, "--limit takes the lower angle first, as in --limit -90 90")
     for_all = tuple(args.limit) if args.limit else None
 
     def examine(project: Project) -> int:

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from servolink.cli.arguments import number, whole_number
-from servolink.cli.main import OK, refuse
+from servolink.cli.main import OK, usage_error
 from servolink.cli.output import print_json, print_text
 from servolink.cli.project.source import add_force, add_output, add_source, with_project, write_edited, write_new
 from servolink.project.adjust import rename_record, rename_servo, scale_project
@@ -24,35 +24,46 @@ from servolink.protocol.records import Action
 _TABLE = {"table": "joystick table"}
 
 
-def configure_edits(command: str, parser: argparse.ArgumentParser) -> None:
-    """Add the options of `command`."""
-    if command == "merge":
-        parser.description = f"{parser.description} Where an id means two things, those of OTHER get new ids."
+def configure_scale_time(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink project scale-time`."""
+    parser.set_defaults(run=run_edit, edit=_scaled)
     add_source(parser)
-    if command == "scale-time":
-        parser.add_argument(
-            "factor", type=number(1e-6, 1e6, "times"), metavar="FACTOR", help="2 takes twice as long, 0.5 half as long"
-        )
-        parser.add_argument(
-            "actions", nargs="*", metavar="ACTION", help="caption or id; without any, everything and all pauses"
-        )
-    elif command == "merge":
-        parser.add_argument("other", type=Path, metavar="OTHER", help="the project file that is added to it")
-    else:
-        parser.add_argument("kind", choices=("action", "macro", "table", "servo"), help="what to rename")
-        parser.add_argument(
-            "id",
-            type=whole_number(-(2**31), 2**31 - 1),
-            metavar="ID",
-            help="its id, as `project show` shows it",
-        )
-        parser.add_argument("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")
+    parser.add_argument(
+        "factor", type=number(1e-6, 1e6, "times"), metavar="FACTOR", help="2 takes twice as long, 0.5 half as long"
+    )
+    parser.add_argument(
+        "actions", nargs="*", metavar="ACTION", help="caption or id; without any, everything and all pauses"
+    )
     add_output(parser)
 
 
-def run_edits(args: argparse.Namespace) -> int:
+def configure_merge(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink project merge`."""
+    parser.set_defaults(run=run_edit, edit=_merged)
+    parser.description = f"{parser.description}\n\nWhere an id means two things, those of OTHER get new ids."
+    add_source(parser)
+    parser.add_argument("other", type=Path, metavar="OTHER", help="the project file that is added to it")
+    add_output(parser)
+
+
+def configure_rename(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink project rename`."""
+    parser.set_defaults(run=run_edit, edit=_renamed)
+    add_source(parser)
+    parser.add_argument("kind", choices=("action", "macro", "table", "servo"), help="what to rename")
+    parser.add_argument(
+        "id",
+        type=whole_number(-(2**31), 2**31 - 1),
+        metavar="ID",
+        help="its id, as `project show` shows it",
+    )
+    parser.add_argument("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")
+    add_output(parser)
+
+
+def run_edit(args: argparse.Namespace) -> int:
     """Write the edited project."""
-    edit = {"scale-time": _scaled, "merge": _merged, "rename": _renamed}[args.project_command]
+    edit = args.edit
 
     def write(project: Project) -> int:
         result, changes = edit(args, project)
@@ -85,9 +96,10 @@ opposite of its partner's angle, unless it is named in --same-sign. Servos witho
 partner of 'left knee' is 'right knee', of 'L knee' 'R knee', of 'l_knee' 'r_knee'; Chinese works too."""
 
 
-def configure_mirror(command: str, parser: argparse.ArgumentParser) -> None:
+def configure_mirror(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project mirror`."""
-    parser.description = f"{parser.description} {_HOW}"
+    parser.set_defaults(run=run_mirror)
+    parser.description = f"{parser.description}\n\n{_HOW}"
     add_source(parser)
     parser.add_argument("records", nargs="+", metavar="NAME", help="caption or id of an action or a macro, action:3")
     parser.add_argument(
@@ -111,9 +123,9 @@ def _mirror(args: argparse.Namespace, project: Project) -> int:
     else:
         mirror = Mirror(args.map, args.same_sign)
         if not any(step.servo_id in args.map for action in project.actions for step in action.steps):
-            refuse(args, "no action moves a servo of --map")
+            usage_error(args, "no action moves a servo of --map")
     if strangers := [servo_id for servo_id in args.same_sign if servo_id not in mirror.partners]:
-        refuse(args, f"servo {strangers[0]} of --same-sign has no partner")
+        usage_error(args, f"servo {strangers[0]} of --same-sign has no partner")
     result, changes = mirror_project(project, records, mirror)
     pairs = sorted((one, other) for one, other in mirror.partners.items() if one <= other)
     said = [f"pairs: {', '.join(f'{one}={other}' for one, other in pairs)}", *changes]
@@ -144,8 +156,9 @@ _SERVOS = 16
 _MOST_SERVOS = 254
 
 
-def configure_new(command: str, parser: argparse.ArgumentParser) -> None:
+def configure_new(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project new`."""
+    parser.set_defaults(run=run_new)
     parser.add_argument("file", type=Path, metavar="FILE", help="such as robot.servolink.json")
     parser.add_argument("--servos", type=_count, default=_SERVOS, metavar="N", help=f"servos 1 to N ({_SERVOS})")
     add_force(parser)
@@ -170,8 +183,9 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def configure_schema(command: str, parser: argparse.ArgumentParser) -> None:
+def configure_schema(parser: argparse.ArgumentParser) -> None:
     """Add no options."""
+    parser.set_defaults(run=run_schema)
 
 
 def run_schema(args: argparse.Namespace) -> int:

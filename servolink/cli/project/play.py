@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from servolink.cli.main import OK, refuse
+from servolink.cli.main import OK, usage_error
 from servolink.cli.output import Table, is_terminal, plain_lines, print_json, print_table, print_text, text_width
 from servolink.cli.project.source import add_source, is_address, with_project
 from servolink.errors import ProjectError
@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 _PAUSE = 0.04  # seconds between two pictures
 
 
-def configure(command: str, parser: argparse.ArgumentParser) -> None:
+def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project play`."""
+    parser.set_defaults(run=run)
     add_source(parser)
     parser.add_argument("record", metavar="NAME", help="an action or a macro: caption or id, or as in macro:3")
     parser.add_argument("--fast", action="store_true", help="only the chart: do not take the time that a robot would")
@@ -34,7 +35,7 @@ def configure(command: str, parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Play it; all servos begin at 0 degrees."""
     if is_address(args.source) and not args.source.startswith("virtual:"):
-        refuse(args, "play moves a virtual board only; export the project first, and play the file")
+        usage_error(args, "play moves a virtual board only; export the project first, and play the file")
     with_bars = is_terminal() and not args.json and not args.fast
     return with_project(args, lambda project: _play(args, project, with_bars=with_bars))
 

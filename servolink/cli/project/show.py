@@ -20,8 +20,9 @@ _ACTION, _DELAY, _MACRO = 0, 1, 2
 _CALLED = {_ACTION: "action", _MACRO: "macro"}
 
 
-def configure(command: str, parser: argparse.ArgumentParser) -> None:
+def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project show`."""
+    parser.set_defaults(run=run)
     add_source(parser)
     parser.add_argument("records", nargs="*", metavar="NAME", help="show these whole: caption or id, or as in action:3")
 

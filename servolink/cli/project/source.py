@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from servolink.cli.main import OK, refuse
+from servolink.cli.main import OK, usage_error
 from servolink.cli.output import print_json, print_text
 from servolink.errors import ProjectError
 from servolink.escaping import escape
@@ -32,7 +32,7 @@ def with_project(args: argparse.Namespace, then: Callable[[Project], int]) -> in
         return then(load_project(Path(args.source), unchecked=True))
 
     if getattr(args, "in_place", False):
-        refuse(args, "--in-place is for files; write into one with -o, and `servolink apply` writes it to a board")
+        usage_error(args, "--in-place is for files; write into one with -o, and `servolink apply` writes it to a board")
 
     from servolink.cli.live import shown_progress
     from servolink.cli.session import Interruption, run_with_board

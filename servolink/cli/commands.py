@@ -1,0 +1,159 @@
+"""The table of commands: where each stands in the help, where its code is, and how it is used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+FIRST_STEPS = "first steps"
+MOVE = "move"
+STORED = "what is stored"
+PROJECTS = "projects"
+DEVELOPERS = "for developers"
+
+TOPICS = (FIRST_STEPS, MOVE, STORED, PROJECTS, DEVELOPERS)
+"""In the order of `servolink --help`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One command."""
+
+    topic: str
+    place: str
+    """Module below `servolink.cli` and its function, which adds the options to a parser and sets the default `run`."""
+    help: str
+    examples: tuple[str, ...] = ()
+    """What may be typed after `servolink`, each on a board of its own; a test runs all of them on virtual boards."""
+    takes_board: bool = True
+    """Whether `--board` means anything to it."""
+
+
+COMMANDS = {
+    "demo": Command(
+        FIRST_STEPS,
+        "demo:configure",
+        "show all of it on a virtual board, in about 10 seconds",
+        ("demo", "demo --json"),
+        takes_board=False,
+    ),
+    "list": Command(
+        FIRST_STEPS,
+        "boards:configure_list",
+        "list the boards that are connected to this computer",
+        ("list", "list --probe"),
+        takes_board=False,
+    ),
+    "use": Command(
+        FIRST_STEPS,
+        "boards:configure_use",
+        "give a board a name, for --board and for programs",
+        ("use left-arm virtual://", "use --list", "use --remove left-arm"),
+        takes_board=False,
+    ),
+    "doctor": Command(
+        FIRST_STEPS,
+        "doctor:configure",
+        "find out why a board does not work",
+        ("doctor", "doctor virtual://"),
+    ),
+    "move": Command(
+        MOVE,
+        "motion:configure_move",
+        "move servos to angles",
+        ("move 1=90 2=-45", "move 1=30 --speed 20 --no-wait", "move 1=80 --limit -90 90 --duration 0.5"),
+    ),
+    "stop": Command(MOVE, "motion:configure_stop", "stop all servos and keep holding them", ("stop",)),
+    "release": Command(
+        MOVE, "motion:configure_release", "let servos go limp", ("release --yes", "release 1 2 --yes --json")
+    ),
+    "run": Command(
+        MOVE,
+        "motion:configure_run",
+        "run an action or a macro stored on the board",
+        ("run action 1", "run macro 1 --start"),
+    ),
+    "servos": Command(
+        MOVE,
+        "servos:configure",
+        "show angle, current and temperature of each servo",
+        ("servos", "servos --adc", "servos --json"),
+    ),
+    "teach": Command(MOVE, "teach:configure", "record poses of limbs that are moved by hand"),
+    "events": Command(
+        MOVE, "events:configure", "show button events as they come", ("events --seconds 2", "events --seconds 1 --json")
+    ),
+    "info": Command(
+        STORED,
+        "boards:configure_info",
+        "show project id, memory, battery and what is stored on the board",
+        ("info", "info --json"),
+    ),
+    "actions": Command(
+        STORED, "records:configure", "list the actions stored on the board, or show one", ("actions", "actions 1")
+    ),
+    "macros": Command(
+        STORED, "records:configure", "list the macros stored on the board, or show one", ("macros", "macros 1")
+    ),
+    "tables": Command(
+        STORED, "records:configure", "list the joystick tables stored on the board, or show one", ("tables", "tables 1")
+    ),
+    "export": Command(
+        PROJECTS,
+        "export:configure_export",
+        "write everything on the board into a project file",
+        ("export robot.servolink.json",),
+    ),
+    "plan": Command(
+        PROJECTS,
+        "plan:configure",
+        "show what a project file would change on the board",
+        ("plan robot.servolink.json",),
+    ),
+    "apply": Command(
+        PROJECTS,
+        "apply:configure_apply",
+        "make the board hold what a project file holds, after a backup",
+        ("apply robot.servolink.json --yes",),
+    ),
+    "rollback": Command(
+        PROJECTS,
+        "apply:configure_rollback",
+        "bring back what was on the board before the last import",
+    ),
+    "backups": Command(
+        PROJECTS,
+        "export:configure_backups",
+        "list what was on boards before imports",
+        ("backups", "backups --json"),
+        takes_board=False,
+    ),
+    "project": Command(
+        PROJECTS,
+        "project:configure",
+        "show, check, edit and play projects in files, without a board",
+        takes_board=False,
+    ),
+    "virtual": Command(
+        DEVELOPERS,
+        "virtual:configure",
+        "serve a virtual board over a pseudo-terminal, TCP or USB/IP",
+        takes_board=False,
+    ),
+    "decode": Command(
+        DEVELOPERS,
+        "packets:configure_decode",
+        "turn frames into readable packets",
+        ("decode 134c051d1a2700000000c5",),
+        takes_board=False,
+    ),
+    "encode": Command(
+        DEVELOPERS,
+        "packets:configure_encode",
+        "turn packets into frames",
+        takes_board=False,
+    ),
+    "bench": Command(
+        DEVELOPERS, "bench:configure", "measure round trips to the board", ("bench", "bench --requests 20 --json")
+    ),
+}
+"""Command name to command, in the order of the help."""
