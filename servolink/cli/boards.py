@@ -8,12 +8,21 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from servolink.cli.main import NO_BOARD, OK, fail, usage_error
+from servolink.cli.main import FAILED, NO_BOARD, OK, fail, usage_error
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible, run_with_board
 from servolink.client.board import Board
 from servolink.connection.probe import ProbeResult, probe
-from servolink.discovery.names import Alias, alias_for, aliases_path, current_url, is_name, load_aliases, save_alias
+from servolink.discovery.names import (
+    Alias,
+    alias_for,
+    aliases_path,
+    current_url,
+    is_name,
+    load_aliases,
+    remove_alias,
+    save_alias,
+)
 from servolink.discovery.search import NONE_HERE, discover, search
 from servolink.errors import OpenError
 from servolink.protocol.servos import ALL_SERVOS
@@ -86,26 +95,66 @@ def _answer(heard: ProbeResult) -> str:
 def configure_use(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink use`."""
     parser.set_defaults(run=run_use)
-    parser.add_argument("name", metavar="NAME", help="of letters, digits, - and _")
-    parser.add_argument("address", metavar="URL", help="the board's address, as `servolink list` shows it")
+    parser.add_argument("name", nargs="?", metavar="NAME", help="of letters, digits, - and _")
+    parser.add_argument("address", nargs="?", metavar="BOARD", help="the address, as `servolink list` prints it")
+    instead = parser.add_mutually_exclusive_group()
+    instead.add_argument("--list", action="store_true", help="print all names")
+    instead.add_argument("--remove", metavar="NAME", help="forget a name")
 
 
 def run_use(args: argparse.Namespace) -> int:
-    """Keep the name; nothing is opened."""
+    """Keep, print or forget names; nothing is opened."""
+    given = [args.name, args.address].count(None)
+    if args.list or args.remove is not None:
+        if given != 2:
+            usage_error(args, "--list and --remove take no address")
+        return _list_names(args) if args.list else _forget_name(args)
+    if given:
+        usage_error(args, "give a name and an address, or --list, or --remove NAME")
+    return _keep_name(args)
+
+
+def _keep_name(args: argparse.Namespace) -> int:
     if not is_name(args.name):
-        usage_error(args, f"{args.name!r} cannot be a name: up to 64 letters, digits, - and _, and no port")
+        usage_error(args, f"{args.name!r} cannot be a name: use up to 64 letters, digits, - and _, and no port")
     alias = alias_for(args.address, search())
     save_alias(args.name, alias)
     if args.json:
-        print_json({"name": args.name, "url": alias.url, "serial_number": alias.serial_number})
+        print_json(_named(args.name, alias))
     else:
-        board = (
-            f"the board with serial number {alias.serial_number}, on whatever port"
-            if alias.serial_number
-            else alias.url
-        )
+        board = f"the board with serial number {alias.serial_number}, on any port" if alias.serial_number else alias.url
         print_text(f"{args.name} is {board}; kept in {aliases_path()}")
     return OK
+
+
+def _list_names(args: argparse.Namespace) -> int:
+    aliases = sorted(load_aliases().items())
+    if args.json:
+        print_json({"names": [_named(name, alias) for name, alias in aliases]})
+    elif aliases:
+        print_table(
+            Table(("name", "address", "serial number"), [(n, a.url, a.serial_number or None) for n, a in aliases])
+        )
+    else:
+        print_text("no board has a name; `servolink use NAME BOARD` gives one")
+    return OK
+
+
+def _forget_name(args: argparse.Namespace) -> int:
+    aliases = load_aliases()
+    if args.remove not in aliases:
+        known = ", ".join(sorted(aliases)) or "none"
+        return fail(f"no board is named {args.remove!r} (names: {known}); nothing was changed", FAILED)
+    remove_alias(args.remove)
+    if args.json:
+        print_json({"removed": args.remove})
+    else:
+        print_text(f"{args.remove} is forgotten")
+    return OK
+
+
+def _named(name: str, alias: Alias) -> dict[str, str]:
+    return {"name": name, "url": alias.url, "serial_number": alias.serial_number}
 
 
 def configure_info(parser: argparse.ArgumentParser) -> None:

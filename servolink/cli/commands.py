@@ -25,7 +25,7 @@ class Command:
     examples: tuple[str, ...] = ()
     """What may be typed after `servolink`, each on a board of its own; a test runs all of them on virtual boards."""
     takes_board: bool = True
-    """Whether `--board` means anything to it."""
+    """Whether it has the option `--board`."""
 
 
 COMMANDS = {
@@ -143,7 +143,7 @@ COMMANDS = {
         DEVELOPERS,
         "packets:configure_decode",
         "turn frames into readable packets",
-        ("decode 134c051d1a2700000000c5",),
+        ("decode 134c051d344e0100070b",),
         takes_board=False,
     ),
     "encode": Command(

@@ -66,8 +66,6 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
         usage_error(args, f"unexpected argument: {unknown[0]}")
     if args.url is None:
         args.url = os.environ.get("SERVOLINK_BOARD") or os.environ.get("SERVOLINK_URL") or None
-    elif not args.takes_board:
-        usage_error(args, f"`{args.parser.prog}` talks to no board of yours: leave out --board")
     return args
 
 

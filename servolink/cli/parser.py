@@ -42,7 +42,7 @@ class Parser(argparse.ArgumentParser):
                 parents=[_common_options(is_first=False, takes_board=command.takes_board)],
             )
             parser.place = command.place
-            parser.set_defaults(parser=parser, takes_board=command.takes_board)
+            parser.set_defaults(parser=parser)
 
     def load(self) -> None:
         """Add the options of the command, from its module."""
@@ -70,7 +70,7 @@ class Parser(argparse.ArgumentParser):
         if not name.startswith("-") or name == "-" or " " in word or _NEGATIVE.match(word) or name in known:
             return
         if name.startswith("--") or name[:2] not in known:  # -vv is -v twice
-            self.error(f"there is no option {name}{_suggestion(name, known)}")
+            self.error(f"`{self.prog}` has no option {name}{_suggestion(name, known)}")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is None or value in action.choices:
@@ -118,16 +118,15 @@ def _common_options(*, is_first: bool, takes_board: bool = True) -> Any:
         return value if is_first else argparse.SUPPRESS
 
     group.add_argument("-h", "--help", action="help", help="show this help and exit")
-    group.add_argument(
-        "-b",
-        "--board",
-        "--url",
-        dest="url",
-        type=not_empty,
-        default=default(None),
-        metavar="BOARD",
-        help="address or name of the board (SERVOLINK_BOARD; the only one here)" if takes_board else argparse.SUPPRESS,
-    )
+    if takes_board:
+        group.add_argument(
+            *("-b", "--board", "--url"),
+            dest="url",
+            type=not_empty,
+            default=default(None),
+            metavar="BOARD",
+            help="address or name of the board (SERVOLINK_BOARD; the only one here)",
+        )
     group.add_argument("--json", action="store_true", default=default(value=False), help="print JSON for programs")
     group.add_argument(
         "-v", "--verbose", action="count", default=default(0), help="log to standard error; -vv logs each frame"
@@ -189,5 +188,6 @@ def _epilog(command: Command) -> str:
 def _suggestion(word: str, known: Iterable[str]) -> str:
     from difflib import get_close_matches
 
-    found = get_close_matches(word, list(known), 1)
+    known = list(known)
+    found = [each for each in known if each.startswith(word)] or get_close_matches(word, known, 1)
     return f"; did you mean {found[0]}?" if found else ""

@@ -85,7 +85,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink teach`."""
     parser.set_defaults(run=run)
     parser.add_argument("name", metavar="NAME", help="of the action, or of the macro if there are several poses")
-    parser.add_argument("servo_ids", nargs="*", type=servo_id, metavar="SERVO", help="the servos to release (all)")
+    parser.add_argument(
+        "servo_ids", nargs="*", default=[], type=servo_id, metavar="SERVO", help="the servos to release (all)"
+    )
     parser.add_argument("--file", type=Path, metavar="FILE", help="write into this project file, not to the board")
     parser.add_argument(
         "--button", type=whole_number(0, 2**32 - 1), metavar="ID", help="the only button that takes poses (any)"

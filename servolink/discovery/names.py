@@ -70,7 +70,17 @@ def save_alias(name: str, alias: Alias) -> None:
         f"{alias.url}{alias.serial_number}".encode()
     except UnicodeEncodeError as error:
         raise refusal(alias.url, "holds bytes that are no text; write each as in %FF") from error
-    aliases = load_aliases() | {name: alias}
+    _write(load_aliases() | {name: alias})
+
+
+def remove_alias(name: str) -> None:
+    """Forget what `name` stands for. Do nothing if the name is unknown."""
+    aliases = load_aliases()
+    if aliases.pop(name, None) is not None:
+        _write(aliases)
+
+
+def _write(aliases: Mapping[str, Alias]) -> None:
     path = aliases_path()
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, _toml(aliases).encode(), private=True)

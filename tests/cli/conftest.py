@@ -40,7 +40,8 @@ def served() -> Iterator[Addresses]:
 
 @pytest.fixture(autouse=True)
 def _no_board_in_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("SERVOLINK_URL", raising=False)
+    for name in ("SERVOLINK_BOARD", "SERVOLINK_URL"):
+        monkeypatch.delenv(name, raising=False)
 
 
 @pytest.fixture

@@ -53,9 +53,8 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> Said:
 
 def environment(**changed: str) -> dict[str, str]:
     """Return the environment without what changes how the program looks or what it talks to."""
-    kept = {
-        name: value for name, value in os.environ.items() if name not in ("SERVOLINK_URL", "NO_COLOR", "FORCE_COLOR")
-    }
+    left_out = {"SERVOLINK_BOARD", "SERVOLINK_URL", "NO_COLOR", "FORCE_COLOR"}
+    kept = {name: value for name, value in os.environ.items() if name not in left_out}
     return {**kept, "COLUMNS": "100", "PYTHONUTF8": "1", **changed}
 
 

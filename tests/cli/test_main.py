@@ -79,7 +79,6 @@ def test_help_names_the_exit_codes(command: str | None, capsys: pytest.CaptureFi
     said = call(capsys, *([command] if command else []), "--help")
     assert said.code == 0
     assert EXIT_CODES in " ".join(said.out.split())
-    assert "--url" in said.out
 
 
 @pytest.mark.parametrize("command", ["info", "servos", "stop", "actions", "events", "bench"])

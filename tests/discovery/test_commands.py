@@ -22,7 +22,8 @@ PORT = DeviceInfo("serial:///dev/ttyACM7", "board", "C3")
 
 @pytest.fixture(autouse=True)
 def _own_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("SERVOLINK_URL", raising=False)
+    for name in ("SERVOLINK_BOARD", "SERVOLINK_URL"):
+        monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
 
@@ -95,10 +96,27 @@ def test_list_asks_each_only_with_probe(here: Callable[..., None], capsys: pytes
 
 def test_use_says_what_the_name_stands_for(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
     here(PORT)
-    assert "serial number C3, on whatever port" in call(capsys, "use", "left", "/dev/ttyACM7").out
+    assert "serial number C3, on any port" in call(capsys, "use", "left", "/dev/ttyACM7").out
     said = call(capsys, "use", "toy", "virtual://?servos=3", "--json")
     assert said.json == {"name": "toy", "url": "virtual://?servos=3", "serial_number": ""}
     assert call(capsys, "--url", "toy", "info", "--json").json["servos"] == 3
+
+
+def test_use_lists_and_forgets_names(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
+    here(PORT)
+    assert call(capsys, "use", "--list").out == "no board has a name; `servolink use NAME BOARD` gives one\n"
+    for name, address in (("toy", "virtual://"), ("left", "serial:///dev/ttyACM7")):
+        assert call(capsys, "use", name, address).code == 0
+    assert [line.split() for line in call(capsys, "use", "--list").out.splitlines()[1:]] == [
+        ["left", "serial:///dev/ttyACM7", "C3"],
+        ["toy", "virtual://"],
+    ]
+    assert call(capsys, "use", "--remove", "toy").out == "toy is forgotten\n"
+    assert [one["name"] for one in call(capsys, "use", "--list", "--json").json["names"]] == ["left"]
+    said = call(capsys, "use", "--remove", "toy")
+    assert (said.code, said.err) == (1, "servolink: no board is named 'toy' (names: left); nothing was changed\n")
+    assert call(capsys, "use", "--list", "x", "virtual://").code == 2
+    assert call(capsys, "use", "x").code == 2
 
 
 @pytest.mark.parametrize(

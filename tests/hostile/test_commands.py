@@ -39,7 +39,8 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[World, World]:
 
 @pytest.fixture(autouse=True)
 def _no_board_in_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("SERVOLINK_URL", raising=False)
+    for name in ("SERVOLINK_BOARD", "SERVOLINK_URL"):
+        monkeypatch.delenv(name, raising=False)
 
 
 def test_there_are_enough_of_them() -> None:

@@ -102,7 +102,8 @@ def arguments(pattern: str, text: str) -> list[str]:
 @pytest.fixture(autouse=True)
 def _folder_without_boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("SERVOLINK_URL", raising=False)
+    for name in ("SERVOLINK_BOARD", "SERVOLINK_URL"):
+        monkeypatch.delenv(name, raising=False)
 
 
 def test_every_command_is_typed_to() -> None:

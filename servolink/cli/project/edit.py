@@ -32,7 +32,7 @@ def configure_scale_time(parser: argparse.ArgumentParser) -> None:
         "factor", type=number(1e-6, 1e6, "times"), metavar="FACTOR", help="2 takes twice as long, 0.5 half as long"
     )
     parser.add_argument(
-        "actions", nargs="*", metavar="ACTION", help="caption or id; without any, everything and all pauses"
+        "actions", nargs="*", default=[], metavar="ACTION", help="caption or id; without any, everything and all pauses"
     )
     add_output(parser)
 
@@ -50,7 +50,9 @@ def configure_rename(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project rename`."""
     parser.set_defaults(run=run_edit, edit=_renamed)
     add_source(parser)
-    parser.add_argument("kind", choices=("action", "macro", "table", "servo"), help="what to rename")
+    parser.add_argument(
+        "kind", choices=("action", "macro", "table", "servo"), metavar="action|macro|table|servo", help="what to rename"
+    )
     parser.add_argument(
         "id",
         type=whole_number(-(2**31), 2**31 - 1),

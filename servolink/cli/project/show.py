@@ -24,7 +24,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project show`."""
     parser.set_defaults(run=run)
     add_source(parser)
-    parser.add_argument("records", nargs="*", metavar="NAME", help="show these whole: caption or id, or as in action:3")
+    parser.add_argument(
+        "records", nargs="*", default=[], metavar="NAME", help="show these whole: caption or id, or as in action:3"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,0 +1,128 @@
+"""The parser: what it suggests, what its help shows, and that every example in it works."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from servolink.cli.commands import COMMANDS, TOPICS, Command
+from servolink.cli.parser import EXIT_CODES, build_parser
+from servolink.cli.project import COMMANDS as PROJECT_COMMANDS
+from servolink.client.board import Board
+from servolink.project.project_file import save_project
+from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, Step
+from tests.cli.programs import Said, call, program
+from tests.cli.robot import Robot
+
+ALL: dict[str, Command] = {**COMMANDS, **{f"project {name}": command for name, command in PROJECT_COMMANDS.items()}}
+"""Commands as they are typed."""
+
+UNTIL_CTRL_C = {"virtual", "teach"}
+SLOW = {"demo"}
+EXAMPLES = {example: name for name, command in ALL.items() for example in command.examples}
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ("mvoe 1=5", "there is no command 'mvoe'; did you mean move?"),
+        ("servoes", "did you mean servos?"),
+        ("help", "there is no command 'help'; did you mean --help?"),
+        ("version", "did you mean --version?"),
+        ("xylophone", "there is no command 'xylophone'; `servolink --help` lists the commands"),
+        ("project shwo x", "there is no command 'shwo'; did you mean show?"),
+        ("--jsn info", "`servolink` has no option --jsn; did you mean --json?"),
+        ("move --durration 1 1=5", "`servolink move` has no option --durration; did you mean --duration?"),
+        ("move 1=5 --durration=1", "did you mean --duration?"),
+        ("move 1=5 --dur 1", "did you mean --duration?"),
+        ("move -x 1=5", "`servolink move` has no option -x"),
+        ("run acton 1", "argument action|macro: must be action or macro, not 'acton'"),
+        ("info more", "unexpected argument: more"),
+        ("demo --url virtual://", "`servolink demo` has no option --url"),
+    ],
+)
+def test_what_was_meant_is_suggested(typed: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    ended = call(capsys, *typed.split())
+    assert (ended.code, ended.out) == (2, "")
+    assert said in ended.err
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_only_required_arguments_are_called_required(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    parser = build_parser()
+    for word in name.split():
+        assert parser.commands is not None
+        parser = parser.commands.choices[word]
+        parser.load()
+    usage = " ".join(parser.format_usage().split())
+    said = call(capsys, *name.split()) if parser.get_default("run") is None or _is_required(usage) else Said(0, "", "")
+    for argument in re.findall(r"required: (.*)", said.err):
+        for each in argument.split(", "):
+            assert each in re.sub(r"\[.*?\]", "", usage), "it is optional"
+
+
+def _is_required(usage: str) -> bool:
+    return bool(re.sub(r"\[[^\[\]]*\]", "", usage.partition(" ")[2]).split("servolink")[-1].split()[1:])
+
+
+@pytest.mark.parametrize("name", ["", *ALL])
+def test_help_fits_and_names_no_section(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, *name.split(), "--help")
+    assert said.code == 0
+    assert said.out.endswith(f"{EXIT_CODES}\n")
+    assert max(map(len, said.out.splitlines())) <= 80
+    assert not re.search(r"\b3\.\d\.\d|\(3\.\d", said.out), "people have no idea of the document's sections"
+
+
+def test_the_help_groups_all_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "--help").out
+    at = [said.index(f"\n{topic}:\n") for topic in TOPICS]
+    assert at == sorted(at)
+    listed = re.findall(r"^  ([a-z]+) +(.*)$", said[at[0] :], re.MULTILINE)
+    assert listed == [(name, command.help) for name, command in COMMANDS.items()]
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    said = program("--version")
+    assert said.code == 0
+    assert re.fullmatch(r"servolink \d+\.\d+\S* on \w+ 3\.\d+\.\d+, \w+ \w+\n", said.out)
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_examples_work(
+    example: str, robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = EXAMPLES[example]
+    assert example.startswith(name)
+    if name in UNTIL_CTRL_C | SLOW:
+        assert build_parser().parse_args(shlex.split(example)).run
+        return
+    _prepare(robot, tmp_path, monkeypatch)
+    if name == "rollback":
+        call(capsys, "apply", "robot.servolink.json", "--yes")
+    if example.startswith("use --remove"):
+        call(capsys, "use", example.rsplit(maxsplit=1)[-1], "virtual://")
+    said = call(capsys, *shlex.split(example))
+    assert said.code in {"plan": (1,), "list": (0, 3)}.get(name, (0,)), said.err
+
+
+def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Store something on the board, and something else in the files that examples name."""
+
+    async def store(board: Board) -> None:
+        await board.add_action(Action(1, "Bow", (Step(1, 30, 5),)))
+        await board.add_macro(Macro(1, "Greet", (MacroCommand(1),)))
+        await board.add_joystick_table(JoystickTable(1, "Pad", (Button(3, "greet", button_press_macro=1),)))
+
+    for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME"):
+        monkeypatch.setenv(name, str(folder / name))
+    monkeypatch.setenv("SERVOLINK_BOARD", "virtual://")
+    monkeypatch.chdir(folder)
+    robot.ask(store)
+    project = robot.ask(lambda board: board.export_project())
+    for name in ("robot.servolink.json", "other.servolink.json"):
+        save_project(folder / name, project)
+    robot.ask(lambda board: board.add_action(Action(2, "Nod", (Step(2, 10, 5),))))
