@@ -25,11 +25,19 @@ from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
 from servolink.listeners import AVAILABLE
 from servolink.project.project_file import load_project, save_project
 from servolink.project.transfer.results import Progress
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.protocol.records import (
+    Action,
+    Button,
+    JoystickTable,
+    Macro,
+    MacroCommand,
+    MacroCommandType,
+    ServoParameter,
+    Step,
+)
 from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.player import ACTION, DELAY
 from servolink.virtual.serve import serve
 
 _PROJECT = 42
@@ -155,8 +163,8 @@ async def run_macro(scene: Scene) -> Outcome:
     """Store a macro of two actions and run it."""
     lean = _pose(scene, _LEAN, "Lean", lambda servo_id: round(75 * math.cos(servo_id / 16 * 2 * math.pi)))
     rise = _pose(scene, _RISE, "Rise", lambda servo_id: -servo_id * 5)
-    pause = MacroCommand(10 * scene.interval(0.1), DELAY)
-    wave = Macro(_WAVE, "Wave", (MacroCommand(_LEAN, ACTION), pause, MacroCommand(_RISE, ACTION, ratio=80)))
+    pause = MacroCommand(10 * scene.interval(0.1), MacroCommandType.DELAY)
+    wave = Macro(_WAVE, "Wave", (MacroCommand(_LEAN), pause, MacroCommand(_RISE, ratio=80)))
     await scene.board.add_action(lean)
     await scene.board.add_action(rise)
     await scene.board.add_macro(wave)

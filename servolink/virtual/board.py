@@ -179,7 +179,8 @@ class Session:
         if isinstance(response, Packet):
             frame = codec.encode(response)
         else:
-            frame = encode_frame(packet_id + 1, response, codec.byte_order)
+            content = bytes((response,)) if isinstance(response, bool) else response
+            frame = encode_frame(packet_id + 1, content, codec.byte_order)
         if board.storage.contents is not before:
             self._last_write = Write(before, board.storage.contents, self._sent + len(frame))
         self.send(frame)

@@ -6,10 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from servolink.protocol.codec import Codec
-from servolink.protocol.joystick import LONG_PRESS, PRESS, UP, AddJoystickTableRequest, ButtonEventResponse
-from servolink.protocol.records import Button, JoystickTable
+from servolink.protocol.joystick import LONG_PRESS, PRESS, UP, ButtonEventResponse
+from servolink.protocol.record_types import TABLE
+from servolink.protocol.records import Button
 from servolink.virtual.player import Player
-from servolink.virtual.storage import Kind, Storage
+from servolink.virtual.storage import Storage
 
 LONG_PRESS_AFTER = 0.8
 """Seconds a button is held until it counts as a long press."""
@@ -27,12 +28,12 @@ class _Held:
 class Buttons:
     """Turns buttons going down and up into events and macros."""
 
-    def __init__(self, storage: Storage, player: Player, codec: Codec, push: Callable[[bytes], None]) -> None:
-        """Run the macros of the active table with `player`; give each event's frame to `push`."""
+    def __init__(self, storage: Storage, player: Player, codec: Codec, send: Callable[[bytes], None]) -> None:
+        """Run the macros of the active table with `player`; the frame of each event goes to `send`."""
         self._storage = storage
         self._player = player
         self._codec = codec
-        self._push = push
+        self._send = send
         self._held: dict[int, _Held] = {}
 
     @property
@@ -41,19 +42,19 @@ class Buttons:
         return min((held.long_at for held in self._held.values() if not held.is_long), default=None)
 
     def press(self, button_id: int, now: float) -> None:
-        """Let a button go down; nothing happens if it is."""
+        """Press a button. No effect if it is down."""
         if button_id in self._held:
             return
-        self._tell(button_id, PRESS)
+        self._send_event(button_id, PRESS)
         self._held[button_id] = _Held(now + LONG_PRESS_AFTER)
         self._run(self._button(button_id).button_press_macro, now)
 
     def release(self, button_id: int, now: float) -> None:
-        """Let a button come up; nothing happens if it is."""
+        """Release a button. No effect if it is not down."""
         held = self._held.pop(button_id, None)
         if held is None:
             return
-        self._tell(button_id, UP)
+        self._send_event(button_id, UP)
         button = self._button(button_id)
         long_macro_runs = held.long_macro != 0 and self._player.macro_id == held.long_macro
         if long_macro_runs and button.uninterruptible:
@@ -62,32 +63,28 @@ class Buttons:
             self._run(button.button_up_macro, now)
 
     def reset(self) -> None:
-        """Know of no button that is down; when it comes up nothing happens."""
+        """Forget which buttons are down; releasing them has no effect then."""
         self._held.clear()
 
     def advance(self, now: float) -> None:
-        """Turn what has been held long enough into long presses."""
+        """Turn buttons that have been down long enough into long presses."""
         for button_id, held in self._held.items():
             if not held.is_long and held.long_at <= now:
                 held.is_long = True
-                self._tell(button_id, LONG_PRESS)
+                self._send_event(button_id, LONG_PRESS)
                 macro_id = self._button(button_id).button_long_press_macro
                 if self._run(macro_id, held.long_at):
                     held.long_macro = macro_id
 
-    def _tell(self, button_id: int, event: int) -> None:
-        self._push(self._codec.encode(ButtonEventResponse(button_id, event)))
+    def _send_event(self, button_id: int, event: int) -> None:
+        self._send(self._codec.encode(ButtonEventResponse(button_id, event)))
 
     def _run(self, macro_id: int, now: float) -> bool:
         return macro_id != 0 and self._player.run_macro(macro_id, now)
 
     def _button(self, button_id: int) -> Button:
-        """Return what the active table says of a button; one that starts nothing if it says nothing."""
-        content = self._storage.get(Kind.TABLE, self._storage.active_table)
-        if content is not None:
-            table = self._codec.decode(AddJoystickTableRequest.packet_id, content)
-            if isinstance(table, JoystickTable):
-                for button in table.buttons:
-                    if button.button_id == button_id:
-                        return button
-        return Button(button_id)
+        """Return a button of the active table; one without macros if the table does not have it."""
+        request = self._storage.decode(TABLE, self._storage.active_table, self._codec)
+        table = None if request is None else TABLE.record_in(request)
+        buttons = () if table is None else table.buttons
+        return next((button for button in buttons if button.button_id == button_id), Button(button_id))

@@ -1,88 +1,87 @@
-"""Actions and macros played on a virtual board, to see who moves when before anything real does."""
+"""Play actions and macros without a board, to see which servos move when before anything real does."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from servolink.errors import ProjectError
 from servolink.protocol.editing import AddActionRequest, AddMacroRequest
 from servolink.protocol.frame import HEADER_SIZE
+from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro
 from servolink.virtual.hardware import Hardware
 from servolink.virtual.servo import Servo
-from servolink.virtual.storage import Kind
 
 LONGEST = 600.0
-"""Seconds after which a play ends that has not ended by itself."""
-_MOST_MOVES = 100_000
-_MOST_TURNS = 5_000
-"""In each of them a board does 2000 commands at most, those that take no time among them."""
+"""Seconds after which a play is cut off."""
+_MAX_MOVES = 100_000
+_MAX_TURNS = 5_000
+"""In each turn a board runs at most 2000 commands, including those that take no time."""
 _MEMORY = 2**31 - 1
 
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """One servo on its way; seconds since the start, angles in degrees."""
+    """A move of one servo; times in seconds since the start, angles in degrees."""
 
     servo_id: int
     start: float
     end: float
     from_angle: float
     target: int
-    """What the step asks for."""
+    """The angle in the step."""
     is_cut: bool = False
-    """Another move came before this one had ended."""
+    """Whether another move came before this one had ended."""
 
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """What was played."""
+    """The result of a dry run."""
 
     seconds: float
     moves: tuple[Move, ...]
-    """In the order in which they began."""
+    """In the order of their starts."""
     angles: dict[int, float]
-    """Where each servo is at the end."""
+    """The angle of each servo at the end, degrees."""
     is_whole: bool
-    """Not so if it was cut off, because it is endless or nearly so."""
+    """False if it was cut off, because it is endless or nearly so."""
 
 
 class DryRun:
-    """A virtual board with these actions and macros, whose servos all begin at 0 degrees."""
+    """The hardware of a virtual board with these actions and macros; all servos begin at 0 degrees."""
 
     def __init__(self, actions: Iterable[Action], macros: Iterable[Macro], servo_ids: Iterable[int]) -> None:
-        """Store everything; ProjectError for values that no board takes."""
+        """Store everything. Raise ProjectError for values that no board takes."""
         self.hardware = Hardware(0, memory=_MEMORY)
         self._moves: list[Move] = []
         for servo_id in servo_ids:
-            self.hardware.servos[servo_id] = _NotedServo(servo_id, self._moves.append)
-        self._put(Kind.ACTION, [AddActionRequest(one.action_id, "", one.steps) for one in actions])
-        self._put(Kind.MACRO, [AddMacroRequest(one.macro_id, "", one.commands) for one in macros])
+            self.hardware.servos[servo_id] = _RecordingServo(servo_id, self._moves.append)
+        self._put(ACTION, [AddActionRequest(one.action_id, "", one.steps) for one in actions])
+        self._put(MACRO, [AddMacroRequest(one.macro_id, "", one.commands) for one in macros])
 
-    def _put(self, kind: Kind, requests: list[AddActionRequest] | list[AddMacroRequest]) -> None:
-        contents = {
-            getattr(request, request.__struct_fields__[0]): self.hardware.codec.encode(request)[HEADER_SIZE:-1]
-            for request in requests
-        }
-        if not self.hardware.storage.put(kind, contents):
-            raise ProjectError(f"a board takes no {kind} with the id 0")
+    def _put(self, record_type: RecordType[Any], requests: Sequence[AddActionRequest | AddMacroRequest]) -> None:
+        encode = self.hardware.codec.encode
+        contents = {record_type.id_of(request): encode(request)[HEADER_SIZE:-1] for request in requests}
+        if not self.hardware.storage.put(record_type, contents):
+            raise ProjectError(f"the id of one {record_type} is 0, which no board takes")
 
     def begin(self, record: Action | Macro) -> None:
-        """Run `record` at the time 0; ProjectError if it, or what it needs, is missing or runs itself."""
+        """Run `record` at the time 0. Raise ProjectError if a record is missing or runs itself."""
         self.hardware.advance(0.0)
         if isinstance(record, Action):
             self.hardware.player.run_action(record.action_id, 0.0)
         elif not self.hardware.player.run_macro(record.macro_id, 0.0):
-            raise ProjectError("it cannot be played: something that it calls is missing, or it runs itself")
+            raise ProjectError("it cannot be played: a record that it needs is missing, or it runs itself")
 
     def play(self, record: Action | Macro) -> Timeline:
-        """Run `record` to its end, at once; ProjectError as for `begin`."""
+        """Run `record` to its end, without waiting. Raise ProjectError as `begin` does."""
         self.begin(record)
         now, turns = 0.0, 0
         while (due := self.hardware.next_due(now)) is not None:
             turns += 1
-            if due > LONGEST or turns > _MOST_TURNS or len(self._moves) > _MOST_MOVES:
+            if due > LONGEST or turns > _MAX_TURNS or len(self._moves) > _MAX_MOVES:
                 break
             now = due
             self.hardware.advance(now)
@@ -94,16 +93,16 @@ class DryRun:
         return Timeline(now, _cut(self._moves), angles, is_whole)
 
 
-class _NotedServo(Servo):
-    """A servo that tells how it is moved."""
+class _RecordingServo(Servo):
+    """A servo that records its moves."""
 
-    def __init__(self, servo_id: int, note: Callable[[Move], None]) -> None:
+    def __init__(self, servo_id: int, record: Callable[[Move], None]) -> None:
         super().__init__(servo_id, angle=0.0, friction=1.0)
-        self._note = note
+        self._record = record
 
     def move(self, target: int, duration: float, now: float) -> None:
         self.advance(now)
-        self._note(Move(self.servo_id, now, now + duration, self.angle, target))
+        self._record(Move(self.servo_id, now, now + duration, self.angle, target))
         super().move(target, duration, now)
 
 

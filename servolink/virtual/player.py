@@ -4,38 +4,47 @@ from __future__ import annotations
 
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
+
+from msgspec import Struct
 
 from servolink.protocol.codec import Codec, in_range
-from servolink.protocol.editing import AddActionRequest, AddMacroRequest
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.protocol.editing import AddMacroRequest
+from servolink.protocol.packet import Packet
+from servolink.protocol.record_types import ACTION, MACRO, RecordType
+from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
 from servolink.virtual.servo import Servo
-from servolink.virtual.storage import Kind, Storage
+from servolink.virtual.storage import Storage
 
-ACTION, DELAY, MACRO = 0, 1, 2
-"""Values of `MacroCommand.type`."""
 MAX_NESTING = 32
 """How deep macros may run macros; a cycle is endlessly deep."""
-STEP_UNIT = 0.01
-"""Seconds in one unit of `Step.interval`."""
 
-# There are macros with billions of commands that take no time, and hosts that sleep for hours while a macro runs:
-# when so many commands and steps were done at one time, the macro goes on later, and late.
+# A macro can have billions of commands that take no time, and its host can sleep for hours while it runs. After so much
+# work at one time the macro continues a little later, and is late from then on.
 _WORK_AT_ONCE = 2000
-_BREATH = 0.01
+_BREAK = 0.01
+
+T = TypeVar("T", bound=Struct)
 
 
-def playable(macro: AddMacroRequest) -> bool:
-    """Tell whether all values of `macro` are allowed, and no delay is negative; a torn record is not like that."""
-    return in_range(macro) and not any(command.type == DELAY and command.command_id < 0 for command in macro.commands)
+def is_playable(request: Packet) -> bool:
+    """Return whether all values of a record are allowed, and no delay of a macro is negative.
+
+    A record that a partial write left may have any values.
+    """
+    commands = request.commands if isinstance(request, AddMacroRequest) else ()
+    return in_range(request) and all(
+        command.type != MacroCommandType.DELAY or command.command_id >= 0 for command in commands
+    )
 
 
 class _Unplayable(Exception):
-    """The macro needs something that is not stored, or runs itself."""
+    """The macro needs a record that is not stored, or runs itself."""
 
 
 @dataclass(slots=True)
-class _Score:
-    """All that a macro needs, as it was when it was started: later edits leave a running macro alone."""
+class _Snapshot:
+    """Everything that a macro needs, as it was when the macro was started: later edits do not affect a running one."""
 
     actions: dict[int, Action] = field(default_factory=dict)
     macros: dict[int, Macro] = field(default_factory=dict)
@@ -46,135 +55,133 @@ class Player:
     """Runs actions at once and one macro at a time."""
 
     def __init__(self, servos: Mapping[int, Servo], storage: Storage, codec: Codec) -> None:
-        """Move `servos` as what is in `storage` says."""
+        """Move `servos` as the records in `storage` say."""
         self._servos = servos
         self._storage = storage
         self._codec = codec
         self._running: Generator[float, None, float] | None = None
-        self._at = 0.0  # the time at which the running macro goes on
-        self._next = 0
-        self._turn = 0.0
-        self._work = 0  # commands and steps done in this turn
+        self._continue_at = 0.0
+        self._next_macro = 0
+        self._work_time = 0.0
+        self._work = 0  # commands and steps done at `_work_time`
         self.macro_id = 0
         """The macro that runs, 0 if none does."""
 
     @property
     def due(self) -> float | None:
-        """When the running macro goes on; None if none runs."""
-        return None if self._running is None else self._at
+        """When the running macro continues; None if none runs."""
+        return None if self._running is None else self._continue_at
 
     def move(self, steps: tuple[Step, ...], now: float, speed: float = 1.0) -> None:
-        """Start all `steps` together; steps of servos that do not exist do nothing."""
+        """Start all `steps` together; steps of servos that do not exist have no effect."""
         for step in steps:
             if (servo := self._servos.get(step.servo_id)) is not None:
-                servo.move(step.degree, step.interval * STEP_UNIT / speed, now)
+                servo.move(step.degree, step.seconds / speed, now)
         self._work += len(steps)
 
     def run_action(self, action_id: int, now: float) -> None:
-        """Run a stored action; nothing happens if there is none."""
-        if (action := self._action(action_id)) is not None:
+        """Run a stored action. No effect if there is none, or it is not playable."""
+        if (action := self._record(ACTION, action_id)) is not None:
             self.move(action.steps, now)
 
     def run_macro(self, macro_id: int, now: float) -> bool:
-        """Run a stored macro instead of the one that runs; False if it, or what it needs, is missing or a cycle."""
-        score = _Score()
+        """Run a stored macro, in place of one that runs.
+
+        Return False, without any effect, if it or a record that it needs is not stored or not playable, or if it runs
+        itself or is nested too deep.
+        """
+        snapshot = _Snapshot()
         try:
-            self._collect(macro_id, score, above=0)
+            self._collect(macro_id, snapshot, above=0)
         except _Unplayable:
             return False
-        self._running = self._play(score, macro_id, 1.0)
-        self.macro_id, self._next, self._at = macro_id, 0, now
+        self._running = self._play(snapshot, macro_id, 1.0)
+        self.macro_id, self._next_macro, self._continue_at = macro_id, 0, now
         return True
 
     def run_after(self, macro_id: int) -> None:
         """Run a stored macro when the one that runs has ended."""
-        self._next = macro_id
+        self._next_macro = macro_id
 
     def stop(self) -> None:
-        """End the running macro and forget the one after it; servos are left as they are."""
-        self._running, self.macro_id, self._next = None, 0, 0
+        """End the running macro, and do not start the one after it; moving servos finish their moves."""
+        self._running, self.macro_id, self._next_macro = None, 0, 0
 
     def advance(self, until: float, now: float) -> None:
-        """Do what the running macro does up to `until`, which is `now` or before it."""
-        if now != self._turn:
-            self._turn, self._work = now, 0
-        while self._running is not None and self._at <= until:
+        """Run the macro up to `until`, which is `now` or earlier."""
+        if now != self._work_time:
+            self._work_time, self._work = now, 0
+        while self._running is not None and self._continue_at <= until:
             if self._work >= _WORK_AT_ONCE:
-                self._at = now + _BREATH
+                self._continue_at = now + _BREAK
                 return
             self._work += 1
             try:
-                self._at += next(self._running)
+                self._continue_at += next(self._running)
             except StopIteration:
-                self._ended()
+                self._end()
 
-    def _ended(self) -> None:
-        following, at = self._next, self._at
+    def _end(self) -> None:
+        following, at = self._next_macro, self._continue_at
         self.stop()
         if following:
             self.run_macro(following, at)
 
-    def _action(self, action_id: int) -> Action | None:
-        content = self._storage.get(Kind.ACTION, action_id)
-        if content is None:
-            return None
-        packet = self._codec.decode(AddActionRequest.packet_id, content)
-        return packet if isinstance(packet, AddActionRequest) and in_range(packet) else None
+    def _record(self, record_type: RecordType[T], record_id: int) -> T | None:
+        request = self._storage.decode(record_type, record_id, self._codec)
+        return record_type.record_in(request) if request is not None and is_playable(request) else None
 
-    def _macro(self, macro_id: int) -> Macro | None:
-        content = self._storage.get(Kind.MACRO, macro_id)
-        if content is None:
-            return None
-        packet = self._codec.decode(AddMacroRequest.packet_id, content)
-        return packet if isinstance(packet, AddMacroRequest) and playable(packet) else None
+    def _collect(self, macro_id: int, snapshot: _Snapshot, above: int) -> int:
+        """Add a macro and everything that it needs to `snapshot`; return how deep it nests, itself included.
 
-    def _collect(self, macro_id: int, score: _Score, above: int) -> int:
-        """Put all that a macro needs into `score`; return how deep it nests, itself counted."""
-        if (height := score.heights.get(macro_id)) is None:
-            macro = self._macro(macro_id)
+        `above` is how many macros run this one. Heights are kept, as a macro that many others run may be deep below
+        some of them only, and collecting it again for each would take exponential time.
+        """
+        if (height := snapshot.heights.get(macro_id)) is None:
+            macro = self._record(MACRO, macro_id)
             if macro is None or above >= MAX_NESTING:
                 raise _Unplayable
-            score.macros[macro_id] = macro
+            snapshot.macros[macro_id] = macro
             height = 1
             for command in macro.commands:
-                if command.type == MACRO:
-                    height = max(height, 1 + self._collect(command.command_id, score, above + 1))
-                elif command.type == ACTION:
-                    self._collect_action(command.command_id, score)
-            score.heights[macro_id] = height
+                if command.type == MacroCommandType.MACRO:
+                    height = max(height, 1 + self._collect(command.command_id, snapshot, above + 1))
+                elif command.type == MacroCommandType.ACTION:
+                    self._collect_action(command.command_id, snapshot)
+            snapshot.heights[macro_id] = height
         if above + height > MAX_NESTING:
             raise _Unplayable
         return height
 
-    def _collect_action(self, action_id: int, score: _Score) -> None:
-        if action_id not in score.actions:
-            if (action := self._action(action_id)) is None:
+    def _collect_action(self, action_id: int, snapshot: _Snapshot) -> None:
+        if action_id not in snapshot.actions:
+            if (action := self._record(ACTION, action_id)) is None:
                 raise _Unplayable
-            score.actions[action_id] = action
+            snapshot.actions[action_id] = action
 
-    def _play(self, score: _Score, macro_id: int, speed: float) -> Generator[float, None, float]:
+    def _play(self, snapshot: _Snapshot, macro_id: int, speed: float) -> Generator[float, None, float]:
         """Run a macro, yielding each time to wait; return the time it took."""
-        whole = 0.0
-        for command in score.macros[macro_id].commands:
+        total = 0.0
+        for command in snapshot.macros[macro_id].commands:
             yield 0.0
-            took = 0.0
+            elapsed = 0.0
             for _ in range(command.loop):
-                took += yield from self._once(score, command, speed * command.ratio / 100)
-            rest = command.total_interval / 1000 / speed - took
+                elapsed += yield from self._run_once(snapshot, command, speed * command.ratio / 100)
+            rest = command.total_interval / 1000 / speed - elapsed
             if rest > 0:
                 yield rest
-            whole += max(rest, 0.0) + took
-        return whole
+            total += max(rest, 0.0) + elapsed
+        return total
 
-    def _once(self, score: _Score, command: MacroCommand, speed: float) -> Generator[float, None, float]:
-        if command.type == MACRO:
-            yield 0.0
-            return (yield from self._play(score, command.command_id, speed))
-        if command.type == DELAY:
+    def _run_once(self, snapshot: _Snapshot, command: MacroCommand, speed: float) -> Generator[float, None, float]:
+        if command.type == MacroCommandType.MACRO:
+            yield 0.0  # so that nested loops without any time are work, too, and interrupted after enough of it
+            return (yield from self._play(snapshot, command.command_id, speed))
+        if command.type == MacroCommandType.DELAY:
             duration = command.command_id / 1000 / speed
         else:
-            steps = score.actions[command.command_id].steps
-            self.move(steps, self._at, speed)
-            duration = max((step.interval for step in steps), default=0) * STEP_UNIT / speed
+            action = snapshot.actions[command.command_id]
+            self.move(action.steps, self._continue_at, speed)
+            duration = action.seconds / speed
         yield duration
         return duration

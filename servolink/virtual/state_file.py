@@ -1,6 +1,6 @@
 """A virtual board's memory as a file, so that it outlives the program as a real board's flash does.
 
-What is stored is written as the requests that would store it again, each a frame in hex: exact to the byte,
+The contents are written as the requests that would store them again, each a frame in hex: exact to the byte,
 protected by the frames' checksums, and readable with `servolink decode`.
 """
 
@@ -18,20 +18,15 @@ from servolink.escaping import escape
 from servolink.files import MIB, read_file, reason, write_atomically
 from servolink.protocol import editing, joystick
 from servolink.protocol.frame import HEADER_SIZE, ByteOrder, encode_frame
+from servolink.protocol.layout import content_size
 from servolink.protocol.packet import Packet
-from servolink.virtual.handlers import cut_parameters
+from servolink.protocol.record_types import RECORD_TYPES, SERVO_PARAMETER, TABLE
 from servolink.virtual.hardware import Hardware
-from servolink.virtual.storage import Contents, Kind
-
-_STORED: dict[Kind, type[Packet]] = {
-    Kind.ACTION: editing.AddActionRequest,
-    Kind.MACRO: editing.AddMacroRequest,
-    Kind.TABLE: joystick.AddJoystickTableRequest,
-}
+from servolink.virtual.storage import Contents, servo_parameters
 
 
 class BoardState(Struct, frozen=True, forbid_unknown_fields=True):
-    """What the file holds."""
+    """The content of the file."""
 
     byte_order: ByteOrder
     battery: Annotated[float, Meta(ge=0, le=1000, description="per mille")]
@@ -40,7 +35,7 @@ class BoardState(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def save_state(board: Hardware, path: Path) -> None:
-    """Write what `board` keeps to `path`, whole or not at all; ServolinkError if the file cannot be written."""
+    """Write what `board` stores to `path`, whole or not at all. Raise ServolinkError if the file cannot be written."""
     state = BoardState(
         byte_order=board.codec.byte_order,
         battery=board.battery,
@@ -54,10 +49,11 @@ def save_state(board: Hardware, path: Path) -> None:
 
 
 def load_state(board: Hardware, path: Path) -> None:
-    """Put what `path` holds into `board`, in place of what it keeps; nothing if there is no such file.
+    """Replace what `board` stores by the content of `path`. No effect if the file does not exist.
 
-    Records come back as they were, doubles and torn ones too, whatever this board does with such. OpenError if the file
-    cannot be read, is no state of a board, or does not fit this one, which is then as it was.
+    Records are restored as they were, even several under one id and those that a partial write left, whatever options
+    this board has. Raise OpenError, and leave the board as it was, if the file cannot be read, is not the state of a
+    board, or does not fit this board.
     """
     name = escape(str(path))
     try:
@@ -65,12 +61,12 @@ def load_state(board: Hardware, path: Path) -> None:
         state = msgspec.json.decode(read_file(path, MIB + 4 * board.storage.memory), type=BoardState)
     except FileNotFoundError as error:
         if not path.resolve().parent.is_dir():  # where it could not be saved either
-            raise OpenError(f"{name}: there is no such folder; make it first") from error
+            raise OpenError(f"{name}: the folder does not exist; create it first") from error
         return
     except OSError as error:
         raise OpenError(f"{name}: cannot be read: {reason(error)}") from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise OpenError(f"{name}: is no saved board: {escape(str(error))}; delete it to begin anew") from error
+        raise OpenError(f"{name}: is not a saved board: {escape(str(error))}; delete it to start over") from error
     if state.byte_order != board.codec.byte_order:
         raise OpenError(f"{name}: was saved by a {state.byte_order}-endian board; use --byte-order {state.byte_order}")
     before, board.storage.contents = board.storage.contents, Contents()
@@ -85,49 +81,46 @@ def load_state(board: Hardware, path: Path) -> None:
 
 
 def _requests(board: Hardware) -> Iterator[bytes]:
-    """Yield the frames that rebuild what `board` keeps."""
+    """Yield the frames that restore what `board` stores."""
     codec, storage = board.codec, board.storage
     yield codec.encode(editing.WriteProjectIDRequest(storage.project_id))
-    parameters = [record for _, record in storage.all(Kind.SERVO)]
-    content = len(parameters).to_bytes(2, codec.byte_order) + b"".join(parameters)
-    yield encode_frame(editing.AddServoParameterRequest.packet_id, content, codec.byte_order)
-    for kind, declared in _STORED.items():
-        for _, record in storage.all(kind):
-            yield encode_frame(declared.packet_id, record, codec.byte_order)
+    parameters = [record for _, record in storage.all(SERVO_PARAMETER)]
+    count = len(parameters).to_bytes(content_size(SERVO_PARAMETER.add_class), codec.byte_order)
+    yield encode_frame(SERVO_PARAMETER.add_class.packet_id, count + b"".join(parameters), codec.byte_order)
+    for record_type in RECORD_TYPES:
+        for _, record in storage.all(record_type):
+            yield encode_frame(record_type.add_class.packet_id, record, codec.byte_order)
     chosen = storage.contents.chosen_table
-    if chosen and storage.get(Kind.TABLE, chosen) is not None:  # its number outlives a table whose deletion was torn
+    if chosen and storage.get(TABLE, chosen) is not None:  # an interrupted deletion of the table may leave its id
         yield codec.encode(joystick.SetActiveJoystickTableRequest(chosen))
 
 
 def _store(board: Hardware, request: str) -> str:
-    """Let `board` keep what one request of a file says; return what is wrong with it, empty if nothing is."""
+    """Store what one request of a file stores; return what is wrong with it, empty if nothing is."""
     try:
         frame = bytes.fromhex(request)
         packet = board.codec.decode_frame(frame)
     except (PacketError, ValueError) as error:
         return escape(str(error))
-    kept = _kept(board, packet, frame[HEADER_SIZE:-1])
-    if kept is None:
+    stored = _carry_out(board, packet, frame[HEADER_SIZE:-1])
+    if stored is None:
         return f"{type(packet).__name__} stores nothing"
-    return "" if kept else f"this {type(packet).__name__} needs more memory or servos, or what is not stored"
+    return "" if stored else f"this {type(packet).__name__} needs more memory or servos, or a table that is not stored"
 
 
-def _kept(board: Hardware, packet: Packet, content: bytes) -> bool | None:
-    """Keep the content of a request; False if it does not fit the board, None if it is nothing to be kept."""
+def _carry_out(board: Hardware, packet: Packet, content: bytes) -> bool | None:
+    """Carry out a request; return False if the board cannot store its content, None if it stores nothing."""
     storage = board.storage
+    for record_type in RECORD_TYPES:
+        if isinstance(packet, record_type.add_class):
+            return storage.put(record_type, {record_type.id_of(packet): content}, on_duplicate="append")
     match packet:
         case editing.WriteProjectIDRequest():
             storage.project_id = packet.project_id
             return True
         case editing.AddServoParameterRequest():
-            parameters = cut_parameters(packet, content)
-            return parameters.keys() <= board.servos.keys() and storage.put(Kind.SERVO, parameters)
-        case editing.AddActionRequest():
-            return storage.put(Kind.ACTION, {packet.action_id: content}, on_duplicate="append")
-        case editing.AddMacroRequest():
-            return storage.put(Kind.MACRO, {packet.macro_id: content}, on_duplicate="append")
-        case joystick.AddJoystickTableRequest():
-            return storage.put(Kind.TABLE, {packet.table_id: content}, on_duplicate="append")
+            parameters = servo_parameters(packet, content)
+            return parameters.keys() <= board.servos.keys() and storage.put(SERVO_PARAMETER, parameters)
         case joystick.SetActiveJoystickTableRequest():
             return storage.activate(packet.table_id)
         case _:

@@ -1,61 +1,57 @@
-"""What the board keeps: actions, macros, joystick tables, servo parameters, project id, active table.
+"""What the board stores: actions, macros, joystick tables, servo parameters, project id, active table.
 
-Records are kept as the bytes that came, for two reasons: a board gives back what it was given, byte for byte,
-also captions that are no text; and what it takes of the memory is then simply its length. It costs no
-translation either: the content of an "add" request is the content of the answer that gives the record back.
+Records are kept as the bytes that came, for two reasons: a board returns what it was given, byte for byte, even
+captions that are not valid text; and the memory a record takes is then simply its length. It costs no translation
+either: the content of an "add" request is the content of the response that returns the record.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from itertools import zip_longest
 from random import Random
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.frame import ByteOrder
-
-
-class Kind(StrEnum):
-    """The kinds of records."""
-
-    ACTION = "action"
-    MACRO = "macro"
-    TABLE = "table"
-    SERVO = "servo"
-
+from servolink.protocol.layout import content_size, layout
+from servolink.protocol.packet import Packet
+from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES, TABLE, RecordType, StoredType
+from servolink.protocol.servos import QueryServoRequest
 
 OnDuplicate = Literal["replace", "append", "reject"]
-"""What becomes of a record whose id is stored already: it replaces the other, is stored besides it, or is refused."""
+"""What adding a stored id does: the new record replaces the old one, is stored besides it, or is refused."""
 Clear = Literal["all", "records"]
-"""What clearing clears: everything, or all but project id and servo parameters."""
+"""What clearing deletes: everything, or all but project id and servo parameters."""
 ON_DUPLICATE: tuple[OnDuplicate, ...] = get_args(OnDuplicate)
 CLEAR: tuple[Clear, ...] = get_args(Clear)
 
+AnyType: TypeAlias = StoredType[Any]
 Record: TypeAlias = tuple[int, bytes]
 """Id and content."""
 
 
-def _nothing() -> dict[Kind, tuple[Record, ...]]:
-    return dict.fromkeys(Kind, ())
+def _nothing() -> dict[AnyType, tuple[Record, ...]]:
+    return dict.fromkeys(STORED_TYPES, ())
 
 
 @dataclass(frozen=True, slots=True)
 class Contents:
-    """All that is stored at one moment; it never changes, a write makes another."""
+    """Everything that is stored at one moment. It never changes; a write makes another."""
 
-    records: Mapping[Kind, tuple[Record, ...]] = field(default_factory=_nothing)
-    """In the order in which they were added; one that replaces another takes its place.
+    records: Mapping[AnyType, tuple[Record, ...]] = field(default_factory=_nothing)
+    """In the order in which they were added; a record that replaces another takes its place.
 
-    A record that is not the same object in the next contents was written anew, if only with the same bytes."""
+    A record that is not the same object in the next contents was written anew, even if its bytes are the same."""
     project_id: int = 0
     chosen_table: int = 0
-    """The table that was made active, 0 if none was."""
+    """The id of the table that was made active, 0 if none was."""
 
     @property
     def size(self) -> int:
-        """Bytes of all records."""
+        """The bytes of all records."""
         return sum([len(record) for records in self.records.values() for _, record in records])
 
 
@@ -63,25 +59,25 @@ class Storage:
     """The contents, within `memory` bytes, and how they change."""
 
     def __init__(self, memory: int, *, on_duplicate: OnDuplicate = "replace", clear: Clear = "all") -> None:
-        """Have nothing stored; ValueError if `on_duplicate` or `clear` is none of its values."""
+        """Start empty. Raise ValueError if `on_duplicate` or `clear` has none of its values."""
         if on_duplicate not in ON_DUPLICATE:
-            raise ValueError(f"on_duplicate is {on_duplicate!r}, but must be one of {', '.join(ON_DUPLICATE)}")
+            raise ValueError(f"on_duplicate must be one of {', '.join(ON_DUPLICATE)}, not {on_duplicate!r}")
         if clear not in CLEAR:
-            raise ValueError(f"clear is {clear!r}, but must be one of {', '.join(CLEAR)}")
+            raise ValueError(f"clear must be one of {', '.join(CLEAR)}, not {clear!r}")
         self.memory = memory
         self.contents = Contents()
-        """All that is stored: kept, and later set again, it brings that moment back."""
+        """Everything that is stored. Kept and assigned again later, it restores that moment."""
         self._on_duplicate: OnDuplicate = on_duplicate
         self._clear: Clear = clear
 
     @property
     def used(self) -> int:
-        """Bytes used."""
+        """The bytes that are used."""
         return self.contents.size
 
     @property
     def free(self) -> int:
-        """Bytes not used."""
+        """The bytes that are not used."""
         return self.memory - self.used
 
     @property
@@ -95,30 +91,32 @@ class Storage:
 
     @property
     def active_table(self) -> int:
-        """Id of the table that was made active, else of the only one there is, else 0."""
-        tables = {record_id for record_id, _ in self.all(Kind.TABLE)}
+        """The id of the table that was made active, else of the only table, else 0."""
+        tables = {record_id for record_id, _ in self.all(TABLE)}
         if self.contents.chosen_table in tables:
             return self.contents.chosen_table
         return tables.pop() if len(tables) == 1 else 0
 
     def activate(self, table_id: int) -> bool:
-        """Make a table the active one; False if there is no such table."""
-        if self.get(Kind.TABLE, table_id) is None:
+        """Make a table the active one; return False if it does not exist."""
+        if self.get(TABLE, table_id) is None:
             return False
         self.contents = replace(self.contents, chosen_table=table_id)
         return True
 
-    def put(self, kind: Kind, records: Mapping[int, bytes], *, on_duplicate: OnDuplicate | None = None) -> bool:
-        """Add `records`, all of them or none; return False if they are refused or too large.
+    def put(
+        self, stored_type: AnyType, records: Mapping[int, bytes], *, on_duplicate: OnDuplicate | None = None
+    ) -> bool:
+        """Add all `records`, or none and return False if one is refused or they need too much memory.
 
-        Servo parameters always replace those of the same servo, as no request deletes them. The id 0 says "no such
-        record" in every answer, so nothing can be stored under it.
+        Servo parameters always replace those of the same servo, since no request deletes them. The id 0 means "there is
+        no such record" in every response, so nothing can be stored under it.
         """
-        if kind is Kind.SERVO:
+        if stored_type is SERVO_PARAMETER:
             on_duplicate = "replace"
         elif on_duplicate is None:
             on_duplicate = self._on_duplicate
-        stored = self.all(kind)
+        stored = self.all(stored_type)
         known = {record_id for record_id, _ in stored} & records.keys()
         if 0 in records or (known and on_duplicate == "reject"):
             return False
@@ -127,74 +125,80 @@ class Storage:
             added = tuple([new for new in records.items() if new[0] not in known])
         else:
             kept, added = stored, tuple(records.items())
-        contents = self._with(kind, kept + added)
+        contents = self._with(stored_type, kept + added)
         if contents.size > self.memory:
             return False
         self.contents = contents
         return True
 
-    def get(self, kind: Kind, record_id: int) -> bytes | None:
-        """Return a record, of several with one id the first; None if there is none."""
-        return next((record for stored_id, record in self.all(kind) if stored_id == record_id), None)
+    def get(self, stored_type: AnyType, record_id: int) -> bytes | None:
+        """Return a record, the first if several have the id; None if there is none."""
+        return next((record for stored_id, record in self.all(stored_type) if stored_id == record_id), None)
 
-    def all(self, kind: Kind) -> tuple[Record, ...]:
-        """Return all records of a kind."""
-        return self.contents.records[kind]
+    def decode(self, record_type: RecordType[Any], record_id: int, codec: Codec) -> Packet | None:
+        """Return the request that would store a record again; None if there is none."""
+        content = self.get(record_type, record_id)
+        return None if content is None else codec.decode(record_type.add_class.packet_id, content)
 
-    def delete(self, kind: Kind, record_id: int) -> bool:
-        """Delete a record, of several with one id the first; False if there was none."""
-        stored = self.all(kind)
+    def all(self, stored_type: AnyType) -> tuple[Record, ...]:
+        """Return all records of a type."""
+        return self.contents.records[stored_type]
+
+    def delete(self, stored_type: AnyType, record_id: int) -> bool:
+        """Delete a record, the first if several have the id; return False if there is none."""
+        stored = self.all(stored_type)
         at = next((at for at, (stored_id, _) in enumerate(stored) if stored_id == record_id), None)
         if at is None:
             return False
-        contents = self._with(kind, stored[:at] + stored[at + 1 :])
-        self.contents = contents
-        if kind is Kind.TABLE and record_id == contents.chosen_table and self.get(kind, record_id) is None:
-            self.contents = replace(contents, chosen_table=0)
+        self.contents = self._with(stored_type, stored[:at] + stored[at + 1 :])
+        if stored_type is TABLE and record_id == self.contents.chosen_table and self.get(TABLE, record_id) is None:
+            self.contents = replace(self.contents, chosen_table=0)
         return True
 
     def clear(self) -> None:
-        """Forget everything, or all records but servo parameters, as this board does."""
+        """Delete everything, or all but project id and servo parameters, as this board does."""
         if self._clear == "all":
             self.contents = Contents()
         else:
-            parameters = {**_nothing(), Kind.SERVO: self.all(Kind.SERVO)}
-            self.contents = Contents(parameters, self.project_id)
+            self.contents = Contents({**_nothing(), SERVO_PARAMETER: self.all(SERVO_PARAMETER)}, self.project_id)
 
-    def _with(self, kind: Kind, records: tuple[Record, ...]) -> Contents:
-        """Return the contents with other records of one kind."""
+    def _with(self, stored_type: AnyType, records: tuple[Record, ...]) -> Contents:
+        """Return the contents with other records of one type."""
         now = self.contents
-        return Contents({**now.records, kind: records}, now.project_id, now.chosen_table)
+        return Contents({**now.records, stored_type: records}, now.project_id, now.chosen_table)
+
+
+def servo_parameters(request: AddServoParameterRequest, content: bytes) -> dict[int, bytes]:
+    """Return the record of each servo in the content of `request`; the last one if a servo is there twice."""
+    rule = layout(AddServoParameterRequest, "little").rule
+    records = [content[at : at + rule.unit] for at in range(rule.base, len(content), rule.unit)]
+    return dict(zip([servo.servo_id for servo in request.servos], records, strict=True))
 
 
 _Place: TypeAlias = tuple[Record | None, Record | None]
-"""A record's place in the flash: what is there before a write, and behind it."""
-
-_COUNT, _ENTRIES = 36, 38
-"""Where the count of a record's entries begins, and where the entries do; servo parameters have none."""
-_ENTRY = {Kind.ACTION: 5, Kind.MACRO: 12, Kind.TABLE: 49}
-_ERASED = b"\xff"
+"""A record's place in the flash: what is there before and after a write."""
 
 
 def partial_write(before: Contents, after: Contents, random: Random, byte_order: ByteOrder) -> Contents:
-    """Return what may be left of the write that was to make `after` of `before`.
+    """Return what an interrupted write from `before` to `after` may leave.
 
-    A write changes records one by one, in any order, and the power goes at one of them or behind the last. Those in
-    front of it are then as in `after`, those behind it as in `before`. That one is in any of the states that it goes
-    through: the old record, the old one half erased, none, the new one half written. Project id and active table are
-    words, which a flash writes at once: each is the old or the new one.
+    A write changes records one by one, in any order, and the power is lost at one of them or after the last. The
+    records written earlier are then as in `after`, the others as in `before`. That one is in any of the states that it
+    goes through: the old record, the old one half erased, none, the new one half written. Project id and active table
+    are words, which flash writes at once: each is the old or the new one.
     """
-    places = {kind: list(_places(before.records[kind], after.records[kind])) for kind in Kind}
-    changes = [(kind, at) for kind in Kind for at, (old, new) in enumerate(places[kind]) if old is not new]
+    places = {each: list(_places(before.records[each], after.records[each])) for each in STORED_TYPES}
+    changes = [(each, at) for each in STORED_TYPES for at, (old, new) in enumerate(places[each]) if old is not new]
     random.shuffle(changes)
-    for progress, (kind, at) in enumerate(changes, start=-random.randint(0, len(changes))):
-        old, _ = places[kind][at]
-        if progress == 0:
-            places[kind][at] = (old, _half(kind, places[kind][at], random, byte_order))
-        elif progress > 0:
-            places[kind][at] = (old, old)
+    # Changes are numbered from the one at which the power is lost: it is 0, those before it are done.
+    for number, (each, at) in enumerate(changes, start=-random.randint(0, len(changes))):
+        old, _ = places[each][at]
+        if number == 0:
+            places[each][at] = (old, _interrupted(each, places[each][at], random, byte_order))
+        elif number > 0:
+            places[each][at] = (old, old)
     return Contents(
-        {kind: tuple([left for _, left in places[kind] if left is not None]) for kind in Kind},
+        {each: tuple([left for _, left in places[each] if left is not None]) for each in STORED_TYPES},
         random.choice((before.project_id, after.project_id)),
         random.choice((before.chosen_table, after.chosen_table)),
     )
@@ -210,26 +214,29 @@ def _places(before: tuple[Record, ...], after: tuple[Record, ...]) -> Iterator[_
         yield (record, left.pop(0)) if left and left[0] is record else (record, None)
 
 
-def _half(kind: Kind, place: _Place, random: Random, byte_order: ByteOrder) -> Record | None:
+def _interrupted(stored_type: AnyType, place: _Place, random: Random, byte_order: ByteOrder) -> Record | None:
     """Return a state that a record goes through between before and after."""
-    halves = [tear_record(kind, record, random, byte_order) for record in place if record is not None]
+    halves = [_without_tail(stored_type, record, random, byte_order) for record in place if record is not None]
     return random.choice([*dict.fromkeys((place[0], None)), *halves])
 
 
-def tear_record(kind: Kind, record: Record, random: Random, byte_order: ByteOrder) -> Record:
-    """Return `record` without its tail: erased flash instead, or nothing. Its id and a true count of entries stay.
+def _without_tail(stored_type: AnyType, record: Record, random: Random, byte_order: ByteOrder) -> Record:
+    """Return `record` with its tail erased or missing; its id and a true count of its parts remain.
 
-    The board knows a record's id and length from elsewhere, its directory, so that its answers remain frames.
+    The board knows a record's id and length from elsewhere, its directory, so that its responses remain frames.
     """
     record_id, content = record
-    at = random.randrange(1 if kind is Kind.SERVO else 4, len(content))
-    erased = random.random() < 0.5
-    if kind is Kind.SERVO:
-        return record_id, content[:at].ljust(len(content), _ERASED if erased else b"\0")
-    if erased:
-        left = content[:at].ljust(len(content), _ERASED)
-        return record_id, left[:_COUNT] + content[_COUNT:_ENTRIES] + left[_ENTRIES:]
-    count = max(0, at - _ENTRIES) // _ENTRY[kind]
-    left = content[:at].ljust(_ENTRIES, b"\0")
-    entries = left[_ENTRIES : _ENTRIES + count * _ENTRY[kind]]
-    return record_id, left[:_COUNT] + count.to_bytes(2, byte_order) + entries
+    rule = layout(stored_type.add_class, byte_order).rule
+    is_erased = random.random() < 0.5
+    if not isinstance(stored_type, RecordType):  # parameters of a servo: they have no counted parts
+        at = random.randrange(content_size(QueryServoRequest), len(content))
+        return record_id, content[:at].ljust(len(content), b"\xff" if is_erased else b"\0")
+    at = random.randrange(content_size(stored_type.query_class), len(content))
+    parts = rule.base  # where they begin, right behind their count
+    count = content_size(AddServoParameterRequest)  # the size of a count: of no parameters there is nothing else
+    if is_erased:
+        left = content[:at].ljust(len(content), b"\xff")
+        return record_id, left[: parts - count] + content[parts - count : parts] + left[parts:]
+    whole = max(0, at - parts) // rule.unit
+    left = content[:at].ljust(parts, b"\0")[: parts + whole * rule.unit]
+    return record_id, left[: parts - count] + whole.to_bytes(count, byte_order) + left[parts:]

@@ -10,10 +10,10 @@ import pytest
 
 from servolink.project.model import Project
 from servolink.project.project_file import save_project
+from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.state_file import save_state
-from servolink.virtual.storage import Kind
 from tests.cli.programs import call, in_terminal
 from tests.project.projects import HUMANOID
 
@@ -100,7 +100,7 @@ def test_as_json(file: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_a_board_is_only_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     board, state = VirtualBoard(2), tmp_path / "state"
-    board.storage.put(Kind.ACTION, {3: b"\3\0\0\0" + b"Bow".ljust(32, b"\0") + b"\1\0\1\x0a\0\x14\0"})
+    board.storage.put(ACTION, {3: b"\3\0\0\0" + b"Bow".ljust(32, b"\0") + b"\1\0\1\x0a\0\x14\0"})
     save_state(board, state)
     before = json.loads(state.read_text())["requests"]
     said = call(capsys, "project", "show", f"virtual://?servos=2&state={state}")

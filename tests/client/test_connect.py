@@ -18,8 +18,8 @@ from servolink.errors import (
     TransportUnavailable,
 )
 from servolink.protocol.joystick import SubscribeButtonEventRequest
+from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Action
-from servolink.virtual.storage import Kind
 from tests.client.fake_board import LOST, FakeBoard, Fate, now
 from tests.virtual_time import run
 
@@ -208,7 +208,7 @@ def test_captions_are_written_and_read_in_the_encoding_asked_for() -> None:
         async with connect(fake, caption_encoding="big5") as board:
             await board.add_action(Action(1, "揮手"))
             assert (await board.action(1)).action_caption == "揮手"
-            assert "揮手".encode("big5") in (fake.virtual.storage.get(Kind.ACTION, 1) or b"")
+            assert "揮手".encode("big5") in (fake.virtual.storage.get(ACTION, 1) or b"")
 
     run(main())
 

@@ -23,11 +23,12 @@ from servolink.protocol.editing import AddActionRequest, AddMacroRequest, AddSer
 from servolink.protocol.frame import HEADER_SIZE, encode_frame
 from servolink.protocol.joystick import AddJoystickTableRequest
 from servolink.protocol.packet import Packet
+from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, TABLE
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from servolink.transports.device_info import DeviceInfo
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.state_file import save_state
-from servolink.virtual.storage import Kind
+from servolink.virtual.storage import AnyType
 from tests.hostile.corpus import ONE_OF_EACH, PAYLOADS, Payload
 
 SERVOS = 240
@@ -143,15 +144,15 @@ class World:
             at: _content(AddServoParameterRequest((ServoParameter(at, 1, _MARK),)), caption)[2:]
             for at, caption in enumerate(captions[:SERVOS], 1)
         }
-        assert board.storage.put(Kind.TABLE, {1: table})
-        assert board.storage.put(Kind.SERVO, parameters)
+        assert board.storage.put(TABLE, {1: table})
+        assert board.storage.put(SERVO_PARAMETER, parameters)
         save_state(board, self._board(name))
 
 
-_STORED: dict[Kind, Callable[[int], Packet]] = {
-    Kind.ACTION: lambda at: AddActionRequest(at, _MARK, (Step(at % SERVOS + 1, 10, 5),)),
-    Kind.MACRO: lambda at: AddMacroRequest(at, _MARK, (MacroCommand(at, total_interval=50),)),
-    Kind.TABLE: lambda at: AddJoystickTableRequest(at, _MARK, (Button(1, _MARK, at),)),
+_STORED: dict[AnyType, Callable[[int], Packet]] = {
+    ACTION: lambda at: AddActionRequest(at, _MARK, (Step(at % SERVOS + 1, 10, 5),)),
+    MACRO: lambda at: AddMacroRequest(at, _MARK, (MacroCommand(at, total_interval=50),)),
+    TABLE: lambda at: AddJoystickTableRequest(at, _MARK, (Button(1, _MARK, at),)),
 }
 
 

@@ -20,11 +20,12 @@ from servolink.project.transfer.plan import writes
 from servolink.project.transfer.read import Content
 from servolink.protocol.caption import CAPTION_SIZE
 from servolink.protocol.codec import Codec
+from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES, TABLE
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from servolink.transports.base import Transport
 from servolink.transports.faults import Faults, FaultyTransport
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.storage import Clear, Contents, Kind, OnDuplicate
+from servolink.virtual.storage import AnyType, Clear, Contents, OnDuplicate
 from tests.project.cable import Cable
 
 OLD = Project(
@@ -107,15 +108,15 @@ def same(contents: Contents, wanted: Contents) -> bool:
 
 
 def _comparable(contents: Contents) -> Any:
-    records = {kind: sorted(_to_terminators(kind, one) for _, one in contents.records[kind]) for kind in Kind}
-    records[Kind.SERVO] = [one for one in records[Kind.SERVO] if any(one[1:])]
+    records = {kind: sorted(_to_terminators(kind, one) for _, one in contents.records[kind]) for kind in STORED_TYPES}
+    records[SERVO_PARAMETER] = [one for one in records[SERVO_PARAMETER] if any(one[1:])]
     return records, contents.project_id, contents.chosen_table
 
 
-def _to_terminators(kind: Kind, record: bytes) -> bytes:
+def _to_terminators(kind: AnyType, record: bytes) -> bytes:
     """Return a record without what is behind the ends of its captions, which a torn write can leave there."""
-    starts = [3] if kind is Kind.SERVO else [4]
-    if kind is Kind.TABLE:
+    starts = [3] if kind is SERVO_PARAMETER else [4]
+    if kind is TABLE:
         starts += range(42, len(record), 49)
     for start in starts:
         text = record[start : start + CAPTION_SIZE].partition(b"\0")[0].ljust(CAPTION_SIZE, b"\0")

@@ -17,10 +17,11 @@ from servolink.project.model import UNFINISHED, Project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.results import Progress
 from servolink.protocol.editing import AddActionRequest, WriteProjectIDRequest
+from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Action, Step
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest
-from servolink.virtual.storage import Contents, Kind
+from servolink.virtual.storage import Contents
 from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import SWALLOWED, FakeBoard
 from tests.project.boards import on_board, on_fake
@@ -196,7 +197,7 @@ def test_a_backup_is_restored_in_the_encoding_in_which_it_was_read(tmp_path: Pat
 
 def test_doubled_records_make_room_where_they_go(tmp_path: Path) -> None:
     bow = contents_of(Project(actions=(Action(1, "Bow", (Step(1, 0, 1),) * 1000),)))
-    doubled = replace(bow, records={**bow.records, Kind.ACTION: bow.records[Kind.ACTION] * 3})
+    doubled = replace(bow, records={**bow.records, ACTION: bow.records[ACTION] * 3})
     project = Project(4, actions=(Action(1, "Bow", (Step(1, 0, 2),) * 1000), Action(2, "Nod", (Step(1, 0, 1),) * 1000)))
 
     async def main() -> None:
@@ -212,8 +213,8 @@ def test_doubled_records_make_room_where_they_go(tmp_path: Path) -> None:
 
 
 def test_a_project_that_is_there_but_for_a_doubled_record_is_not_there_yet(tmp_path: Path) -> None:
-    actions = OLD_CONTENTS.records[Kind.ACTION]
-    doubled = replace(OLD_CONTENTS, records={**OLD_CONTENTS.records, Kind.ACTION: (*actions, actions[0])})
+    actions = OLD_CONTENTS.records[ACTION]
+    doubled = replace(OLD_CONTENTS, records={**OLD_CONTENTS.records, ACTION: (*actions, actions[0])})
 
     async def work(board: Board) -> None:
         plan = await board.plan_project(OLD)

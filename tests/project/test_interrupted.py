@@ -17,8 +17,8 @@ from servolink.project.model import UNFINISHED, Project
 from servolink.project.transfer.backups import BackupStore, Journal
 from servolink.project.transfer.results import Progress
 from servolink.protocol.editing import AddActionRequest
+from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Action
-from servolink.virtual.storage import Kind
 from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import SWALLOWED, FakeBoard
 from tests.project.boards import (
@@ -257,13 +257,13 @@ def test_a_board_that_falls_silent_leaves_an_import_to_go_on_with(tmp_path: Path
 
 
 def test_records_that_are_torn_and_doubled_are_put_right(tmp_path: Path) -> None:
-    bow = OLD_CONTENTS.records[Kind.ACTION][0]
+    bow = OLD_CONTENTS.records[ACTION][0]
     torn = (
-        *OLD_CONTENTS.records[Kind.ACTION],
+        *OLD_CONTENTS.records[ACTION],
         bow,
-        (9, contents_of(Project(actions=(Action(9, "?"),))).records[Kind.ACTION][0][1]),
+        (9, contents_of(Project(actions=(Action(9, "?"),))).records[ACTION][0][1]),
     )
-    left = unfinished(replace(OLD_CONTENTS, records={**OLD_CONTENTS.records, Kind.ACTION: torn}))
+    left = unfinished(replace(OLD_CONTENTS, records={**OLD_CONTENTS.records, ACTION: torn}))
     assert same(on_board(lambda board: board.apply_project(NEW, folder=tmp_path, backup=False), left), NEW_CONTENTS)
 
 

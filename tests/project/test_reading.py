@@ -28,9 +28,8 @@ from servolink.protocol.editing import (
     QueryServoParameterResponse,
 )
 from servolink.protocol.frame import encode_frame
-from servolink.protocol.record_types import RECORD_TYPES
+from servolink.protocol.record_types import ACTION, RECORD_TYPES
 from servolink.protocol.records import ServoParameter, Step
-from servolink.virtual.storage import Kind
 from tests.client.fake_board import FakeBoard, Fate, lie
 from tests.project.boards import on_board, on_fake
 from tests.project.drawn import storable_projects
@@ -71,13 +70,13 @@ def test_what_is_listed_and_not_given_is_an_error_that_says_so() -> None:
 
 
 def test_what_is_listed_twice_is_named(caplog: pytest.LogCaptureFixture) -> None:
-    twice = OLD_CONTENTS.records[Kind.ACTION] + OLD_CONTENTS.records[Kind.ACTION][:1]
+    twice = OLD_CONTENTS.records[ACTION] + OLD_CONTENTS.records[ACTION][:1]
 
     async def work(board: Board) -> None:
         with caplog.at_level(logging.WARNING):
             assert await board.export_project() == OLD
 
-    on_board(work, dataclasses.replace(OLD_CONTENTS, records={**OLD_CONTENTS.records, Kind.ACTION: twice}))
+    on_board(work, dataclasses.replace(OLD_CONTENTS, records={**OLD_CONTENTS.records, ACTION: twice}))
     assert "virtual:// lists twice and gives once: action 1" in caplog.text
 
 

@@ -13,8 +13,9 @@ from servolink.client.connect import connect
 from servolink.errors import ProjectError
 from servolink.project.model import Project
 from servolink.project.transfer.backups import BackupStore
+from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, TABLE
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.storage import Kind, Storage
+from servolink.virtual.storage import AnyType, Storage
 from servolink.virtual.transport import VirtualTransport
 from tests.project.pulled import NEW, OLD_CONTENTS, Make, same
 from tests.virtual_time import run
@@ -22,13 +23,13 @@ from tests.virtual_time import run
 LEFT = "; the import is unfinished: apply a project that it takes, or roll back"
 
 
-def storing(kind: Kind, change: Callable[[bytes], bytes | None]) -> Callable[[VirtualBoard], None]:
+def storing(kind: AnyType, change: Callable[[bytes], bytes | None]) -> Callable[[VirtualBoard], None]:
     """Return what makes a board store what `change` makes of records; None for what it refuses."""
 
     def changed(board: VirtualBoard) -> None:
         put = board.storage.put
 
-        def changing(of: Kind, records: Mapping[int, bytes], **options: Any) -> bool:
+        def changing(of: AnyType, records: Mapping[int, bytes], **options: Any) -> bool:
             if of is not kind:
                 return put(of, records, **options)
             changed = {record_id: change(content) for record_id, content in records.items()}
@@ -66,7 +67,7 @@ def keeping_back(record_id: int) -> Callable[[VirtualBoard], None]:
     def changed(board: VirtualBoard) -> None:
         get = board.storage.get
 
-        def giving(kind: Kind, wanted: int) -> bytes | None:
+        def giving(kind: AnyType, wanted: int) -> bytes | None:
             return None if wanted == record_id else get(kind, wanted)
 
         setattr(board.storage, "get", giving)  # noqa: B010 - only this board
@@ -104,17 +105,17 @@ def said_of(
     ("change", "said"),
     [
         (
-            storing(Kind.ACTION, lambda content: content[:4] + content[4:36].upper() + content[36:]),
+            storing(ACTION, lambda content: content[:4] + content[4:36].upper() + content[36:]),
             "action 2 (its caption comes back as 'NOD'), action 9 (its caption comes back as 'NEW')",
         ),
         (
-            storing(Kind.ACTION, lambda content: content[:-1] + b"\x01"),
+            storing(ACTION, lambda content: content[:-1] + b"\x01"),
             "action 2 (other steps come back), action 9 (other steps come back)",
         ),
-        (storing(Kind.MACRO, lambda content: content[:-1] + b"\x01"), "macro 1 (other commands come back)"),
-        (storing(Kind.ACTION, lambda _: None), "action 2 (refused), action 9 (refused)"),
+        (storing(MACRO, lambda content: content[:-1] + b"\x01"), "macro 1 (other commands come back)"),
+        (storing(ACTION, lambda _: None), "action 2 (refused), action 9 (refused)"),
         (
-            all_of(storing(Kind.ACTION, lambda _: None), storing(Kind.TABLE, lambda _: None)),
+            all_of(storing(ACTION, lambda _: None), storing(TABLE, lambda _: None)),
             "action 2 (refused), action 9 (refused), joystick table 1 (refused) and 2 more",
         ),
         (
@@ -122,7 +123,10 @@ def said_of(
             "joystick table 2 (still listed), macro 4 (still listed), action 5 (still listed)",
         ),
         (keeping_back(9), "action 9 (listed and not given)"),
-        (storing(Kind.SERVO, lambda content: content[:2] + b"x" + content[3:]), "servo parameters (servo 1 comes back"),
+        (
+            storing(SERVO_PARAMETER, lambda content: content[:2] + b"x" + content[3:]),
+            "servo parameters (servo 1 comes back",
+        ),
         (without("activate"), "active joystick table 1"),
     ],
 )

@@ -15,13 +15,15 @@ from servolink.protocol.editing import (
     QueryMacroRequest,
 )
 from servolink.protocol.frame import encode_frame
-from servolink.protocol.records import MacroCommand
+from servolink.protocol.record_types import ACTION, MACRO
+from servolink.protocol.records import MacroCommand, MacroCommandType
 from servolink.protocol.servos import ExecuteActionExRequest, SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.player import DELAY, MACRO, MAX_NESTING
-from servolink.virtual.storage import Kind
+from servolink.virtual.player import MAX_NESTING
 from tests.virtual.host import START, Host
+
+DELAY, RUN_MACRO = MacroCommandType.DELAY, MacroCommandType.MACRO
 
 
 @pytest.fixture
@@ -60,9 +62,9 @@ def test_all_steps_of_an_action_run_together_each_in_its_own_time(host: Host) ->
 def test_a_torn_action_is_not_run(host: Host, at: int) -> None:
     host.store_action(1, (1, 90, 100), (2, 90, 100))
     storage = host.board.storage
-    whole = storage.get(Kind.ACTION, 1) or b""
+    whole = storage.get(ACTION, 1) or b""
     for record in (whole[:at].ljust(48, b"\xff"), whole):
-        storage.put(Kind.ACTION, {1: record})
+        storage.put(ACTION, {1: record})
         host.tell(ExecuteActionExRequest(1))
         assert any(servo.moving for servo in host.board.servos.values()) == (record == whole)
 
@@ -71,9 +73,9 @@ def test_a_torn_action_is_not_run(host: Host, at: int) -> None:
 def test_a_torn_macro_is_not_run(host: Host, at: int) -> None:
     host.store_macro(1, MacroCommand(10, ratio=50, total_interval=1))
     storage = host.board.storage
-    whole = storage.get(Kind.MACRO, 1) or b""
+    whole = storage.get(MACRO, 1) or b""
     for record in (whole[:at].ljust(50, b"\xff"), whole):
-        storage.put(Kind.MACRO, {1: record})
+        storage.put(MACRO, {1: record})
         assert execute(host, 1) == (record == whole)
 
 
@@ -116,8 +118,8 @@ def test_half_the_speed_moves_half_as_far_in_the_same_time(host: Host) -> None:
 
 def test_speeds_of_nested_macros_multiply_and_loops_repeat(host: Host) -> None:
     host.store_macro(1, MacroCommand(18), MacroCommand(10))
-    host.store_macro(2, MacroCommand(1, MACRO, ratio=50, loop=2))
-    host.store_macro(3, MacroCommand(2, MACRO, ratio=50))
+    host.store_macro(2, MacroCommand(1, RUN_MACRO, ratio=50, loop=2))
+    host.store_macro(3, MacroCommand(2, RUN_MACRO, ratio=50))
     assert execute(host, 3) == 1
     assert [host.angle(1, START + at) for at in (2, 4, 8, 12, 14)] == [40, 80, 0, 80, 40]
     assert ends(host) == pytest.approx(16)
@@ -125,7 +127,7 @@ def test_speeds_of_nested_macros_multiply_and_loops_repeat(host: Host) -> None:
 
 def test_totals_inside_a_slower_macro_are_stretched_with_it(host: Host) -> None:
     host.store_macro(1, MacroCommand(14, total_interval=2000))
-    host.store_macro(2, MacroCommand(1, MACRO, ratio=50))
+    host.store_macro(2, MacroCommand(1, RUN_MACRO, ratio=50))
     execute(host, 2)
     assert ends(host) == pytest.approx(4)
 
@@ -147,7 +149,7 @@ def test_a_refused_macro_leaves_the_running_one_alone(host: Host) -> None:
     assert host.angle(1, START + 1) == 80
 
 
-@pytest.mark.parametrize("missing", [MacroCommand(77), MacroCommand(77, MACRO)])
+@pytest.mark.parametrize("missing", [MacroCommand(77), MacroCommand(77, RUN_MACRO)])
 def test_a_macro_that_needs_what_is_not_there_is_refused(host: Host, missing: MacroCommand) -> None:
     host.store_macro(1, MacroCommand(14), missing)
     assert execute(host, 1) == 0
@@ -155,17 +157,17 @@ def test_a_macro_that_needs_what_is_not_there_is_refused(host: Host, missing: Ma
 
 
 def test_cycles_are_refused_when_run(host: Host) -> None:
-    host.store_macro(1, MacroCommand(2, MACRO))
-    host.store_macro(2, MacroCommand(14), MacroCommand(3, MACRO), MacroCommand(3, MACRO))
-    host.store_macro(3, MacroCommand(1, MACRO))
-    host.store_macro(4, MacroCommand(4, MACRO))
+    host.store_macro(1, MacroCommand(2, RUN_MACRO))
+    host.store_macro(2, MacroCommand(14), MacroCommand(3, RUN_MACRO), MacroCommand(3, RUN_MACRO))
+    host.store_macro(3, MacroCommand(1, RUN_MACRO))
+    host.store_macro(4, MacroCommand(4, RUN_MACRO))
     assert [execute(host, macro_id) for macro_id in (1, 2, 3, 4)] == [0, 0, 0, 0]
 
 
 def test_a_macro_used_twice_is_no_cycle(host: Host) -> None:
     host.store_macro(1, MacroCommand(100, DELAY))
-    host.store_macro(2, MacroCommand(1, MACRO), MacroCommand(1, MACRO))
-    host.store_macro(3, MacroCommand(2, MACRO), MacroCommand(1, MACRO))
+    host.store_macro(2, MacroCommand(1, RUN_MACRO), MacroCommand(1, RUN_MACRO))
+    host.store_macro(3, MacroCommand(2, RUN_MACRO), MacroCommand(1, RUN_MACRO))
     assert execute(host, 3) == 1
     assert ends(host) == pytest.approx(0.3)
 
@@ -174,7 +176,7 @@ def test_macros_that_meet_again_and_again_are_looked_at_once(host: Host) -> None
     """Two calls on each of 32 levels: two billion paths."""
     host.store_macro(1, MacroCommand(10, DELAY))
     for macro_id in range(2, MAX_NESTING + 1):
-        host.store_macro(macro_id, *[MacroCommand(macro_id - 1, MACRO)] * 2)
+        host.store_macro(macro_id, *[MacroCommand(macro_id - 1, RUN_MACRO)] * 2)
     assert execute(host, MAX_NESTING) == 1
     assert host.board.player.macro_id == MAX_NESTING
 
@@ -182,7 +184,7 @@ def test_macros_that_meet_again_and_again_are_looked_at_once(host: Host) -> None
 def test_nesting_has_a_limit(host: Host) -> None:
     host.store_macro(1, MacroCommand(10, DELAY))
     for macro_id in range(2, MAX_NESTING + 2):
-        host.store_macro(macro_id, MacroCommand(macro_id - 1, MACRO))
+        host.store_macro(macro_id, MacroCommand(macro_id - 1, RUN_MACRO))
     assert execute(host, MAX_NESTING) == 1
     assert execute(host, MAX_NESTING + 1) == 0
 
@@ -191,10 +193,10 @@ def test_nesting_is_judged_along_every_path(host: Host) -> None:
     """A macro first met high up, where it is allowed, may also be used too far down."""
     host.store_macro(1, MacroCommand(10, DELAY))
     for macro_id in range(2, MAX_NESTING):
-        host.store_macro(macro_id, MacroCommand(1, MACRO), MacroCommand(macro_id - 1, MACRO))
+        host.store_macro(macro_id, MacroCommand(1, RUN_MACRO), MacroCommand(macro_id - 1, RUN_MACRO))
     top = MAX_NESTING - 1
-    host.store_macro(100, MacroCommand(top, MACRO))
-    host.store_macro(101, MacroCommand(top, MACRO), MacroCommand(100, MACRO))
+    host.store_macro(100, MacroCommand(top, RUN_MACRO))
+    host.store_macro(101, MacroCommand(top, RUN_MACRO), MacroCommand(100, RUN_MACRO))
     assert execute(host, 100) == 1
     assert execute(host, 101) == 0
 
@@ -249,7 +251,7 @@ def test_endless_macros_in_no_time_do_not_hold_the_board_up(host: Host) -> None:
     """32,767 loops to the power of five, none of which takes any time."""
     host.store_macro(1)
     for macro_id in range(2, 7):
-        host.store_macro(macro_id, MacroCommand(macro_id - 1, MACRO, loop=32767))
+        host.store_macro(macro_id, MacroCommand(macro_id - 1, RUN_MACRO, loop=32767))
     assert execute(host, 6) == 1
     for step in range(1, 50):
         host.board.advance(START + step)
@@ -259,7 +261,7 @@ def test_endless_macros_in_no_time_do_not_hold_the_board_up(host: Host) -> None:
 
 def test_a_very_long_sleep_of_the_host_is_caught_up_in_bounded_time(host: Host) -> None:
     host.store_macro(1, MacroCommand(1, DELAY, loop=32767), MacroCommand(18))
-    host.store_macro(2, MacroCommand(1, MACRO, loop=32767))
+    host.store_macro(2, MacroCommand(1, RUN_MACRO, loop=32767))
     execute(host, 2)
     host.board.advance(START + 1e9)
     assert host.board.next_due(START + 1e9) == pytest.approx(START + 1e9, abs=0.1)

@@ -64,7 +64,7 @@ def test_an_endless_macro_is_cut_off() -> None:
 
 
 def test_endless_work_in_no_time_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rehearsal, "_MOST_TURNS", 100)
+    monkeypatch.setattr(rehearsal, "_MAX_TURNS", 100)
     nothing = Macro(5, "", (MacroCommand(0, 1, loop=0x7FFF),))
     much = Macro(6, "", (MacroCommand(5, 2, loop=0x7FFF),))
     assert not play(much, nothing).is_whole
@@ -77,12 +77,12 @@ def test_endless_work_in_no_time_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.mark.parametrize("commands", [(MacroCommand(9),), (MacroCommand(9, 2),), (MacroCommand(5, 2),)])
 def test_what_cannot_be_played_is_refused(commands: tuple[MacroCommand, ...]) -> None:
-    with pytest.raises(ProjectError, match="something that it calls is missing, or it runs itself"):
+    with pytest.raises(ProjectError, match="a record that it needs is missing, or it runs itself"):
         play(Macro(5, "", commands))
 
 
 def test_what_no_board_takes_is_refused() -> None:
-    with pytest.raises(ProjectError, match="no action with the id 0"):
+    with pytest.raises(ProjectError, match="the id of one action is 0"):
         DryRun([Action(0)], [], [])
     with pytest.raises(EncodeError, match="70000 is outside"):
         DryRun([Action(1, "", (Step(1, 70000, 1),))], [], [])

@@ -19,11 +19,12 @@ from servolink.protocol.editing import (
 )
 from servolink.protocol.frame import encode_frame
 from servolink.protocol.joystick import AddJoystickTableRequest, SetActiveJoystickTableRequest
+from servolink.protocol.record_types import MACRO, STORED_TYPES, TABLE
 from servolink.protocol.records import Button, MacroCommand, ServoParameter, Step
 from servolink.protocol.servos import ExecuteActionRequest
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.state_file import load_state, save_state
-from servolink.virtual.storage import ON_DUPLICATE, Kind, OnDuplicate
+from servolink.virtual.storage import ON_DUPLICATE, OnDuplicate
 from tests.virtual.host import START, Host
 
 
@@ -48,7 +49,7 @@ def board(request: pytest.FixtureRequest) -> VirtualBoard:
 
 def kept(board: VirtualBoard) -> object:
     storage = board.storage
-    records = {kind: storage.all(kind) for kind in Kind}
+    records = {kind: storage.all(kind) for kind in STORED_TYPES}
     angles = [servo.angle for servo in board.servos.values()]
     return records, storage.project_id, storage.active_table, storage.used, round(board.battery, 6), angles
 
@@ -104,7 +105,7 @@ def _saved(tmp_path: Path, **changes: object) -> Path:
     return path
 
 
-MACRO = Codec().encode(AddMacroRequest(1, "", (MacroCommand(1),)))
+MACRO_FRAME = Codec().encode(AddMacroRequest(1, "", (MacroCommand(1),)))
 
 
 @pytest.mark.parametrize(
@@ -116,7 +117,7 @@ MACRO = Codec().encode(AddMacroRequest(1, "", (MacroCommand(1),)))
         ({"angles": {"1": 181}}, r"angles"),
         ({"surprise": 1}, r"surprise"),
         ({"requests": ["zz"]}, r"requests\[0\]: non-hexadecimal"),
-        ({"requests": [MACRO.hex(), MACRO[:-1].hex()]}, r"requests\[1\]: .*bytes"),
+        ({"requests": [MACRO_FRAME.hex(), MACRO_FRAME[:-1].hex()]}, r"requests\[1\]: .*bytes"),
         ({"requests": [Codec().encode(ExecuteMacroRequest(1)).hex()]}, "ExecuteMacroRequest stores nothing"),
         (
             {"requests": [Codec().encode(SetActiveJoystickTableRequest(3)).hex()]},
@@ -139,7 +140,7 @@ def test_bad_files_are_refused_with_the_reason(tmp_path: Path, changes: dict[str
 def test_what_is_no_state_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "board.json"
     path.write_bytes(content)
-    with pytest.raises(OpenError, match="is no saved board"):
+    with pytest.raises(OpenError, match="is not a saved board"):
         load_state(VirtualBoard(), path)
 
 
@@ -162,7 +163,7 @@ def test_a_file_larger_than_any_state_is_not_read(tmp_path: Path) -> None:
 
 
 def test_a_file_that_could_not_be_saved_is_refused_at_the_start(tmp_path: Path) -> None:
-    with pytest.raises(OpenError, match="there is no such folder; make it first"):
+    with pytest.raises(OpenError, match="the folder does not exist; create it first"):
         load_state(VirtualBoard(), tmp_path / "nowhere" / "board.json")
 
 
@@ -187,9 +188,9 @@ def test_doubles_and_torn_records_come_back_whatever_the_board_does_with_such(
     host.store_macro(2, MacroCommand(7), MacroCommand(7))
     host.ask(SetActiveJoystickTableRequest(2))
     storage = host.board.storage
-    macro = storage.get(Kind.MACRO, 2) or b""
-    storage.put(Kind.MACRO, {2: macro[:40] + b"\xff" * 10})
-    storage.delete(Kind.TABLE, 2)
+    macro = storage.get(MACRO, 2) or b""
+    storage.put(MACRO, {2: macro[:40] + b"\xff" * 10})
+    storage.delete(TABLE, 2)
     storage.contents = replace(storage.contents, chosen_table=2)  # as a deletion that was torn may leave it
     save_state(host.board, path)
     loaded = VirtualBoard(servos=1, on_duplicate=on_duplicate)

@@ -12,17 +12,18 @@ from servolink.protocol.editing import AddActionRequest, AddMacroRequest, AddSer
 from servolink.protocol.frame import HEADER_SIZE
 from servolink.protocol.joystick import AddJoystickTableRequest
 from servolink.protocol.packet import Packet
+from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, STORED_TYPES, TABLE
 from servolink.protocol.records import Button, MacroCommand, Step
 from servolink.protocol.records import ServoParameter as Parameter
-from servolink.virtual.storage import Contents, Kind, Record, Storage, partial_write
+from servolink.virtual.storage import AnyType, Contents, Record, Storage, partial_write
 
 TRIES = 600
 """So many seeds that each state of a write is met."""
 
-PACKETS: dict[Kind, type[Packet]] = {
-    Kind.ACTION: AddActionRequest,
-    Kind.MACRO: AddMacroRequest,
-    Kind.TABLE: AddJoystickTableRequest,
+PACKETS: dict[AnyType, type[Packet]] = {
+    ACTION: AddActionRequest,
+    MACRO: AddMacroRequest,
+    TABLE: AddJoystickTableRequest,
 }
 
 
@@ -30,15 +31,15 @@ def content(packet: Packet) -> bytes:
     return Codec().encode(packet)[HEADER_SIZE:-1]
 
 
-def records(number: int) -> dict[Kind, bytes]:
+def records(number: int) -> dict[AnyType, bytes]:
     """One record of each kind with the id 7; another `number`, others."""
     name = "".join(chr(ord("a") + number + at % 3) for at in range(30))
     parameter = content(AddServoParameterRequest((Parameter(7, number, name),)))[2:]
     return {
-        Kind.ACTION: content(AddActionRequest(7, name, tuple(Step(at, number, 9) for at in range(4)))),
-        Kind.MACRO: content(AddMacroRequest(7, name, tuple(MacroCommand(number, loop=at) for at in range(4)))),
-        Kind.TABLE: content(AddJoystickTableRequest(7, name, tuple(Button(at, name, number) for at in range(4)))),
-        Kind.SERVO: parameter,
+        ACTION: content(AddActionRequest(7, name, tuple(Step(at, number, 9) for at in range(4)))),
+        MACRO: content(AddMacroRequest(7, name, tuple(MacroCommand(number, loop=at) for at in range(4)))),
+        TABLE: content(AddJoystickTableRequest(7, name, tuple(Button(at, name, number) for at in range(4)))),
+        SERVO_PARAMETER: parameter,
     }
 
 
@@ -47,22 +48,22 @@ def outcomes(before: Contents, after: Contents) -> Iterator[Contents]:
         yield partial_write(before, after, Random(seed), "little")
 
 
-def storage_with(kind: Kind, *found: bytes) -> Storage:
+def storage_with(kind: AnyType, *found: bytes) -> Storage:
     storage = Storage(10_000, on_duplicate="append")
     for record in found:
         storage.put(kind, {7: record})
     return storage
 
 
-def is_half(kind: Kind, torn: bytes, whole: bytes) -> bool:
+def is_half(kind: AnyType, torn: bytes, whole: bytes) -> bool:
     """Tell whether `torn` is `whole` without its tail, its id and an honest length left."""
     same = next((at for at, (one, other) in enumerate(zip(torn, whole, strict=False)) if one != other), len(torn))
-    if same < (1 if kind is Kind.SERVO else 4):
+    if same < (1 if kind is SERVO_PARAMETER else 4):
         return False
-    if kind is not Kind.SERVO:
+    if kind is not SERVO_PARAMETER:
         Codec().decode(PACKETS[kind].packet_id, torn)
     missing = len(torn) < len(whole) or set(torn[same:]) == {0}
-    rest = torn[same:] if kind is Kind.SERVO or same >= 38 else torn[same:36] + torn[38:]
+    rest = torn[same:] if kind is SERVO_PARAMETER or same >= 38 else torn[same:36] + torn[38:]
     return missing or set(rest) <= {0xFF}
 
 
@@ -72,8 +73,8 @@ def write(storage: Storage, change: Callable[[Storage], object]) -> tuple[Conten
     return before, storage.contents
 
 
-@pytest.mark.parametrize("kind", list(Kind))
-def test_an_added_record_is_there_or_not_or_without_its_tail(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", list(STORED_TYPES))
+def test_an_added_record_is_there_or_not_or_without_its_tail(kind: AnyType) -> None:
     whole = records(1)[kind]
     before, after = write(Storage(10_000), lambda storage: storage.put(kind, {7: whole}))
     seen = {dict(left.records[kind]).get(7) for left in outcomes(before, after)}
@@ -82,11 +83,13 @@ def test_an_added_record_is_there_or_not_or_without_its_tail(kind: Kind) -> None
     assert len(torn) > 20
     assert all(record is not None and is_half(kind, record, whole) for record in torn)
     lengths = {len(record) for record in torn if record is not None}
-    assert lengths == ({35} if kind is Kind.SERVO else {len(whole) - at * (len(whole) - 38) // 4 for at in range(5)})
+    assert lengths == (
+        {35} if kind is SERVO_PARAMETER else {len(whole) - at * (len(whole) - 38) // 4 for at in range(5)}
+    )
 
 
-@pytest.mark.parametrize("kind", list(Kind))
-def test_a_replaced_record_is_old_or_new_or_neither(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", list(STORED_TYPES))
+def test_a_replaced_record_is_old_or_new_or_neither(kind: AnyType) -> None:
     old, new = records(1)[kind], records(5)[kind]
     storage = Storage(10_000)
     storage.put(kind, {7: old})
@@ -100,32 +103,32 @@ def test_a_replaced_record_is_old_or_new_or_neither(kind: Kind) -> None:
 
 
 def test_a_record_written_anew_with_the_same_bytes_can_tear_too() -> None:
-    record = records(1)[Kind.ACTION]
+    record = records(1)[ACTION]
     storage = Storage(10_000)
-    storage.put(Kind.ACTION, {7: record, 8: record})
-    before, after = write(storage, lambda storage: storage.put(Kind.ACTION, {7: record}))
-    seen = [dict(left.records[Kind.ACTION]) for left in outcomes(before, after)]
+    storage.put(ACTION, {7: record, 8: record})
+    before, after = write(storage, lambda storage: storage.put(ACTION, {7: record}))
+    seen = [dict(left.records[ACTION]) for left in outcomes(before, after)]
     assert any(left.get(7) is None for left in seen)
     assert all(left[8] == record for left in seen)
 
 
 def test_a_deleted_record_is_there_or_not_or_half_erased_and_the_others_are_left_alone() -> None:
-    first, second = records(1)[Kind.ACTION], records(5)[Kind.ACTION]
-    storage = storage_with(Kind.ACTION, first, second)
-    before, after = write(storage, lambda storage: storage.delete(Kind.ACTION, 7))
-    seen = {left.records[Kind.ACTION] for left in outcomes(before, after)}
+    first, second = records(1)[ACTION], records(5)[ACTION]
+    storage = storage_with(ACTION, first, second)
+    before, after = write(storage, lambda storage: storage.delete(ACTION, 7))
+    seen = {left.records[ACTION] for left in outcomes(before, after)}
     assert {((7, second),), ((7, first), (7, second))} < seen
     assert all(left[-1] == (7, second) for left in seen)
-    assert all(is_half(Kind.ACTION, left[0][1], first) for left in seen if len(left) == 2)
+    assert all(is_half(ACTION, left[0][1], first) for left in seen if len(left) == 2)
 
 
 def test_of_several_servo_parameters_any_may_be_written_and_one_torn() -> None:
     old = content(AddServoParameterRequest((Parameter(1, -3, "old"),)))[2:]
     new = content(AddServoParameterRequest((Parameter(1, 3, "new"),)))[2:]
     storage = Storage(10_000)
-    storage.put(Kind.SERVO, dict.fromkeys(range(1, 6), old))
-    before, after = write(storage, lambda storage: storage.put(Kind.SERVO, dict.fromkeys(range(1, 6), new)))
-    seen = [dict(left.records[Kind.SERVO]) for left in outcomes(before, after)]
+    storage.put(SERVO_PARAMETER, dict.fromkeys(range(1, 6), old))
+    before, after = write(storage, lambda storage: storage.put(SERVO_PARAMETER, dict.fromkeys(range(1, 6), new)))
+    seen = [dict(left.records[SERVO_PARAMETER]) for left in outcomes(before, after)]
     assert all(sum(left.get(at) not in {old, new} for at in range(1, 6)) <= 1 for left in seen)
     written = {tuple(left.get(at) == new for at in range(1, 6)) for left in seen}
     assert len(written) == 32  # in any order
@@ -141,15 +144,15 @@ def test_a_clear_that_breaks_off_leaves_some_records_and_each_word_as_it_was_or_
     left = list(outcomes(before, after))
     counts = [sum(len(stored) for stored in contents.records.values()) for contents in left]
     assert set(counts) == set(range(9))
-    whole = {(kind, record) for kind in Kind for record in before.records[kind]}
-    torn = [{(kind, record) for kind in Kind for record in contents.records[kind]} - whole for contents in left]
+    whole = {(kind, record) for kind in STORED_TYPES for record in before.records[kind]}
+    torn = [{(kind, record) for kind in STORED_TYPES for record in contents.records[kind]} - whole for contents in left]
     assert max(map(len, torn)) == 1
     words = {(contents.project_id, contents.chosen_table) for contents in left}
     assert words == {(77, 7), (77, 0), (0, 7), (0, 0)}
 
 
 def test_the_project_id_is_the_old_or_the_new_one() -> None:
-    storage = storage_with(Kind.ACTION, records(1)[Kind.ACTION])
+    storage = storage_with(ACTION, records(1)[ACTION])
     storage.project_id = -2
     before = storage.contents
     storage.project_id = 77
@@ -161,9 +164,9 @@ def test_the_project_id_is_the_old_or_the_new_one() -> None:
 def test_the_length_is_true_in_both_byte_orders() -> None:
     codec = Codec("big")
     whole = codec.encode(AddActionRequest(7, "a", tuple(Step(at % 200, 1, 1) for at in range(300))))[HEADER_SIZE:-1]
-    before, after = write(Storage(10_000), lambda storage: storage.put(Kind.ACTION, {7: whole}))
+    before, after = write(Storage(10_000), lambda storage: storage.put(ACTION, {7: whole}))
     for seed in range(50):
-        for _, record in partial_write(before, after, Random(seed), "big").records[Kind.ACTION]:
+        for _, record in partial_write(before, after, Random(seed), "big").records[ACTION]:
             torn = codec.decode(AddActionRequest.packet_id, record)
             assert isinstance(torn, AddActionRequest)
             assert torn.action_id == 7
@@ -171,6 +174,6 @@ def test_the_length_is_true_in_both_byte_orders() -> None:
 
 
 def test_the_same_chance_tears_the_same() -> None:
-    record: Record = (7, records(1)[Kind.MACRO])
-    after = Contents({**Contents().records, Kind.MACRO: (record,)})
+    record: Record = (7, records(1)[MACRO])
+    after = Contents({**Contents().records, MACRO: (record,)})
     assert list(outcomes(Contents(), after)) == list(outcomes(Contents(), after))

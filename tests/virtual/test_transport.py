@@ -18,13 +18,13 @@ from servolink.protocol.editing import (
     WriteProjectIDResponse,
 )
 from servolink.protocol.joystick import LONG_PRESS, PRESS, ButtonEventResponse, SubscribeButtonEventRequest
+from servolink.protocol.record_types import MACRO
 from servolink.protocol.records import MacroCommand, Step
 from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, QueryServoListResponse
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest, QueryMemorySizeResponse
 from servolink.transports.address import Address
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.state_file import load_state
-from servolink.virtual.storage import Kind
 from servolink.virtual.transport import FaultyVirtualTransport, VirtualTransport, from_address
 from tests.virtual.receiving import Heard, ask
 from tests.virtual_time import run
@@ -65,7 +65,7 @@ def test_the_address_says_what_adding_and_clearing_do() -> None:
         await ask(transport, heard, WriteProjectIDRequest(5))
         for _ in range(2):
             await ask(transport, heard, AddMacroRequest(1))
-        count = len(transport.board.storage.all(Kind.MACRO))
+        count = len(transport.board.storage.all(MACRO))
         refused = heard.packets.count(AddMacroResponse(0))
         await ask(transport, heard, ClearAllDataRequest())
         await transport.close()
@@ -348,7 +348,7 @@ def test_a_bad_state_file_opens_nothing(tmp_path: Path) -> None:
 
     async def main() -> None:
         transport, heard = made(f"virtual://?state={path}"), Heard()
-        with pytest.raises(OpenError, match="no saved board"):
+        with pytest.raises(OpenError, match="not a saved board"):
             await transport.open(heard)
         await transport.close()
         assert heard.ends == []
