@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import asyncio
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -15,6 +14,7 @@ from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import print_json, print_text
 from servolink.cli.plan import plan_object, print_plan
 from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.terminal import can_ask, confirm
 from servolink.client.board import Board
 from servolink.errors import ProjectError, ServolinkError
 from servolink.escaping import escape
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     """Show what would change, ask, and do it."""
     if not args.yes and args.json:
         usage_error(args, "--json asks nothing; --yes goes on without asking")
-    if not (args.yes or _can_ask()):
+    if not (args.yes or can_ask()):
         usage_error(args, "there is no terminal to ask on; --yes goes on without asking")
     return _apply(args) if args.command == "apply" else _roll_back(args)
 
@@ -128,7 +128,7 @@ class _Change:
             if self._args.json:
                 print_json({"changed": False, "plan": plan_object(plan)})
             return OK
-        if not (self._args.yes or await _yes()):
+        if not (self._args.yes or await confirm("do it?")):
             print_text(_UNTOUCHED)
             return FAILED
         if not self._args.yes and _done(await self._shown(planned)) != _done(plan):
@@ -180,16 +180,3 @@ _LEFT: dict[Phase, str] = {
 def _done(plan: Plan) -> object:
     """Return what is done, without what it takes."""
     return plan.changes, plan.inconsistencies, plan.is_unfinished
-
-
-def _can_ask() -> bool:
-    return sys.stdin is not None and sys.stdin.isatty() and sys.stdout is not None and sys.stdout.isatty()
-
-
-async def _yes() -> bool:
-    try:
-        answer = await asyncio.to_thread(input, "do it? [y/N] ")
-    except EOFError:  # Ctrl-D
-        print()
-        return False
-    return answer.strip().lower() in ("y", "yes")

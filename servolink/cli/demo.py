@@ -12,6 +12,7 @@ import sys
 import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 
 from servolink.cli.demo_stage import FaultyLine, JsonStage, Outcome, Scene, Stage, TextStage
@@ -19,7 +20,7 @@ from servolink.cli.live import PHASES
 from servolink.cli.main import FAILED, OK
 from servolink.cli.output import Table
 from servolink.cli.session import Interruption, run_interruptible
-from servolink.cli.terminal import ENDING, handled
+from servolink.cli.terminal import cleanup
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
 from servolink.listeners import AVAILABLE
@@ -307,10 +308,7 @@ def run(args: argparse.Namespace) -> int:
     stage: Stage = JsonStage() if args.json else TextStage(fast=args.fast)
 
     async def main(interruption: Interruption) -> int:
-        task = asyncio.current_task()
-        assert task is not None  # noqa: S101 - narrows the type: this runs in one
-        with handled(task.cancel, ENDING[1:]):  # or its folder would be left; Ctrl-C does the same
-            return await _play(stage, _FAST if args.fast else 1.0)
+        return await _play(stage, _FAST if args.fast else 1.0)
 
     return run_interruptible(main, "only the demo's own virtual board was moved")
 
@@ -318,7 +316,8 @@ def run(args: argparse.Namespace) -> int:
 async def _play(stage: Stage, pace: float) -> int:
     start = asyncio.get_running_loop().time()
     virtual, second = VirtualBoard(_SERVOS, seed=1), VirtualBoard(_SERVOS, seed=2)
-    with tempfile.TemporaryDirectory(prefix="servolink-demo-") as folder:
+    folder = tempfile.mkdtemp(prefix="servolink-demo-")
+    with cleanup(partial(shutil.rmtree, folder, ignore_errors=True)):
         async with _served(virtual) as url, _served(second) as second_url:
             line = FaultyLine(create(url))
             async with connect(line) as board:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from servolink.cli.output import angle_text, console
+from servolink.cli.terminal import cleanup
 from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.errors import RequestTimeout
@@ -59,7 +60,7 @@ def live_bars(servo_ids: Container[int] = range(256)) -> Iterator[Draw]:
 
     displayed = console()
     block = "█" if displayed.encoding.startswith("utf") else "#"
-    with Live(console=displayed, auto_refresh=False) as live:
+    with cleanup(displayed.show_cursor), Live(console=displayed, auto_refresh=False) as live:
 
         def draw(elapsed: float, servos: Sequence[Servo]) -> None:
             wanted = [servo for servo in servos if servo.servo_id in servo_ids]
@@ -125,7 +126,8 @@ def _bar(board: Board) -> Iterator[ProgressCallback]:
         TextColumn("{task.fields[item]}", markup=False),
     )
     phase: Phase | None = None
-    with Bar(*columns, console=console(stderr=True), transient=True) as bar:
+    displayed = console(stderr=True)
+    with cleanup(displayed.show_cursor), Bar(*columns, console=displayed, transient=True) as bar:
         task = bar.add_task("", item="", size="")
 
         def tell(progress: Progress) -> None:

@@ -11,10 +11,11 @@ from contextlib import AbstractContextManager, nullcontext
 from servolink.cli.arguments import number, speed
 from servolink.cli.live import Draw, follow, live_bars
 from servolink.cli.main import FAILED, OK, usage_error
-from servolink.cli.output import Table, is_terminal, print_json, print_table, print_text
+from servolink.cli.output import Table, is_terminal, print_error, print_json, print_table, print_text
 from servolink.cli.records import record_id
-from servolink.cli.servos import print_servos, reported
+from servolink.cli.servos import are, listed, print_servos, reported
 from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.terminal import can_ask, confirm
 from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.errors import RequestError, ServolinkError
@@ -88,18 +89,12 @@ async def _ready(board: Board, servos: Iterable[Servo], interruption: Interrupti
     idle = [servo.servo_id for servo in servos if not (servo.is_start and servo.is_hold)]
     if idle and not start:
         raise RequestError(
-            f"{named(idle)} stopped or released and would ignore the movement; nothing was sent. "
+            f"{are(idle)} stopped or released and would ignore the movement; nothing was sent. "
             "Add --start to start and hold first"
         )
     for servo_id in idle:
         interruption.state = "no movement was sent; servos may have been started and held"
         await board.set_servo(servo_id, start=True, hold=True)
-
-
-def named(servo_ids: Sequence[int]) -> str:
-    """Return `servo 3 is` or `servos 3, 4 are`."""
-    listed = ", ".join(map(str, servo_ids))
-    return f"servo {listed} is" if len(servo_ids) == 1 else f"servos {listed} are"
 
 
 def _bars(targets: Mapping[int, int], *, shown: bool) -> AbstractContextManager[Draw]:
@@ -177,15 +172,16 @@ def configure_release(parser: argparse.ArgumentParser) -> None:
 
 def run_release(args: argparse.Namespace) -> int:
     """Release servos, and print what the servos then report."""
-    which = f"servos {', '.join(map(str, args.servo_ids))}" if args.servo_ids else "all servos"
-    if not args.yes and not may_release(args, which):
-        return FAILED
+    check_can_release(args)
+    which = listed(args.servo_ids) if args.servo_ids else "all servos"
 
     async def talk(board: Board, interruption: Interruption) -> int:
         await reported(board, args.servo_ids)
+        if not await may_release(args, interruption, which):
+            return FAILED
         interruption.state = f"{which} may have been released; `servolink stop` holds all servos again"
         await _release_each(board, args.servo_ids or [ALL_SERVOS])
-        interruption.state = f"{which} were released"
+        interruption.state = f"{which} released; `servolink stop` holds all servos again"
         print_servos(await board.servos(), as_json=args.json)
         return OK
 
@@ -203,19 +199,18 @@ async def _release_each(board: Board, servo_ids: Sequence[int]) -> None:
             raise
 
 
-def may_release(args: argparse.Namespace, which: str) -> bool:
-    """Ask a person whether servos may go limp; a program has to say --yes."""
-    if args.json or sys.stdin is None or not sys.stdin.isatty():
-        usage_error(args, f"{_WARNING}; say --yes if they may")
-    print(f"{_WARNING}. Release {which}? [y/N] ", end="", file=sys.stderr, flush=True)
-    try:
-        answer = sys.stdin.readline()
-    except KeyboardInterrupt:
-        print("\ninterrupted: nothing was sent", file=sys.stderr)
-        raise
-    if answer.strip().lower() in ("y", "yes"):
+def check_can_release(args: argparse.Namespace) -> None:
+    """End as wrong usage if nobody has said --yes and nobody can be asked."""
+    if not args.yes and (args.json or not can_ask()):
+        usage_error(args, f"{_WARNING}; add --yes if they may")
+
+
+async def may_release(args: argparse.Namespace, interruption: Interruption, which: str) -> bool:
+    """Return whether the servos may go limp, after asking if need be."""
+    interruption.state = "nothing was released"
+    if args.yes or await confirm(f"{_WARNING}. Release {which}?"):
         return True
-    print("servolink: nothing was released", file=sys.stderr)
+    print_error(f"servolink: {interruption.state}")
     return False
 
 
@@ -281,7 +276,7 @@ async def _wake(board: Board, interruption: Interruption, wanted: set[int] | Non
         if not (servo.is_start and servo.is_hold) and (wanted is None or servo.servo_id in wanted)
     ]
     if idle and not start:
-        text = f"{named(idle)} stopped or released and will not move; --start starts and holds first"
+        text = f"{are(idle)} stopped or released and will not move; --start starts and holds first"
         print(f"servolink: {text}", file=sys.stderr)
         return idle
     for servo_id in idle:

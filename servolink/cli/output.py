@@ -174,6 +174,11 @@ def plain_lines(table: Table) -> list[str]:
     return [escape(table.title), *lines] if table.title else lines
 
 
+def counted(count: int, noun: str) -> str:
+    """Return `1 pose` or `2 poses`."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def angle_text(angle: int) -> str:
     """Return an angle as people write it, with its unit if that is known."""
     return f"{angle}°" if isinstance(angle, Degrees) else f"{angle} ADC" if isinstance(angle, Adc) else str(angle)

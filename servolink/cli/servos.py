@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from servolink.cli.main import OK
@@ -46,6 +46,16 @@ async def reported(board: Board, wanted: Iterable[int] = ()) -> tuple[Servo, ...
     if missing := [servo_id for servo_id in wanted if servo_id not in there]:
         raise NotFound(f"the board has no servo {missing[0]}; nothing was moved")
     return servos
+
+
+def listed(servo_ids: Sequence[int]) -> str:
+    """Return `servo 3` or `servos 3, 4`."""
+    return f"servo{'s' if len(servo_ids) > 1 else ''} {', '.join(map(str, servo_ids))}"
+
+
+def are(servo_ids: Sequence[int]) -> str:
+    """Return `servo 3 is` or `servos 3, 4 are`."""
+    return f"{listed(servo_ids)} {'are' if len(servo_ids) > 1 else 'is'}"
 
 
 def _servo_object(servo: Servo, captions: Mapping[int, str] | None) -> dict[str, Any]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import os
 import sys
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NoReturn
 
 from servolink.cli.main import INTERRUPTED, NO_BOARD, fail, usage_error
-from servolink.cli.output import Table, console, lost_output, show_table
+from servolink.cli.output import Table, console, lost_output, print_error, show_table
+from servolink.cli.terminal import can_ask, end_process, handled
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.discovery.search import NONE_HERE, boards, only, search
@@ -23,47 +23,57 @@ UNFINISHED_IMPORT = (
     "this board holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes it"
 )
 _UNMOVED = "no servo was moved"
-_PATIENCE = 1.0  # seconds for the board to be closed in good order after Ctrl-C
+_PATIENCE = 0.2  # seconds for the board to be closed in good order after Ctrl-C
 
 
 class Interruption:
     """What Ctrl-C says and does; commands keep `state`, and `code` for the exit, true as they go."""
 
     def __init__(self, state: str) -> None:
-        """Begin in `state`, such as "no servo was moved"."""
+        """Start in `state`, such as "no servo was moved"."""
         self.state = state
         self.code = INTERRUPTED
-        self._told = False
+        self._reported = False
 
-    def tell(self) -> None:
-        """Say, once, what is now the case."""
-        if not self._told:
-            self._told = True
-            print(f"interrupted: {self.state}", file=sys.stderr, flush=True)
+    def report(self) -> None:
+        """Print the state, once."""
+        if not self._reported:
+            self._reported = True
+            print_error(f"interrupted: {escape(self.state)}")
 
     @contextmanager
     def watched(self) -> Iterator[None]:
-        """Speak at once when Ctrl-C comes in here, and end the process if what is then closed does not end."""
+        """Report as soon as Ctrl-C arrives in here, and end the process if closing what is open takes too long."""
         try:
             yield
         except asyncio.CancelledError:
-            self.tell()
-            asyncio.get_running_loop().call_later(_PATIENCE, os._exit, self.code)
+            self.report()
+            asyncio.get_running_loop().call_later(_PATIENCE, end_process, self.code)
             raise
+
+    def end(self) -> NoReturn:
+        """Report and end the process at once."""
+        self.report()
+        end_process(self.code)
 
 
 def run_interruptible(main: Callable[[Interruption], Awaitable[int]], state: str = _UNMOVED) -> int:
-    """Run `main` until it returns the exit code or Ctrl-C comes."""
+    """Run `main` until it returns the exit code, or until Ctrl-C, SIGTERM or a closed terminal ends it.
+
+    The first signal cancels `main`, a second one ends the process at once.
+    """
     interruption = Interruption(state)
 
     async def watched() -> int:
-        with interruption.watched():
+        task = asyncio.current_task()
+        assert task is not None  # noqa: S101 - narrows the type: this runs in one
+        with handled(task.cancel, again=interruption.end), interruption.watched():
             return await main(interruption)
 
     try:
         return asyncio.run(watched())
-    except (KeyboardInterrupt, asyncio.CancelledError):  # the latter from a command that handles Ctrl-C itself
-        interruption.tell()
+    except (KeyboardInterrupt, asyncio.CancelledError):
+        interruption.report()
         return interruption.code
     except OSError as error:
         if lost := lost_output(error):
@@ -121,7 +131,7 @@ def choose_board(args: argparse.Namespace) -> str:
         raise OpenError(NONE_HERE)
     if len(found) == 1 or len(usable) == 1:
         return only(candidates)
-    if not (sys.stdin and sys.stdin.isatty() and sys.stderr.isatty()) or args.json:
+    if args.json or not can_ask():
         addresses = "\n".join(f"  --url {escape(board.url)}" for board in found)
         usage_error(args, f"{len(found)} boards are here; name one:\n{addresses}")
     return _picked(args, found)

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from servolink.cli.arguments import number, whole_number
 from servolink.cli.main import FAILED, INTERRUPTED, OK
-from servolink.cli.motion import may_release, servo_id
-from servolink.cli.output import print_json, print_text
-from servolink.cli.servos import reported
+from servolink.cli.motion import check_can_release, may_release, servo_id
+from servolink.cli.output import counted, print_json, print_text
+from servolink.cli.servos import are, listed, reported
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.teach_session import CaptureSession, ReleasedServos
 from servolink.cli.terminal import handled
@@ -110,13 +110,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Release, take poses, hold again, write."""
-    which = f"servos {', '.join(map(str, args.servo_ids))}" if args.servo_ids else "all servos"
-    if not args.yes and not may_release(args, which):
-        return FAILED
+    check_can_release(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:
         await check_name(board, args.name, args.file)
         servos = await reported(board, args.servo_ids)
+        if not await may_release(args, interruption, listed(args.servo_ids) if args.servo_ids else "all servos"):
+            return FAILED
         if args.servo_ids:
             servos = tuple(servo for servo in servos if servo.servo_id in args.servo_ids)
         lesson = PoseRecorder(
@@ -129,8 +129,8 @@ def run(args: argparse.Namespace) -> int:
         ids = frozenset(servo.servo_id for servo in servos)
         taking = CaptureSession(board, lesson, ids, button=args.button, json=args.json)
         if not await _taught(taking, ReleasedServos(board, servos), interruption):
-            interruption.state += f"; {len(lesson.poses)} poses were not written"
-            interruption.tell()
+            interruption.state += f"; {counted(len(lesson.poses), 'pose')} not written"
+            interruption.report()
             return INTERRUPTED
         if not lesson.poses:
             print_text("no pose was taken, nothing is written")
@@ -139,7 +139,7 @@ def run(args: argparse.Namespace) -> int:
         if args.json:
             print_json({"name": args.name, "poses": len(lesson.poses), "written": where})
         else:
-            print_text(f"'{args.name}' with {len(lesson.poses)} poses is written: {where}")
+            print_text(f"'{args.name}' with {counted(len(lesson.poses), 'pose')} is written: {where}")
         return OK
 
     return run_with_board(args, talk, reconnect=True)
@@ -147,7 +147,7 @@ def run(args: argparse.Namespace) -> int:
 
 async def _taught(taking: CaptureSession, limp: ReleasedServos, interruption: Interruption) -> bool:
     """Take poses with limp servos, which are held when this returns; tell whether it was not interrupted."""
-    interruption.state = f"{limp.words} may be limp; `servolink stop` holds all servos"
+    interruption.state = f"{listed(limp.ids)} may be limp; `servolink stop` holds all servos"
     lost = False
     with _gentle() as stop:
         try:
@@ -155,12 +155,12 @@ async def _taught(taking: CaptureSession, limp: ReleasedServos, interruption: In
             await taking.until(stop)
         except ConnectionLost as error:
             lost = True
-            _note(f"{error}; {limp.words} will be held as soon as the board is back, Ctrl-C twice gives up")
+            _note(f"{error}; {listed(limp.ids)} will be held as soon as the board is back, Ctrl-C twice gives up")
         finally:
             await limp.hold_when_back()
-        interruption.state = f"{limp.words} are held again"
+        interruption.state = f"{are(limp.ids)} held again"
         if lost:
-            _note(f"the board is back, and {limp.words} are held")
+            _note(f"the board is back, and {are(limp.ids)} held")
         return not stop.is_set()
 
 

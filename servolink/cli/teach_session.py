@@ -26,7 +26,7 @@ class ReleasedServos:
         """`servos` as they are before they are released."""
         self._board = board
         self._servos = servos
-        self.words = "servos " + ", ".join(str(servo.servo_id) for servo in servos)
+        self.ids = [servo.servo_id for servo in servos]
 
     async def release(self) -> None:
         """Let them go limp."""

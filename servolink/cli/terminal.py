@@ -1,4 +1,4 @@
-"""Single keys, while standard input is a terminal that is ours."""
+"""The terminal: questions, single keys, signals, and how it was before."""
 
 from __future__ import annotations
 
@@ -8,6 +8,66 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from typing import NoReturn
+
+_cleanups: list[Callable[[], object]] = []
+
+
+@contextmanager
+def cleanup(act: Callable[[], object]) -> Iterator[None]:
+    """Call `act` at the end, also when the process ends at once (see `end_process`)."""
+    _cleanups.append(act)
+    try:
+        yield
+    finally:
+        _cleanups.remove(act)
+        act()
+
+
+def end_process(code: int) -> NoReturn:
+    """End the process without waiting for anything but the calls promised by `cleanup`."""
+    for act in reversed(_cleanups):
+        with suppress(Exception):  # the terminal may be gone
+            act()
+    os._exit(code)
+
+
+def can_ask() -> bool:
+    """Return whether somebody at a terminal can be asked: standard input and standard error lead there."""
+    return bool(sys.stdin and sys.stdin.isatty() and sys.stderr and sys.stderr.isatty())
+
+
+async def confirm(question: str) -> bool:
+    """Ask `question` on standard error and return whether the answer is yes; the end of input (Ctrl-D) is a no.
+
+    Only if `can_ask`. Signals and everything else on the loop go on meanwhile.
+    """
+    print(f"{question} [y/N] ", end="", file=sys.stderr, flush=True)
+    try:
+        answer = await _line()
+    except asyncio.CancelledError:
+        print(file=sys.stderr)  # what is said next does not stand behind the question
+        raise
+    if not answer.endswith("\n"):
+        print(file=sys.stderr)
+    return answer.strip().lower() in ("y", "yes")
+
+
+async def _line() -> str:
+    if sys.platform == "win32":
+        return await asyncio.to_thread(sys.stdin.readline)
+    # Not in a thread: nothing can interrupt one that reads, and the process would wait for it at its end.
+    loop, terminal = asyncio.get_running_loop(), sys.stdin.fileno()
+    typed = asyncio.Event()
+    loop.add_reader(terminal, typed.set)
+    try:
+        await typed.wait()
+    finally:
+        loop.remove_reader(terminal)
+    try:
+        return os.read(terminal, 4096).decode(errors="replace")  # a terminal gives a line at a time
+    except OSError:  # it is gone
+        return ""
 
 
 @contextmanager
@@ -32,14 +92,18 @@ def single_keys(typed: Callable[[str], None]) -> Iterator[bool]:
         typed(data.decode(errors="replace"))
 
     before = termios.tcgetattr(terminal)
-    tty.setcbreak(terminal)
-    loop.add_reader(terminal, read)
-    try:
-        yield True
-    finally:
-        loop.remove_reader(terminal)
+
+    def restore() -> None:
         with suppress(termios.error):  # it may be gone
-            termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+            termios.tcsetattr(terminal, termios.TCSANOW, before)
+
+    with cleanup(restore):
+        tty.setcbreak(terminal)
+        loop.add_reader(terminal, read)
+        try:
+            yield True
+        finally:
+            loop.remove_reader(terminal)
 
 
 def _own_terminal() -> int | None:
@@ -63,12 +127,29 @@ def not_ignored(numbers: Sequence[signal.Signals] = ENDING) -> list[signal.Signa
 
 
 @contextmanager
-def handled(act: Callable[[], object], numbers: Sequence[signal.Signals] = ENDING) -> Iterator[None]:
-    """Call `act` on the running loop for each signal that arrives meanwhile; ignored signals stay ignored."""
+def handled(
+    act: Callable[[], object],
+    numbers: Sequence[signal.Signals] = ENDING,
+    *,
+    again: Callable[[], object] | None = None,
+) -> Iterator[None]:
+    """Call `act` on the running loop for each signal that arrives meanwhile; ignored signals stay ignored.
+
+    With `again`, call `act` for the first signal only, and `again` for further ones: at once, even if the loop is busy.
+    """
     loop = asyncio.get_running_loop()
     before = {number: signal.getsignal(number) for number in not_ignored(numbers)}
+    received = False
+
+    def receive(*_: object) -> None:
+        nonlocal received
+        if received and again is not None:
+            again()
+        received = True
+        loop.call_soon_threadsafe(act)
+
     for number in before:
-        signal.signal(number, lambda *_: loop.call_soon_threadsafe(act))
+        signal.signal(number, receive)
     try:
         yield
     finally:

@@ -91,13 +91,14 @@ def program(*arguments: str, **changed: str) -> Said:
 def in_terminal(
     *arguments: str,
     typed: str = "",
-    later: tuple[str, str] = ("", ""),
+    later: tuple[str, str | signal.Signals] = ("", ""),
     meanwhile: Callable[[], object] = lambda: None,
     env: Mapping[str, str] | None = None,
 ) -> Said:
     """Run a command in a terminal of 100 columns and 40 lines; what it says on either stream is in `out`.
 
-    `later` is what it says, and what is typed when it has said that, and `meanwhile` was done.
+    `later` is what it says, and what is typed, or the signal that it gets, when it has said that and `meanwhile` was
+    done.
     """
     import fcntl
     import struct
@@ -123,7 +124,10 @@ def in_terminal(
             out += chunk
             if answer and said in out.decode(errors="replace"):
                 meanwhile()
-                os.write(ours, answer.encode())
+                if isinstance(answer, signal.Signals):
+                    process.send_signal(answer)
+                else:
+                    os.write(ours, answer.encode())
                 answer = ""
         finish(process)
         return Said(process.returncode, out.decode(), "")

@@ -10,10 +10,13 @@ from pathlib import Path
 import pytest
 
 from servolink.cli.terminal import ENDING
+from servolink.project.build import build_project
+from servolink.project.project_file import save_project
+from servolink.protocol.records import Action
 from servolink.transports.faults import Faults
 from tests import processes
 from tests.cli.conftest import Addresses
-from tests.cli.programs import call, environment, finished, patient
+from tests.cli.programs import environment, finished, in_terminal, patient
 from tests.cli.robot import Robot
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of Unix")
@@ -36,18 +39,25 @@ def test_a_move_that_another_program_stops_has_failed(robot: Robot) -> None:
     assert "not at -90, 1 s after it should have arrived: it may have been stopped" in said.err
 
 
-def test_a_question_is_not_answered(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    class Person:
-        def isatty(self) -> bool:
-            return True
+@pytest.mark.parametrize("by", ["\x03", signal.SIGTERM])
+@pytest.mark.parametrize("command", [("release",), ("teach", "Wave", "1")])
+def test_a_question_is_not_answered(command: tuple[str, ...], by: str | signal.Signals) -> None:
+    said = in_terminal("-b", "virtual://", *command, later=("[y/N]", by))
+    assert said.code == 130
+    assert said.out.splitlines()[-1] == "interrupted: nothing was released"
 
-        def readline(self) -> str:
-            raise KeyboardInterrupt
 
-    monkeypatch.setattr(sys, "stdin", Person())
-    said = call(capsys, "--url", "virtual://", "release")
-    assert (said.code, said.out) == (130, "")
-    assert said.err.endswith("\ninterrupted: nothing was sent\n")
+def test_the_end_of_input_is_a_no() -> None:
+    said = in_terminal("-b", "virtual://", "release", "1", later=("Release servo 1? [y/N]", "\x04"))
+    assert (said.code, said.out.splitlines()[-1]) == (1, "servolink: nothing was released")
+
+
+def test_the_question_of_an_import_can_be_left(tmp_path: Path) -> None:
+    file = tmp_path / "robot.servolink.json"
+    save_project(file, build_project(Action(1, "Bow", ())))
+    said = in_terminal("-b", "virtual://", "apply", str(file), later=("[y/N]", "\x03"))
+    assert said.code == 130
+    assert said.out.splitlines()[-1] == "interrupted: nothing was changed on the board"
 
 
 def test_interrupted_events_have_ended_well(served: Addresses) -> None:
@@ -63,6 +73,43 @@ def test_a_board_that_does_not_answer_is_left_at_once(robot: Robot) -> None:
     robot.at(0.5, lambda: signal.raise_signal(signal.SIGINT))
     said = robot("info")
     assert (said.code, said.out, said.err) == (130, "", "interrupted: no servo was moved\n")
+
+
+@pytest.mark.parametrize("by", ["\x03", *ENDING])
+def test_the_cursor_is_shown_again(by: str | signal.Signals) -> None:
+    said = in_terminal("-b", "virtual://", "move", "1=90", "--duration", "300", later=("servo 1", by))
+    assert said.code == 130
+    assert "interrupted: the move was sent" in said.out
+    assert said.out.rindex("\x1b[?25h") > said.out.rindex("\x1b[?25l")
+
+
+STUBBORN = """
+import asyncio, sys, threading
+from servolink.cli import session, terminal
+session._PATIENCE = 1e9
+async def main(interruption):
+    with terminal.cleanup(lambda: print("restored", flush=True)):
+        while True:
+            print("working", flush=True)
+            try:
+                await asyncio.Event().wait()
+            except asyncio.CancelledError:
+                pass
+            print("goes on", flush=True)
+            while True:  # and keeps the loop from running
+                threading.Event().wait(0.01)
+sys.exit(session.run_interruptible(main))
+"""
+
+
+def test_a_second_signal_ends_what_does_not_end() -> None:
+    process = processes.start([sys.executable, "-c", STUBBORN], env=environment())
+    assert process.stdout is not None
+    assert process.stdout.readline() == "working\n"
+    process.send_signal(signal.SIGINT)
+    assert process.stdout.readline() == "goes on\n"
+    said = finished(process, signal.SIGTERM)
+    assert (said.code, said.out, said.err) == (130, "restored\n", "interrupted: no servo was moved\n")
 
 
 STUCK = """

@@ -14,7 +14,8 @@ from servolink.cli.teach import _gentle
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.client.servos import Servo
-from servolink.project.project_file import load_project
+from servolink.project.model import Project
+from servolink.project.project_file import load_project, save_project
 from servolink.protocol.records import Action
 from tests.cli.programs import in_terminal, started
 from tests.cli.robot import Robot
@@ -100,6 +101,15 @@ def test_keys_take_poses_in_a_terminal(tmp_path: Path) -> None:
     assert all(servo.is_start and servo.is_hold for servo in asyncio.run(servos()))
 
 
+def test_a_taken_name_is_refused_without_a_question(tmp_path: Path) -> None:
+    file = tmp_path / "robot.servolink.json"
+    save_project(file, Project(actions=(Action(1, "Wave"),)))
+    said = in_terminal("-b", "virtual://", "teach", "Wave", "--file", str(file))
+    assert said.code == 1
+    assert "there is action 'Wave' already" in said.out
+    assert "[y/N]" not in said.out
+
+
 def test_ctrl_c_holds_the_servos_again_and_writes_nothing(robot: Robot) -> None:
     held: list[int] = []
     robot.at(2.0, lambda: held.extend(servo.is_hold for servo in robot.board.servos.values()))
@@ -107,7 +117,7 @@ def test_ctrl_c_holds_the_servos_again_and_writes_nothing(robot: Robot) -> None:
     said = robot("teach", "Wave", "--yes")
     assert said.code == 130
     assert held == [0, 0, 0]
-    assert said.err == "interrupted: servos 1, 2, 3 are held again; 0 poses were not written\n"
+    assert said.err == "interrupted: servos 1, 2, 3 are held again; 0 poses not written\n"
     assert are_held(robot)
 
 
@@ -132,7 +142,7 @@ def test_a_lost_board_is_held_as_soon_as_it_is_back(robot: Robot) -> None:
     said = robot("teach", "Wave", "--yes")
     assert "servos 1, 2, 3 will be held as soon as the board is back" in said.err
     assert "the board is back, and servos 1, 2, 3 are held" in said.err
-    assert said.out.splitlines()[-1] == "'Wave' with 1 poses is written: on the board"
+    assert said.out.splitlines()[-1] == "'Wave' with 1 pose is written: on the board"
     assert said.code == 0
     assert are_held(robot)
 
@@ -155,7 +165,7 @@ def test_what_cannot_be_written_to_the_board_is_kept_in_a_file(robot: Robot, tmp
     [
         (["Wave", "9", "--yes"], "the board has no servo 9"),
         (["W" * 33, "--yes"], "a caption has at most 32 bytes"),
-        (["Wave"], "say --yes if they may"),
+        (["Wave"], "add --yes if they may"),
         (["Wave", "--yes", "--interval", "0"], "'0' is outside 0.1..327.67 seconds"),
         (["Wave", "--yes", "--button", "x"], "'x' is no whole number from 0 to 4294967295"),
     ],

@@ -77,7 +77,7 @@ def test_a_lesson_in_a_project_with_a_hostile_name(world: World) -> None:
     arguments = world.arguments("--url {few} teach wave 1 --file {lesson} --yes")
     said = in_terminal(*arguments, later=("takes a pose", " q"))
     assert said.code == 0
-    assert "'wave' with 1 poses is written: " in said.out
+    assert "'wave' with 1 pose is written: " in said.out
     assert not controls(ESCAPE.sub("", said.out)) - {"\r"}
     assert load_project(world.path("lesson")).actions[0].action_caption == "wave"
 
