@@ -1,62 +1,71 @@
-"""Carries bytes between a stream and a transport, both ways, until one of them ends."""
+"""Serve transports, such as connections to a virtual board, over TCP and pseudo-terminals."""
 
 from __future__ import annotations
 
 import asyncio
+import errno
+import logging
 import os
+import socket
 import sys
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterable
 from contextlib import ExitStack, asynccontextmanager
 from io import FileIO
 from typing import Any, TypeAlias
 
 from servolink.errors import OpenError, TransportError, TransportUnavailable
-from servolink.escaping import escape
+from servolink.escaping import escape, quote
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
 
-Connect = Callable[[], Transport]
+MAX_WAITING = 1024 * 1024
+"""Bytes that may wait in this program for a host to read them."""
+
+_logger = logging.getLogger(__name__)
+
+Connect: TypeAlias = Callable[[], Transport]
 """Makes a new connection to the board that is served."""
-MOST_WAITING = 1024 * 1024
-"""Bytes that may wait for a host to read them."""
+Converse: TypeAlias = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any, None]]
+"""Serves one connection, and returns when it has ended."""
+
+
+# ── one conversation: bytes carried between a stream and a transport ──
 
 _CHUNK = 4096
+_PIECE = 96  # enough for a move of 16 servos
 _LINGER = 1.0  # seconds for a host to read what it was sent before it closed
 
 
 async def bridge(
     reader: asyncio.StreamReader, writer: asyncio.StreamWriter, connect: Connect, *, patient: bool = False
 ) -> None:
-    """Carry bytes until the stream or the transport ends, then close both.
+    """Carry bytes both ways until the stream or the transport ends, then close both.
 
-    A host that does not read is not heard until it does, and disconnected when too much waits for it. With
-    `patient`, for lines that cannot tell whether anybody is there, it is heard, and what has no room is lost.
+    While a host does not read, its requests are not read either; if more than MAX_WAITING waits for it, it is
+    disconnected. A `patient` bridge, for lines that do not show whether a host is present, always reads, and drops the
+    bytes that have no room.
     """
+    receiver = _StreamReceiver(writer, patient=patient)
     transport = connect()
-    mouth = _Mouth(writer, patient=patient)
     try:
-        await transport.open(mouth)
-        reading = asyncio.ensure_future(_read(reader, writer, transport, patient=patient))
+        await transport.open(receiver)
+        reading = asyncio.ensure_future(_pass_requests(reader, writer, transport, patient=patient))
         try:
-            await asyncio.wait((reading, mouth.ended), return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait((reading, receiver.ended), return_when=asyncio.FIRST_COMPLETED)
         finally:
             reading.cancel()
             await asyncio.wait((reading,))
         if not patient:
             await _flush(writer)
+    except TransportError as error:
+        _logger.warning("a host was disconnected: %s", error)
     finally:
         await transport.close()
-        end(writer.transport)
+        _abort(writer.transport)
 
 
-def end(pipe: asyncio.WriteTransport) -> None:
-    """Close at once, what is not written is lost; asyncio's pipes cannot bear to be told twice."""
-    if not pipe.is_closing():
-        pipe.abort()
-
-
-class _Mouth:
-    """Writes what the transport brings to the stream."""
+class _StreamReceiver:
+    """Writes what the transport receives to the stream."""
 
     def __init__(self, writer: asyncio.StreamWriter, *, patient: bool) -> None:
         self.ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -64,9 +73,7 @@ class _Mouth:
         self._patient = patient
 
     def data(self, chunk: bytes) -> None:
-        # The answers to one chunk may exceed the limit by any amount: a host that asks a lot at once does nothing
-        # wrong.
-        if self._writer.transport.get_write_buffer_size() <= MOST_WAITING:
+        if self._writer.transport.get_write_buffer_size() <= MAX_WAITING:
             self._writer.write(chunk)
         elif not self._patient:
             self._writer.transport.abort()
@@ -77,17 +84,20 @@ class _Mouth:
             self.ended.set_result(None)
 
 
-async def _read(
+async def _pass_requests(
     reader: asyncio.StreamReader, writer: asyncio.StreamWriter, transport: Transport, *, patient: bool
 ) -> None:
     try:
         while chunk := await reader.read(_CHUNK):
-            await transport.send(chunk)
-            await asyncio.sleep(0)  # lets the answers out, which drain() is to wait for
-            if not patient:
-                await writer.drain()
+            # 4 KiB hold hundreds of requests, each with a response of up to 64 KiB. The responses to one piece, of ten
+            # requests at most, stay below MAX_WAITING; the next piece waits until the host has read most of them.
+            for at in range(0, len(chunk), _PIECE):
+                await transport.send(chunk[at : at + _PIECE])
+                await asyncio.sleep(0)  # the transport delivers responses in the next turn; other hosts get theirs
+                if not patient:
+                    await writer.drain()
     except (TransportError, OSError):
-        return  # either end is gone, which is how every conversation ends
+        return  # one end is gone: the usual end of a conversation
 
 
 async def _flush(writer: asyncio.StreamWriter) -> None:
@@ -101,57 +111,141 @@ async def _flush(writer: asyncio.StreamWriter) -> None:
         writer.transport.abort()
 
 
-Converse: TypeAlias = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any, None]]
-"""Serves one connection, and returns when it has ended."""
+def _abort(pipe: asyncio.WriteTransport) -> None:
+    """Close at once; unwritten bytes are lost. asyncio's pipes fail when they are aborted twice."""
+    if not pipe.is_closing():
+        pipe.abort()
 
-_HIGHEST_PORT = 65535
+
+# ── TCP ──
+
+_MAX_PORT = 65535
+_BACKLOG = 100
+_SEND_BUFFER = 256 * 1024  # in the system, which by itself would give some MiB to each host that does not read
+_ACCEPT_PAUSE = 1.0  # seconds between attempts while no connection can be accepted
+_WARNING_PAUSE = 60.0  # seconds between two warnings of that
+_PORT_ATTEMPTS = 10
+_NO_SUCH_FAMILY = {errno.EAFNOSUPPORT, errno.EADDRNOTAVAIL}  # a machine without IPv6
+_KEEPALIVE = {"TCP_KEEPIDLE": 60, "TCP_KEEPINTVL": 15, "TCP_KEEPCNT": 4}  # a host that vanished is dropped in 2 min
 
 
 def host_and_port(text: str) -> tuple[str, int]:
-    """Split `HOST:PORT`; port 0 means any free one; TransportUnavailable says what is wrong."""
+    """Split `HOST:PORT`. Port 0 means any free port. Raise TransportUnavailable if `text` is something else."""
     address = Address.parse(f"tcp://{text}")
     if not address.host or address.path or address.options or not address.port.isdecimal():
-        raise TransportUnavailable(f"{escape(text)!r} is not HOST:PORT, as in 127.0.0.1:0")
-    if int(address.port) > _HIGHEST_PORT:
-        raise TransportUnavailable(f"port {address.port} is outside 0..{_HIGHEST_PORT}")
+        raise TransportUnavailable(f"{quote(text)} must be HOST:PORT, as in 127.0.0.1:0")
+    if int(address.port) > _MAX_PORT:
+        raise TransportUnavailable(f"a port must be 0..{_MAX_PORT}, not {address.port}")
     return address.host, int(address.port)
 
 
 @asynccontextmanager
 async def serve_network(connect: Connect, host: str, port: int) -> AsyncIterator[str]:
-    """Serve a conversation to each host that connects to `host` and `port`, and give the URL."""
+    """Serve each host that connects to `host` and `port` with a transport of its own; yield the URL."""
     async with listen(lambda reader, writer: bridge(reader, writer, connect), host, port) as place:
         yield f"tcp://{place}"
 
 
 @asynccontextmanager
 async def listen(converse: Converse, host: str, port: int) -> AsyncIterator[str]:
-    """Let each host that connects to `host` and `port` converse, and give the place as HOST:PORT."""
+    """Run `converse` for each host that connects to `host` and `port`; yield the place as HOST:PORT.
+
+    `*` is every address of this machine, all with the same port. Raise OpenError if the place cannot be had.
+    """
     conversations: set[asyncio.Task[None]] = set()
 
-    def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        conversation = asyncio.ensure_future(converse(reader, writer))
+    def start(connection: socket.socket) -> None:
+        conversation = asyncio.ensure_future(_converse(connection, converse))
         conversations.add(conversation)
         conversation.add_done_callback(conversations.discard)
 
-    place = f"{escape(host)}:{port}"
+    listening = await _listening_sockets(host, port)
+    accepting = [asyncio.ensure_future(_accept(each, start)) for each in listening]
     try:
-        server = await asyncio.start_server(accept, host, port)
-    except OSError as error:
-        raise OpenError(f"cannot listen at {place}: {escape(str(error))}; try another port, or 0") from error
-    except UnicodeError as error:
-        raise OpenError(f"cannot listen at {place}: no host can have this name; write its IP address") from error
-    try:
-        name, number = server.sockets[0].getsockname()[:2]
+        name, number = listening[0].getsockname()[:2]
         yield f"[{name}]:{number}" if ":" in name else f"{name}:{number}"
     finally:
-        server.close()
-        for conversation in conversations:
-            conversation.cancel()
-        if conversations:
-            await asyncio.wait(set(conversations))
-        await server.wait_closed()
+        for task in (*accepting, *conversations):
+            task.cancel()
+        await asyncio.wait((*accepting, *conversations))
+        for each in listening:
+            each.close()
 
+
+async def _listening_sockets(host: str, port: int) -> list[socket.socket]:
+    """Return sockets that listen at all addresses of `host`, with one port for all of them."""
+    place = f"{host}:{port}"
+    try:
+        found = await asyncio.get_running_loop().getaddrinfo(
+            None if host == "*" else host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )
+        addresses = list(dict.fromkeys((family, address) for family, _, _, _, address in found))
+        for _ in range(_PORT_ATTEMPTS - 1 if port == 0 else 0):
+            try:
+                return _bind(addresses, port)
+            except OSError:  # the port that was free for one address is perhaps not free for the next one
+                continue
+        return _bind(addresses, port)
+    except OSError as error:
+        raise OpenError(f"cannot listen at {place}: {error}; try another port, or 0") from error
+    except UnicodeError as error:
+        raise OpenError(f"cannot listen at {place}: no host can have this name; write its IP address") from error
+
+
+def _bind(addresses: Iterable[tuple[socket.AddressFamily, Any]], port: int) -> list[socket.socket]:
+    with ExitStack() as bound:
+        listening: list[socket.socket] = []
+        missing: OSError | None = None
+        for family, (host, _, *rest) in addresses:
+            try:
+                one = socket.create_server((host, port, *rest), family=family, backlog=_BACKLOG)
+            except OSError as error:
+                if error.errno not in _NO_SUCH_FAMILY:
+                    raise
+                missing = error
+                continue
+            bound.callback(one.close)
+            one.settimeout(0)
+            listening.append(one)
+            port = one.getsockname()[1]
+        if missing is not None and not listening:
+            raise missing
+        bound.pop_all()
+        return listening
+
+
+async def _accept(listening: socket.socket, start: Callable[[socket.socket], None]) -> None:
+    loop = asyncio.get_running_loop()
+    warned = -_WARNING_PAUSE
+    while True:
+        try:
+            connection, _ = await loop.sock_accept(listening)
+        except OSError as error:  # out of descriptors or memory: hosts wait in the system until others have gone
+            if loop.time() - warned >= _WARNING_PAUSE:
+                warned = loop.time()
+                _logger.warning("no connection can be accepted, trying again each second: %s", escape(str(error)))
+            await asyncio.sleep(_ACCEPT_PAUSE)
+        else:
+            start(connection)
+
+
+async def _converse(connection: socket.socket, converse: Converse) -> None:
+    try:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, seconds in _KEEPALIVE.items():
+            if hasattr(socket, option):  # not on every system
+                connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), seconds)
+        reader, writer = await asyncio.open_connection(sock=connection)
+    except BaseException as error:
+        connection.close()
+        if isinstance(error, OSError):
+            return  # the host is gone already
+        raise
+    await converse(reader, writer)
+
+
+# ── pseudo-terminals ──
 
 AVAILABLE = sys.platform != "win32"
 """Whether this system has pseudo-terminals."""
@@ -159,9 +253,9 @@ AVAILABLE = sys.platform != "win32"
 
 @asynccontextmanager
 async def serve_terminal(connect: Connect) -> AsyncIterator[str]:
-    """Serve one conversation over a new pseudo-terminal and give its URL.
+    """Serve one conversation over a new pseudo-terminal; yield its URL.
 
-    Like a board on a serial line it does not notice when hosts come and go.
+    Like a board on a serial line it does not notice when hosts come and go. Raise TransportUnavailable on Windows.
     """
     if sys.platform == "win32":
         raise TransportUnavailable("pseudo-terminals do not exist on Windows; serve the board over TCP")
@@ -169,7 +263,7 @@ async def serve_terminal(connect: Connect) -> AsyncIterator[str]:
 
     ours, theirs = os.openpty()
     with ExitStack() as line:
-        # Their end is held as long as ours: without it the line goes down, and loses its raw mode, when a host
+        # Their end is held open as long as ours: without it the line goes down, and is no longer raw, when a host
         # closes it.
         line.callback(os.close, theirs)
         source = line.enter_context(open(ours, "rb", buffering=0))
@@ -194,5 +288,5 @@ async def _streams(source: FileIO, sink: FileIO, line: ExitStack) -> tuple[async
     line.callback(upward.close)
     unread = asyncio.StreamReader()
     downward, protocol = await loop.connect_write_pipe(lambda: asyncio.StreamReaderProtocol(unread), sink)
-    line.callback(end, downward)
+    line.callback(_abort, downward)
     return reader, asyncio.StreamWriter(downward, protocol, None, loop)

@@ -19,7 +19,7 @@ LONG = LONG_PRESS_AFTER + 0.4
 """Seconds that `long` keeps the button down."""
 
 _HIGHEST_ID = 0xFFFF_FFFF
-_MOST_SERVOS = 254
+_MAX_SERVOS = 254
 _LONGEST = 1e6
 _WORDS = {"press": SHORT, "long": LONG, "down": None, "up": None}
 
@@ -78,7 +78,7 @@ def _deeds(words: list[str]) -> tuple[Sequence[Deed], int]:
     """Return what a line says, and the highest id that it may name."""
     if len(words) > 1 and words[1] == "push":
         at, _, servo_id, degree = words
-        return [Push(float(at), int(servo_id), int(degree))], _MOST_SERVOS
+        return [Push(float(at), int(servo_id), int(degree))], _MAX_SERVOS
     at, word, button = words
     return presses(float(at), word, int(button)), _HIGHEST_ID
 

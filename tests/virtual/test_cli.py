@@ -370,7 +370,7 @@ def test_it_ends_with_its_terminal() -> None:
 @pytest.mark.parametrize(
     ("options", "code", "text"),
     [
-        (("--tcp", "nowhere"), 2, "is not HOST:PORT"),
+        (("--tcp", "nowhere"), 2, "must be HOST:PORT"),
         (("--tcp", "[::1:0"), 2, "IPv6"),
         (("--servos", "255"), 2, "from 0 to 254"),
         (("--memory", "-1"), 2, "from 0 to"),

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 import socket
 import sys
+from contextlib import ExitStack
 from typing import Any
 
 import pytest
 
-from servolink import listeners as bridge
+from servolink import listeners
 from servolink.errors import OpenError, TransportUnavailable
 from servolink.listeners import host_and_port
 from servolink.protocol.codec import Codec
+from servolink.protocol.editing import AddActionRequest, QueryActionRequest
 from servolink.protocol.joystick import PRESS, UP, ButtonEventResponse, SubscribeButtonEventRequest
+from servolink.protocol.records import Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
 from servolink.transports.faults import Faults
 from servolink.transports.registry import create
@@ -86,7 +90,7 @@ def test_a_pseudo_terminal_is_raw_for_hosts_that_set_nothing() -> None:
 
 @on_unix
 def test_a_pseudo_terminal_that_nobody_reads_loses_what_has_no_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bridge, "MOST_WAITING", 20_000)
+    monkeypatch.setattr(listeners, "MAX_WAITING", 20_000)
 
     async def main() -> None:
         board = VirtualBoard(servos=3)
@@ -162,7 +166,7 @@ def test_a_host_that_asks_a_lot_at_once_and_reads_slowly_gets_it_all() -> None:
 
 
 def test_a_host_that_never_reads_is_left_behind_and_others_are_served(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bridge, "MOST_WAITING", 20_000)
+    monkeypatch.setattr(listeners, "MAX_WAITING", 20_000)
 
     async def main() -> None:
         board = VirtualBoard(servos=3)
@@ -184,6 +188,133 @@ def test_a_host_that_never_reads_is_left_behind_and_others_are_served(monkeypatc
             line.close()
 
     asyncio.run(main())
+
+
+BIG_ACTION = AddActionRequest(1, "", tuple(Step(1, 0, 1) for _ in range(12_000)))
+BIG_QUERIES = Codec().encode(QueryActionRequest(1)) * 400
+
+
+def test_hosts_that_ask_a_lot_and_never_read_cost_little_and_others_are_served(monkeypatch: pytest.MonkeyPatch) -> None:
+    """400 queries for 60 kB each, all in a few reads: 24 MB for each of 100 hosts, had they all been answered."""
+    writers: list[asyncio.StreamWriter] = []
+    bridge = listeners.bridge
+
+    async def watched(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, connect: listeners.Connect) -> None:
+        writers.append(writer)
+        await bridge(reader, writer, connect)
+
+    def waiting() -> list[int]:
+        return [writer.transport.get_write_buffer_size() for writer in writers]
+
+    async def main() -> None:
+        most = [0]
+        async with serve(VirtualBoard(servos=3), tcp=ANY_PORT) as (url,):
+            transport, heard = create(url), Heard()
+            await transport.open(heard)
+            await ask(transport, heard, BIG_ACTION)
+            with ExitStack() as lines:
+                for _ in range(100):
+                    line = lines.enter_context(socket.socket())
+                    line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+                    line.connect(host_and_port(url.removeprefix("tcp://")))
+                    line.sendall(BIG_QUERIES)
+                for _ in range(20):
+                    assert await ask(transport, heard, LIST) == ANSWER
+                    most += waiting()
+                assert len(writers) == 101
+                while min(waiting()[1:]) == 0:  # until each has so much that it is heard no more
+                    await asyncio.sleep(0)
+                    most += waiting()
+            await transport.close()
+        assert max(most) <= listeners.MAX_WAITING
+
+    monkeypatch.setattr(listeners, "bridge", watched)
+    asyncio.run(main())
+
+
+def test_the_system_holds_little_for_a_host_and_notices_when_it_vanishes(monkeypatch: pytest.MonkeyPatch) -> None:
+    options: list[int] = []
+
+    async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        line = writer.get_extra_info("socket")
+        options.append(line.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE))
+        options.append(line.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF))
+        writer.close()
+
+    async def main() -> None:
+        async with listeners.listen(converse, "127.0.0.1", 0) as place:
+            reader, writer = await client(place)
+            async with asyncio.timeout(GUARD):
+                assert await reader.read() == b""
+            writer.close()
+
+    asyncio.run(main())
+    assert options[0] == 1
+    assert options[1] <= 1024 * 1024
+
+
+def test_connections_that_cannot_be_accepted_are_told_once_and_accepted_later(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(listeners, "_ACCEPT_PAUSE", 0.0)
+    failing = [OSError(errno.EMFILE, "Too many open files")] * 50
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        accept = loop.sock_accept
+
+        async def sock_accept(listening: socket.socket) -> Any:
+            if failing:
+                raise failing.pop()
+            return await accept(listening)
+
+        monkeypatch.setattr(loop, "sock_accept", sock_accept)
+        async with serve(VirtualBoard(servos=3), tcp=ANY_PORT) as (url,):
+            transport, heard = create(url), Heard()
+            await transport.open(heard)
+            assert await ask(transport, heard, LIST) == ANSWER
+            await transport.close()
+
+    asyncio.run(main())
+    assert not failing
+    assert [record.getMessage() for record in caplog.records] == [
+        "no connection can be accepted, trying again each second: [Errno 24] Too many open files"
+    ]
+
+
+def test_all_addresses_of_a_machine_have_the_same_port() -> None:
+    async def main() -> None:
+        async with serve(VirtualBoard(servos=3), tcp="*:0") as (url,):
+            port = url.rpartition(":")[2]
+            for host in ("127.0.0.1", "[::1]") if has_ipv6() else ("127.0.0.1",):
+                transport, heard = create(f"tcp://{host}:{port}"), Heard()
+                await transport.open(heard)
+                assert await ask(transport, heard, LIST) == ANSWER
+                await transport.close()
+
+    for _ in range(5):
+        asyncio.run(main())
+
+
+def has_ipv6() -> bool:
+    try:
+        socket.create_server(("::1", 0), family=socket.AF_INET6).close()
+    except OSError:
+        return False
+    return True
+
+
+def test_a_board_that_cannot_be_opened_disconnects_its_host(caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        async with listeners.serve_network(lambda: create("serial:///nowhere"), "127.0.0.1", 0) as url:
+            reader, writer = await client(url)
+            async with asyncio.timeout(GUARD):
+                assert await reader.read() == b""
+            writer.close()
+
+    asyncio.run(main())
+    (told,) = [record.getMessage() for record in caplog.records]
+    assert told.startswith("a host was disconnected: serial:///nowhere")
 
 
 async def press(board: VirtualBoard, times: int) -> None:
