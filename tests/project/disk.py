@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import errno
 import io
 import os
@@ -24,7 +25,8 @@ class Disk:
         for name in _OPERATIONS:
             monkeypatch.setattr(os, name, self._counted(name, getattr(os, name)))
         self._open = io.open
-        monkeypatch.setattr(io, "open", self._opened)
+        monkeypatch.setattr(io, "open", self._opened)  # for pathlib
+        monkeypatch.setattr(builtins, "open", self._opened)
 
     def count(self, name: str) -> None:
         """Count one; OSError if it is the one that fails."""
