@@ -1,4 +1,4 @@
-"""The text of a project file: JSON that is safe to show, with one record of numbers a line."""
+"""JSON text, read strictly and written readably: the text of project files."""
 
 from __future__ import annotations
 
@@ -7,60 +7,68 @@ import re
 from collections import Counter
 from typing import Any, NoReturn
 
-from servolink.errors import ProjectError
 from servolink.escaping import escape, quote
 
 MAX_SIZE = 16 * 1024 * 1024
-"""Bytes of the largest file, ten times what fills a megabyte on a board and still read in a second or two."""
+"""Bytes of the longest text: ten times a board's megabyte in JSON, still read in a second or two."""
 _ENCODER = json.JSONEncoder(ensure_ascii=False)
 _PERHAPS_HIDDEN = re.compile(r"[^\n -~]")
 
 
-class _Doubled:
-    """Stands for an object that has a key twice."""
+def read_json(text: str | bytes) -> Any:
+    """Return the value of a JSON text. Raise ValueError saying what is wrong and where.
 
-    def __init__(self, key: str) -> None:
-        self.key = key
-
-
-def read_text(text: str | bytes) -> Any:
-    """Return what JSON `text` says; ProjectError if it is none, or says something twice."""
+    Stricter than `json`: no name twice in an object, no NaN or infinity.
+    """
     if len(text) > MAX_SIZE:
-        raise ProjectError(f"is larger than the {MAX_SIZE >> 20} MiB that a project file may have")
+        raise ValueError(f"is larger than {MAX_SIZE >> 20} MiB, the most that is read")
     try:
         plain = text if isinstance(text, str) else text.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ProjectError(f"is no text in UTF-8 (byte {error.start}); save it as UTF-8") from error
-    doubled: list[_Doubled] = []
+        raise ValueError(f"is not text in UTF-8 (byte {error.start}); save it as UTF-8") from error
+    repeated: list[_Repeated] = []
 
-    def once(pairs: list[tuple[str, Any]]) -> Any:
-        found = dict(pairs)
-        if len(found) == len(pairs):
-            return found
+    def read_object(pairs: list[tuple[str, Any]]) -> Any:
+        value = dict(pairs)
+        if len(value) == len(pairs):
+            return value
         [(key, _)] = Counter(key for key, _ in pairs).most_common(1)
-        doubled.append(_Doubled(key))
-        return doubled[-1]
+        repeated.append(_Repeated(key))
+        return repeated[-1]
 
     try:
-        said = json.loads(plain, object_pairs_hook=once, parse_constant=_no_number)
+        value = json.loads(plain, object_pairs_hook=read_object, parse_constant=_refuse_constant)
     except json.JSONDecodeError as error:
-        raise ProjectError(
-            f"is no JSON: {error.msg} in line {error.lineno}, column {error.colno}; correct it there"
+        raise ValueError(
+            f"is not JSON: {error.msg} in line {error.lineno}, column {error.colno}; correct it there"
         ) from error
-    except ValueError as error:
-        raise ProjectError("holds a number that is none, or one of thousands of digits; a board has neither") from error
     except RecursionError as error:
-        raise ProjectError("holds lists in lists without end; a project has a few levels") from error
-    if doubled:
-        outermost = doubled[-1]  # the last to end is in no other
-        where = place(said, outermost)
-        raise ProjectError(f"{where}{': ' if where else ''}{quote(outermost.key)} is there twice; keep one of them")
-    return said
+        raise ValueError("is nested too deeply") from error
+    except _NotJSON:
+        raise
+    except ValueError as error:  # Python's limit
+        raise ValueError("contains an integer of thousands of digits") from error
+    if repeated:
+        outermost = repeated[-1]  # the last one to end is inside no other
+        path = _path_to(value, outermost)
+        raise ValueError(f"{path}{': ' if path else ''}{quote(outermost.key)} is there twice; keep one of them")
+    return value
 
 
-def write_text(value: Any) -> str:
-    """Return `value` as JSON that a terminal can show: objects of nothing but numbers and texts take a line each."""
-    return _PERHAPS_HIDDEN.sub(_escaped, _lines(value, "\n")) + "\n"
+def write_json(value: Any) -> str:
+    """Return `value` as JSON that is safe to print: each object of only numbers and texts takes one line."""
+    return _PERHAPS_HIDDEN.sub(_escape_match, _lines(value, "\n")) + "\n"
+
+
+class _NotJSON(ValueError):
+    """Raised for what Python's `json` reads and JSON does not have."""
+
+
+class _Repeated:
+    """Stands for an object that has a name twice."""
+
+    def __init__(self, key: str) -> None:
+        self.key = key
 
 
 def _lines(value: Any, margin: str) -> str:
@@ -74,24 +82,24 @@ def _lines(value: Any, margin: str) -> str:
     return _ENCODER.encode(value)
 
 
-def _escaped(found: re.Match[str]) -> str:
+def _escape_match(found: re.Match[str]) -> str:
     character = found[0]
     return character if escape(character) == character else json.dumps(character)[1:-1]
 
 
-def _no_number(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no number")
+def _refuse_constant(name: str) -> NoReturn:
+    raise _NotJSON(f"is not JSON: {name} is not a number")
 
 
-def place(said: Any, sought: object) -> str:
-    """Return where in `said` an object, or a text as value or key, stands, such as `actions[3].steps[7]`."""
-    waiting = [("", said)]
+def _path_to(value: Any, sought: object) -> str:
+    """Return where in `value` an object stands, such as `actions[3].steps[7]`."""
+    waiting = [("", value)]
     while waiting:
-        path, value = waiting.pop()
-        if value is sought or (isinstance(value, dict) and any(key is sought for key in value)):
-            return escape(path.removeprefix("."))
-        if isinstance(value, dict):
-            waiting += [(f"{path}.{key}", one) for key, one in value.items() if not isinstance(one, int)]
-        elif isinstance(value, list):
-            waiting += [(f"{path}[{at}]", one) for at, one in enumerate(value) if not isinstance(one, int)]
+        path, inner = waiting.pop()
+        if inner is sought:
+            return path.removeprefix(".")
+        if isinstance(inner, dict):
+            waiting += [(f"{path}.{key}", one) for key, one in inner.items() if not isinstance(one, int)]
+        elif isinstance(inner, list):
+            waiting += [(f"{path}[{at}]", one) for at, one in enumerate(inner) if not isinstance(one, int)]
     return ""

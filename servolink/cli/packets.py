@@ -14,9 +14,10 @@ from servolink.cli.arguments import not_empty
 from servolink.cli.main import FAILED, OK
 from servolink.errors import DecodeError, EncodeError, ServolinkError
 from servolink.escaping import escape
+from servolink.json_text import read_json
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import Frame, encode_frame
-from servolink.protocol.json_form import from_object, to_object
+from servolink.protocol.json_form import packet_from_json, packet_to_json
 from servolink.protocol.parser import FrameParser
 
 _BLOCK = 0x10000  # bytes read at once, and the most that one `skipped` object holds
@@ -66,7 +67,7 @@ def _encode(args: argparse.Namespace, codec: Codec) -> int:
     given = enumerate((text.encode("utf-8", "surrogateescape") for text in args.objects), 1)
     for number, line in given if args.objects else _lines("-"):
         try:
-            frame = codec.encode(from_object(_parse(line))).hex()
+            frame = codec.encode(packet_from_json(_parse(line))).hex()
         except EncodeError as error:
             outcome = FAILED
             if args.json:
@@ -80,28 +81,13 @@ def _encode(args: argparse.Namespace, codec: Codec) -> int:
 
 
 def _parse(line: bytes) -> Any:
-    """Return the JSON value in `line`, stricter than `json`: no NaN, no name twice."""
+    """Return the JSON value in `line`."""
     if len(line) > _MAX_LINE:
         raise EncodeError(f"longer than {_MAX_LINE:,} bytes, which no packet needs")
     try:
-        return json.loads(line.decode(), object_pairs_hook=_unique, parse_constant=_no_number)
+        return read_json(line)
     except ValueError as error:
-        raise EncodeError(f"this is no JSON: {escape(str(error))}") from None
-    except RecursionError:
-        raise EncodeError("this is no packet: it is nested too deep") from None
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    fields: dict[str, Any] = {}
-    for name, value in pairs:
-        if name in fields:
-            raise ValueError(f"{name!r} stands twice in one object")
-        fields[name] = value
-    return fields
-
-
-def _no_number(name: str) -> None:
-    raise ValueError(f"{name} is no number")
+        raise EncodeError(str(error)) from None
 
 
 @contextmanager
@@ -137,7 +123,7 @@ def _frames(args: argparse.Namespace, codec: Codec) -> Iterator[dict[str, Any]]:
             yield {"error": f"'{_shortened(text)}' is no text of hex digits in pairs", "bytes": ""}
             continue
         try:
-            yield to_object(codec.decode_frame(data))
+            yield packet_to_json(codec.decode_frame(data))
         except DecodeError as error:
             yield _error(error, data)
 
@@ -170,7 +156,7 @@ def _stream(path: str, codec: Codec) -> Iterator[dict[str, Any]]:
             yield _skipped(between)
             between.clear()
         try:
-            yield to_object(codec.decode(*event))
+            yield packet_to_json(codec.decode(*event))
         except DecodeError as error:
             yield _error(error, encode_frame(*event, codec.byte_order))
     if between:

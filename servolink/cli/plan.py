@@ -14,7 +14,7 @@ from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.project.project_file import load_project
 from servolink.project.transfer.results import Plan
-from servolink.protocol.json_form import to_file
+from servolink.protocol.json_form import record_to_json
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -60,7 +60,7 @@ def plan_object(plan: Plan) -> dict[str, object]:
 
 
 def _object(value: Any) -> Any:
-    return value if value is None or isinstance(value, int) else to_file(value)
+    return value if value is None or isinstance(value, int) else record_to_json(value)
 
 
 def print_plan(plan: Plan) -> None:

@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple, TypeAlias
 
-import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
@@ -16,8 +15,8 @@ from servolink.project.records import dependency_order, named, total_size, wrong
 from servolink.project.speed import servo_moves
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.editing import AddServoParameterRequest
-from servolink.protocol.json_errors import fault
-from servolink.protocol.json_form import file_type, to_file
+from servolink.protocol.json_errors import convert
+from servolink.protocol.json_form import json_type, record_to_json
 from servolink.protocol.layout import layout
 from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES
@@ -206,12 +205,10 @@ def _servo_parameter_request(parameter: ServoParameter) -> Packet:
 
 def schema_errors(path: str, part: Struct, *, unchecked: bool = False) -> Iterator[Diagnostic]:
     """Find the first value that no project file may have, in the file's words; `unchecked` as for `load_project`."""
-    said, form = to_file(part), file_type(type(part), unchecked=unchecked)
     try:
-        msgspec.convert(said, form)
-    except msgspec.ValidationError as error:
-        within, text = fault(str(error), said, form)
-        yield Diagnostic(".".join(filter(None, (path, within))), text, "error")
+        convert(record_to_json(part), json_type(type(part), unchecked=unchecked))
+    except EncodeError as error:
+        yield Diagnostic(".".join(filter(None, (path, error.path))), error.text, "error")
 
 
 _NUMBER = re.compile(r"\d+")

@@ -1,4 +1,4 @@
-"""What is wrong in a project file, in the words of whoever wrote it."""
+"""Where and why a value does not have the form that JSON must have, in the words of its author."""
 
 from __future__ import annotations
 
@@ -6,109 +6,125 @@ import json
 import re
 from typing import Any
 
+import msgspec
 from msgspec import inspect
 
+from servolink.errors import EncodeError
 from servolink.escaping import escape, quote
-from servolink.protocol.json_form import SCHEMA
 
 _PART = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 _AT = " - at `$"
+_SURROGATE = re.compile("[\ud800-\udfff]")
 
 
-def version_fault(said: Any) -> str:
-    """Say why `said` is in no format that this library reads; empty if it is."""
-    if not isinstance(said, dict):
-        return f"{_written(said)} is no project, which is an object"
-    if "schema" not in said:
-        return f'"schema" is missing; a project file begins with "schema": {SCHEMA}'
-    version = said["schema"]
-    if type(version) is not int or version < SCHEMA:
-        return f"schema: {_written(version)} is no version of the format; {SCHEMA} is"
-    if version > SCHEMA:
-        return f"schema: {_written(version)} is newer than {SCHEMA}, which this servolink reads; use a newer one"
-    return ""
+def convert(value: Any, expected: Any) -> Any:
+    """Return `value`, as `json` reads it, converted to the type `expected`.
+
+    Raise EncodeError with `path` and `text`: where in `value` and why not. It is the only translator of msgspec's
+    errors.
+    """
+    try:
+        return msgspec.convert(value, expected, builtin_types=[bytes])
+    except msgspec.ValidationError as error:
+        path, text = _explain(str(error), value, expected)
+        raise EncodeError(text, path) from None
+    except UnicodeEncodeError as error:
+        if (encodable := _without_surrogates(value)) == value:
+            raise EncodeError(f"{quote(error.object)} is not text") from None
+        # Half a character as the name of a field or as a type: msgspec fails before it knows the place. Any other
+        # character there is as wrong, and its place gets known.
+        return convert(encodable, expected)
 
 
-def fault(message: str, said: Any, file_type: Any) -> tuple[str, str]:
-    """Return where in `said` and why it is no `file_type`; `message` is what msgspec says of it."""
+def _without_surrogates(value: Any) -> Any:
+    if isinstance(value, str):
+        return _SURROGATE.sub("\ufffd", value)
+    if isinstance(value, dict):
+        return {_without_surrogates(key): _without_surrogates(one) for key, one in value.items()}
+    return [_without_surrogates(one) for one in value] if isinstance(value, list) else value
+
+
+def _explain(message: str, value: Any, expected: Any) -> tuple[str, str]:
+    """Return where in `value` and why it is not `expected`; `message` is msgspec's."""
     opinion, _, where = message.rpartition(_AT)
-    # What is wrong with the whole is said without a place, so what looks like one may be in the name of a field.
-    path = where.rstrip("`") if opinion and not any(_AT in key for key in said) else ""
-    info, value = inspect.type_info(file_type), said
+    # An error in the whole value names no place; what looks like one may be part of a field's name.
+    is_placed = opinion and not (isinstance(value, dict) and any(_AT in key for key in value))
+    path = where.rstrip("`") if is_placed else ""
+    info: Any = inspect.type_info(expected)
     for found in _PART.finditer(path):
         key, number = found.groups()
-        info, value = (_field(info, value, key), value[key]) if key else (_item(info), value[int(number)])
+        info, value = (_field(info, value, key), value[key]) if key else (info.item_type, value[int(number)])
     return path.removeprefix("."), _reason(info, value) or escape(opinion or message)
-
-
-def _item(info: Any) -> Any:
-    return info.item_type
 
 
 def _field(info: Any, value: dict[str, Any], key: str) -> Any:
     """Return the type of a field of `value`."""
-    kinds = _kinds(info)
-    if key == "type":
-        return inspect.LiteralType(tuple(kind.tag for kind in kinds))
-    (kind,) = (kind for kind in kinds if kind.tag is None or kind.tag == value.get("type"))
-    field = next(field for field in kind.fields if field.encode_name == key)
-    return field.type.type if isinstance(field.type, inspect.Metadata) else field.type
+    structs = _structs(info)
+    if key == "type" and structs[0].tag is not None:
+        return inspect.LiteralType(tuple(struct.tag for struct in structs))
+    (struct,) = (struct for struct in structs if struct.tag is None or struct.tag == value.get("type"))
+    field = next(field for field in struct.fields if field.encode_name == key)
+    return _bare(field.type)
 
 
-def _kinds(info: Any) -> tuple[Any, ...]:
-    """Return the types of objects that `info` admits."""
+def _bare(info: Any) -> Any:
+    return info.type if isinstance(info, inspect.Metadata) else info
+
+
+def _structs(info: Any) -> tuple[Any, ...]:
+    """Return the types of objects that `info` allows."""
     members = info.types if isinstance(info, inspect.UnionType) else (info,)
     return tuple(member for member in members if isinstance(member, inspect.StructType))
 
 
 def _reason(info: Any, value: Any) -> str:
-    """Say what is wrong with `value` itself, whatever is in it; empty if nothing is."""
+    """Return what is wrong with `value` itself, whatever it contains; empty if nothing is."""
+    info = _bare(info)
     if isinstance(info, inspect.IntType):
-        return _no_number(info, value)
+        return _wrong_integer(info, value)
     if isinstance(info, inspect.StrType):
-        return _no_caption(info, value)
+        return _wrong_text(info, value)
     if isinstance(info, inspect.LiteralType):
-        return f"{_written(value)} is none of {', '.join(map(str, info.values))}"
+        return f"must be one of {', '.join(map(str, info.values))}, not {quote_json(value)}"
     if isinstance(info, inspect.VarTupleType):
-        return "" if isinstance(value, list) else f"{_written(value)} is no list"
-    if kinds := _kinds(info):
-        return _no_object(kinds, value)
+        return "" if isinstance(value, (list, tuple)) else f"must be a list, not {quote_json(value)}"
+    if structs := _structs(info):
+        return _wrong_object(structs, value)
     if isinstance(info, inspect.UnionType) and type(value) is int:
-        return next(_no_number(member, value) for member in info.types if isinstance(member, inspect.IntType))
-    return f"{_written(value)} is neither an integer nor null"
+        return next(_wrong_integer(_bare(one), value) for one in info.types if isinstance(_bare(one), inspect.IntType))
+    return f"must be an integer or null, not {quote_json(value)}"
 
 
-def _no_number(info: inspect.IntType, value: Any) -> str:
+def _wrong_integer(info: inspect.IntType, value: Any) -> str:
     if type(value) is not int:
-        return f"{_written(value)} is no integer"
+        return f"must be an integer, not {quote_json(value)}"
     if info.multiple_of and value % info.multiple_of:
-        return f"{_written(value)} is no multiple of {info.multiple_of}, in which boards count"
-    return f"{_written(value)} is outside {info.ge}..{info.le}"
+        return f"must be a multiple of {info.multiple_of}, the unit in which boards count, not {quote_json(value)}"
+    return f"{quote_json(value)} is outside {info.ge}..{info.le}"
 
 
-def _no_caption(info: inspect.StrType, value: Any) -> str:
+def _wrong_text(info: inspect.StrType, value: Any) -> str:
     if not isinstance(value, str):
-        return f"{_written(value)} is no text"
+        return f"must be text, not {quote_json(value)}"
     if info.max_length is not None and len(value) > info.max_length:
-        return f"{_written(value)} has {len(value)} characters; a caption has at most {info.max_length} bytes"
-    return f"{_written(value)} holds control characters; captions are plain text"
+        return f"{quote_json(value)} has {len(value)} characters; a caption has at most {info.max_length} bytes"
+    return f"{quote_json(value)} holds control characters; captions are plain text"
 
 
-def _no_object(kinds: tuple[Any, ...], value: Any) -> str:
+def _wrong_object(structs: tuple[Any, ...], value: Any) -> str:
     if not isinstance(value, dict):
-        return f"{_written(value)} is no object"
-    if kinds[0].tag is not None and "type" not in value:
-        return f'"type" is missing; it is one of {", ".join(kind.tag for kind in kinds)}'
-    (kind,) = (kind for kind in kinds if kind.tag is None or kind.tag == value["type"])
-    names = [*(["type"] if kind.tag is not None else []), *(field.encode_name for field in kind.fields)]
+        return f"must be an object, not {quote_json(value)}"
+    if structs[0].tag is not None and "type" not in value:
+        return f'"type" is missing; it must be one of {", ".join(struct.tag for struct in structs)}'
+    (struct,) = (struct for struct in structs if struct.tag is None or struct.tag == value["type"])
+    names = [*(["type"] if struct.tag is not None else []), *(field.encode_name for field in struct.fields)]
     if unknown := [key for key in value if key not in names]:
-        return f"{_written(unknown[0])} is no field; there are {', '.join(names)}"
-    missing = [field.encode_name for field in kind.fields if field.required and field.encode_name not in value]
-    return f"{', '.join(map(_written, missing))} {'is' if len(missing) == 1 else 'are'} missing" if missing else ""
+        return f"{quote_json(unknown[0])} is not a field; the fields are {', '.join(names)}"
+    missing = [field.encode_name for field in struct.fields if field.required and field.encode_name not in value]
+    return f"{', '.join(map(quote_json, missing))} {'is' if len(missing) == 1 else 'are'} missing" if missing else ""
 
 
-def _written(value: Any) -> str:
-    """Return `value` as it is written in the file, safe to show and not long."""
-    return (
-        quote(value) if isinstance(value, (int, str, list, dict)) and not isinstance(value, bool) else json.dumps(value)
-    )
+def quote_json(value: Any) -> str:
+    """Return `value` as JSON writes it, escaped and not long."""
+    is_own_word = value is None or isinstance(value, (bool, float))  # null, true, NaN
+    return json.dumps(value) if is_own_word else quote(value)

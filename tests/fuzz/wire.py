@@ -9,7 +9,7 @@ from servolink.errors import DecodeError, EncodeError
 from servolink.protocol.caption import check_encoding
 from servolink.protocol.codec import PACKETS, Codec, in_range
 from servolink.protocol.frame import HEADER_SIZE, OVERHEAD, ByteOrder, Frame, encode_frame
-from servolink.protocol.json_form import from_object, to_object
+from servolink.protocol.json_form import packet_from_json, packet_to_json
 from servolink.protocol.layout import layout
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import _MAX_KNOWN_HEADERS, FrameParser
@@ -128,9 +128,9 @@ def _check_plain(codec: Codec, packet: Packet) -> None:
 
 
 def _check_object(packet: Packet) -> None:
-    described = to_object(packet)
+    described = packet_to_json(packet)
     try:
-        again = from_object(json.loads(json.dumps(described)))
+        again = packet_from_json(json.loads(json.dumps(described)))
     except EncodeError as error:
         check(error)
         assert not in_range(packet)
@@ -157,7 +157,7 @@ def read_object(data: bytes) -> None:
     except (ValueError, RecursionError):
         return
     try:
-        packet = from_object(described)
+        packet = packet_from_json(described)
         frame = Codec().encode(packet)
     except EncodeError as error:
         check(error)

@@ -17,7 +17,7 @@ from servolink.project.project_file import load_project, parse_project, save_pro
 from servolink.project.records import find
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, QueryActionResponse
-from servolink.protocol.json_form import from_object
+from servolink.protocol.json_form import packet_from_json
 from servolink.protocol.record_types import RECORD_TYPES
 from servolink.protocol.records import Action
 from servolink.transports.address import Address
@@ -54,12 +54,12 @@ SAYINGS: dict[str, Callable[[str], object]] = {
     "caption on a full board": _stored_on_a_full_board,
     "caption in another encoding": lambda text: Codec(caption_encoding="big5").encode(QueryActionResponse(1, text)),
     "caption encoding": lambda text: Codec(caption_encoding=text),
-    "packet": lambda text: from_object({"packet": text}),
-    "packet that is a list": lambda text: from_object({"packet": [text]}),
-    "field": lambda text: from_object({"id": 20020, "fields": {text: 1}}),
-    "field of a record": lambda text: from_object({"id": 20050, "fields": {"steps": [{text: 1}]}}),
-    "value": lambda text: from_object({"id": 20020, "fields": {"servo_id": text}}),
-    "data": lambda text: from_object({"id": 10050, "fields": {"data": text}}),
+    "packet": lambda text: packet_from_json({"packet": text}),
+    "packet that is a list": lambda text: packet_from_json({"packet": [text]}),
+    "field": lambda text: packet_from_json({"id": 20020, "fields": {text: 1}}),
+    "field of a record": lambda text: packet_from_json({"id": 20050, "fields": {"steps": [{text: 1}]}}),
+    "value": lambda text: packet_from_json({"id": 20020, "fields": {"servo_id": text}}),
+    "data": lambda text: packet_from_json({"id": 10050, "fields": {"data": text}}),
     "address": Address.parse,
     "address of a device": _opened,
     "scheme": lambda text: create(f"{text}://x"),

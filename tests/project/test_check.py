@@ -102,7 +102,7 @@ def test_a_sound_project_has_no_problems_on_a_board_that_it_fits() -> None:
             macro(MacroCommand(5, 1, total_interval=5), MacroCommand(1, 2)),
             ["!macros[0].commands[1].macro_id: macro 1 'm' calls itself, so it never ends"],
         ),
-        (macro(MacroCommand(5, 7)), ["!macros[0].commands[0].type: 'other' is none of action, delay, macro"]),
+        (macro(MacroCommand(5, 7)), ["!macros[0].commands[0].type: must be one of action, delay, macro, not 'other'"]),
         (macro(MacroCommand(-5, 1)), ["!macros[0].commands[0].delay_ms: -5 is outside 0..2147483647"]),
         (macro(MacroCommand(1, 0, 0)), ["!macros[0].commands[0].ratio_percent: 0 is outside 1..100"]),
         (macro(MacroCommand(1, 0, 101)), ["!macros[0].commands[0].ratio_percent: 101 is outside 1..100", "..."]),
@@ -272,12 +272,12 @@ def test_problems_come_in_the_order_of_the_file() -> None:
 @pytest.mark.parametrize(
     ("project", "expected"),
     [
-        (Project(actions=(Action(1, "", (5,)),)), "actions[0].steps[0]: 5 is no object"),  # type: ignore[arg-type]
-        (Project(actions=(Action(1, "", None),)), "actions[0].steps: null is no list"),  # type: ignore[arg-type]
-        (Project(actions=(Action("1"),)), "actions[0].action_id: '1' is no integer"),  # type: ignore[arg-type]
+        (Project(actions=(Action(1, "", (5,)),)), "actions[0].steps[0]: must be an object, not 5"),  # type: ignore[arg-type]
+        (Project(actions=(Action(1, "", None),)), "actions[0].steps: must be a list, not null"),  # type: ignore[arg-type]
+        (Project(actions=(Action("1"),)), "actions[0].action_id: must be an integer, not '1'"),  # type: ignore[arg-type]
         (Project(actions=(Action(1, "", (Step(1, 2**40, 0),)),)), "... is outside -32768..32767"),
-        (Project(actions=(STEP,)), "... is no field; there are action_id, action_caption, steps"),  # type: ignore[arg-type]
-        (Project("7"), "project_id: '7' is no integer"),  # type: ignore[arg-type]
+        (Project(actions=(STEP,)), "... is not a field; the fields are action_id, action_caption, steps"),  # type: ignore[arg-type]
+        (Project("7"), "project_id: must be an integer, not '7'"),  # type: ignore[arg-type]
     ],
 )
 def test_what_is_of_no_type_of_a_project_is_the_one_problem(project: Project, expected: str) -> None:

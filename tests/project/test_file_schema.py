@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from servolink.project.project_file import SHIPPED, schema_text
-from servolink.protocol.json_form import to_file
+from servolink.project.project_file import SHIPPED, format_project, schema_text
 from tests.project.test_file import ROBOT
 
 
 def test_the_shipped_schema_is_that_of_the_types() -> None:
-    """If not: `python -c "from servolink.project.files.schema import *; SHIPPED.write_text(schema_text())"`."""
+    """If not: `python -c "from servolink.project.project_file import *; SHIPPED.write_text(schema_text())"`."""
     assert SHIPPED.read_text(encoding="utf-8") == schema_text()
 
 
@@ -19,7 +18,7 @@ def test_it_describes_each_field_of_a_file_and_no_other() -> None:
     described = json.loads(schema_text())["$defs"]
     fields = {key for part in described.values() for key in part["properties"]}
     assert all(not part["additionalProperties"] for part in described.values())
-    assert fields - {"$schema"} == set(_keys(to_file(ROBOT)))
+    assert fields - {"$schema"} == set(_keys(json.loads(format_project(ROBOT))))
 
 
 def test_it_says_what_a_step_can_be() -> None:
