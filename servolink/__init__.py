@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from servolink.errors import ConnectionLost as ConnectionLost
     from servolink.errors import DecodeError as DecodeError
     from servolink.errors import EncodeError as EncodeError
+    from servolink.errors import InvalidAddress as InvalidAddress
     from servolink.errors import NotFound as NotFound
     from servolink.errors import OpenError as OpenError
     from servolink.errors import OutcomeUnknown as OutcomeUnknown
@@ -88,6 +89,7 @@ else:
         "Degrees": "servolink.motion",
         "EncodeError": "servolink.errors",
         "FrameParser": "servolink.protocol.parser",
+        "InvalidAddress": "servolink.errors",
         "JoystickTable": "servolink.protocol.records",
         "JoystickTableEntry": "servolink.protocol.records",
         "Macro": "servolink.protocol.records",

@@ -45,7 +45,11 @@ class TransportError(ServolinkError, ConnectionError):
 
 
 class TransportUnavailable(TransportError):
-    """The address cannot be used here: unknown scheme, bad option or missing library."""
+    """The address cannot be used here: a library is missing or a plug-in is broken."""
+
+
+class InvalidAddress(TransportUnavailable, ValueError):
+    """The address is written wrongly: unknown scheme, option or name; the text says how to write it."""
 
 
 class OpenError(TransportError):

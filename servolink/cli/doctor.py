@@ -11,7 +11,7 @@ from servolink.cli.arguments import not_empty
 from servolink.cli.main import FAILED, NO_BOARD, OK
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
-from servolink.discovery.names import resolved
+from servolink.discovery.names import resolve_url
 from servolink.discovery.search import search
 from servolink.doctor.examine import Report, examine
 from servolink.doctor.permissions import rules
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _devices(facts: SystemFacts, board: str | None) -> list[UsbDevice]:
     """Return the USB devices that the rules are for; OpenError if there are none."""
-    urls = [asyncio.run(resolved(board))] if board else [candidate.url for candidate in search()]
+    urls = [asyncio.run(resolve_url(board))] if board else [candidate.url for candidate in search()]
     found = [device for url in urls if (device := usb_device(facts, url) or named_usb_device(url)) is not None]
     if not found:
         raise OpenError(

@@ -11,7 +11,7 @@ from servolink.client.board import Board
 from servolink.client.session import FIRST_PAUSE, LONGEST_PAUSE, check_count, check_timeout
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
-from servolink.discovery.names import resolved
+from servolink.discovery.names import resolve_url
 from servolink.errors import ConnectionLost, OpenError, RequestTimeout, TransportUnavailable
 from servolink.escaping import quote
 from servolink.motion import AngleLimits, AngleUnit, MotionLimits
@@ -73,7 +73,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         url = self._url
         if url is not None and not isinstance(url, str):
             return Board(await self._open_link(url, Stats()), self._angle_unit, self._limits)
-        address = await resolved(url)
+        address = await resolve_url(url)
         stats = Stats()
         link = await self._open_link(create(address), stats)
         if not self._reconnect:

@@ -1,6 +1,6 @@
-"""Virtual boards that are served on this machine: each server keeps a locked file in the user's runtime folder.
+"""The virtual boards served on this machine: each server keeps a locked file in the user's runtime folder.
 
-The lock ends with the process, however that ends, so a file that can be locked is left over and is removed.
+The lock ends with the process, however that ends: a file that can be locked is left over, and is removed.
 """
 
 from __future__ import annotations
@@ -23,11 +23,12 @@ from servolink.transports.device_info import DeviceInfo
 
 _SUFFIX = ".board"
 _PRIVATE = stat.S_IRWXU
+_MOST_BYTES = 65536
 
 if sys.platform == "win32":
     import msvcrt
 
-    _FAR = 2**30  # the lock keeps others from reading what it covers, so it covers what is never written
+    _FAR = 2**30  # a lock keeps others from reading the bytes it covers, so it covers one that is never written
 
     def _lock(file: BinaryIO, *, wait: bool) -> bool:
         file.seek(_FAR)
@@ -51,16 +52,13 @@ else:
 
 @contextmanager
 def announced(board: DeviceInfo) -> Iterator[None]:
-    """Let `candidates` find `board` from now to the end; where no file can be kept it is served all the same."""
+    """Make `candidates` find `board` within this context; it is not found where no private file can be kept."""
     with ExitStack() as stack:
         with suppress(OSError):
             folder = user_folder("runtime")
             folder.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
-            number, name = tempfile.mkstemp(_SUFFIX, dir=folder)
-            stack.callback(Path(name).unlink, missing_ok=True)
-            file = stack.enter_context(open(number, "wb", buffering=0))
-            _lock(file, wait=True)
-            file.write(json.dumps(asdict(board)).encode())
+            if _is_ours(folder):  # another user's folder, or a link, could make us write anywhere
+                _write(board, folder, stack)
         yield
 
 
@@ -75,19 +73,28 @@ def candidates() -> list[DeviceInfo]:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Tell whether nobody else can have put a file into `folder`, and so lead us to a board of theirs."""
+    """Return whether only this user can put files into `folder`, which otherwise could name a board of theirs."""
     if sys.platform == "win32":
         return True  # it lies in the user's profile
     status = folder.lstat()
     return stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid() and not status.st_mode & 0o022
 
 
+def _write(board: DeviceInfo, folder: Path, stack: ExitStack) -> None:
+    """Write an announcement that `stack` removes."""
+    number, name = tempfile.mkstemp(_SUFFIX, dir=folder)
+    stack.callback(Path(name).unlink, missing_ok=True)
+    file = stack.enter_context(os.fdopen(number, "wb", buffering=0))
+    _lock(file, wait=True)
+    file.write(json.dumps(asdict(board)).encode())
+
+
 def _read(path: Path) -> DeviceInfo | None:
-    """Return the board announced in `path`, or None; remove the file if its server is gone."""
+    """Return the board announced in `path`, None if it cannot be read; remove the file if its server is gone."""
     try:
         with path.open("r+b", buffering=0) as file:
-            content = file.read(65536)
-            left_over = bool(content) and _lock(file, wait=False)  # one without content is about to get it
+            content = file.read(_MOST_BYTES)
+            left_over = bool(content) and _lock(file, wait=False)  # an empty file is about to be written
         if left_over:
             path.unlink(missing_ok=True)
             return None

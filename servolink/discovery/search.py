@@ -1,4 +1,4 @@
-"""The search for boards, which opens nothing."""
+"""The search for boards, which opens nothing, and the choice among those it finds."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import asyncio
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from importlib import import_module
+from typing import NamedTuple
 
-from servolink.errors import OpenError
-from servolink.escaping import escape
+from servolink.errors import OpenError, TransportError
 from servolink.transports.device_info import DeviceInfo
+from servolink.transports.registry import DISCOVERY, PlugIn, plug_ins
 
 _KINDS = (
     "servolink.transports.serial_ports",
@@ -20,26 +21,54 @@ _KINDS = (
 """The modules whose `candidates` find boards, the best way to a board first."""
 
 
+class Found(NamedTuple):
+    """What a search has found."""
+
+    devices: list[DeviceInfo]
+    failures: list[TransportError]
+    """Why the plug-ins of other packages found nothing."""
+
+
 async def discover() -> list[DeviceInfo]:
     """Return the devices that may be boards, and the virtual boards served on this machine.
 
-    Nothing is opened. A device that cannot be opened is among them; its `problem` says why and what to do. One
-    that is reached in several ways is there once for each. What a missing library would find is left out: see
-    `servolink doctor`.
+    Nothing is opened. A device that cannot be opened is included; its `problem` says why and what to do. One that is
+    reached in several ways is included once for each. A missing library or a broken plug-in hides the devices that
+    only it finds: see `servolink doctor`.
     """
     return await asyncio.to_thread(search)
 
 
 def search() -> list[DeviceInfo]:
-    """Do as `discover` does, in this thread, which it blocks."""
-    return [candidate for kind in _KINDS for candidate in _candidates(kind)]
+    """Do as `discover` does, but block."""
+    return find_devices().devices
 
 
-def _candidates(module: str) -> list[DeviceInfo]:
+def find_devices() -> Found:
+    """Search with our own kinds, then with the plug-ins of other packages, which may fail."""
+    found = Found([device for kind in _KINDS for device in _find_kind(kind)], [])
+    for plug_in in plug_ins(DISCOVERY):
+        try:
+            found.devices.extend(_find_with(plug_in))
+        except TransportError as error:
+            found.failures.append(error)
+    return found
+
+
+def _find_kind(module: str) -> list[DeviceInfo]:
     try:
         return list(import_module(module).candidates())
     except Exception:  # noqa: BLE001 - a library that is missing or broken, in ways of its own
         return []
+
+
+def _find_with(plug_in: PlugIn) -> list[DeviceInfo]:
+    with plug_in.blamed():
+        devices = list(plug_in.load()())
+    for device in devices:
+        if not isinstance(device, DeviceInfo):
+            raise plug_in.broken(f"it returned {type(device).__name__} instead of a DeviceInfo")
+    return devices
 
 
 NONE_HERE = (
@@ -51,15 +80,16 @@ NONE_HERE = (
 def boards(candidates: Iterable[DeviceInfo]) -> list[DeviceInfo]:
     """Return one candidate for each board: the first that can be opened, or else the first.
 
-    What has the same serial number is one board that is reached in several ways, unless two are reached in the
-    same way: makers of cheap adapters give all of them the same number.
+    Candidates with one identity are one board that is reached in several ways, unless two are reached in the same
+    way: makers of cheap adapters give all of them one serial number.
     """
-    groups: dict[object, list[DeviceInfo]] = {}
     candidates = list(candidates)
-    shared = _shared_numbers(candidates)
+    uses = Counter((scheme(candidate), candidate.identity.device) for candidate in candidates)
+    ambiguous = {identity for (_, identity), count in uses.items() if count > 1 or not identity.serial_number}
+    groups: dict[object, list[DeviceInfo]] = {}
     for candidate in candidates:
-        number = candidate.serial_number
-        groups.setdefault(candidate if not number or number in shared else number, []).append(candidate)
+        identity = candidate.identity.device
+        groups.setdefault(candidate if identity in ambiguous else identity, []).append(candidate)
     return [next((way for way in ways if not way.problem), ways[0]) for ways in groups.values()]
 
 
@@ -72,15 +102,10 @@ def only(candidates: Sequence[DeviceInfo]) -> str:
     if not found:
         raise OpenError(NONE_HERE)
     if len(found) == 1:
-        raise OpenError(f"{escape(found[0].url)}: {escape(found[0].problem)}")
-    raise OpenError(f"{len(found)} boards are here; name one of {', '.join(escape(board.url) for board in found)}")
+        raise OpenError(f"{found[0].url}: {found[0].problem}")
+    raise OpenError(f"{len(found)} boards are here; name one of {', '.join(board.url for board in found)}")
 
 
 def scheme(candidate: DeviceInfo) -> str:
-    """Return how `candidate` is reached."""
+    """Return the scheme of its address."""
     return candidate.url.partition("://")[0]
-
-
-def _shared_numbers(candidates: Iterable[DeviceInfo]) -> set[str]:
-    uses = Counter((scheme(candidate), candidate.serial_number) for candidate in candidates)
-    return {number for (_, number), count in uses.items() if count > 1}

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 from servolink.connection.probe import Answer, ProbeResult, probe
-from servolink.discovery.names import resolved
-from servolink.discovery.search import boards, discover
+from servolink.discovery.names import resolve_url
+from servolink.discovery.search import boards, find_devices
 from servolink.doctor import Finding
 from servolink.doctor.environment import CHECK as LATENCY
 from servolink.doctor.environment import (
@@ -63,13 +63,15 @@ async def examine(facts: SystemFacts, board: str | None, byte_order: ByteOrder =
 
     TransportUnavailable if `board` is no address.
     """
-    report = Report(await discover())
+    found = await asyncio.to_thread(find_devices)
+    report = Report(found.devices)
     if board is not None:
-        Address.parse(url := await resolved(board))
+        Address.parse(url := await resolve_url(board))
         report.urls = [url]
     else:
         report.urls = [candidate.url for candidate in boards(report.candidates)]
     report.findings += await asyncio.to_thread(_before_opening, facts, report.urls)
+    report.findings += map(_hidden, found.failures)
     if len(report.urls) == 1:
         await _ask(facts, report, byte_order)
     elif report.urls:
@@ -182,6 +184,15 @@ def _differences(url: str, answer: Answer, byte_order: ByteOrder) -> Iterator[Fi
             "it was in the old one, which servolink does not speak; it is in the new one now, maybe until switched off",
             "try again what did not work\nin Python, with an answer or without: await board.set_transmission_mode(1)",
         )
+
+
+def _hidden(failure: TransportError) -> Finding:
+    return Finding(
+        "plug-in",
+        str(failure),
+        "the devices that only this plug-in finds are hidden from servolink list and from doctor",
+        "update the package or remove it: pip uninstall PACKAGE",
+    )
 
 
 def _several(urls: list[str]) -> Finding:

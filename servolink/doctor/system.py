@@ -181,11 +181,15 @@ class UsbDevice:
     serial_number: str
     product: str
 
+    @property
+    def identity(self) -> PortIdentity:
+        """By which addresses name it."""
+        return PortIdentity(self.vendor_id, self.product_id, self.serial_number)
+
 
 def device_of(url: str) -> str:
     """Return the device file or COM port of a serial port's address; empty for other addresses."""
-    address = Address.parse(url)
-    return address.host + address.path if address.scheme == "serial" else ""
+    return Address.parse(url).serial_device
 
 
 def device_nodes(facts: SystemFacts, url: str) -> list[str]:
@@ -229,7 +233,7 @@ def named_usb_device(url: str) -> UsbDevice | None:
     address = Address.parse(url)
     if address.scheme not in {"hid", "usb"}:
         return None
-    named = PortIdentity.of(address)
+    named = PortIdentity.from_address(address)
     if named.vendor_id is None or named.product_id is None:
         return None
     return UsbDevice("", named.vendor_id, named.product_id, named.serial_number, "")
@@ -253,5 +257,5 @@ def _described(facts: SystemFacts, folder: str) -> UsbDevice | None:
 
 
 def _is_meant(url: str, device: UsbDevice) -> bool:
-    wanted = PortIdentity.of(Address.parse(url))
-    return not wanted.is_any and wanted.fits(device.vendor_id, device.product_id, device.serial_number)
+    wanted = PortIdentity.from_address(Address.parse(url))
+    return not wanted.is_any and wanted.fits(device.identity)

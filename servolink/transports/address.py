@@ -1,16 +1,17 @@
-"""What a board's address says: `scheme://host:port/path?option=value`, or a bare device path."""
+"""Addresses of boards: `scheme://host:port/path?option=value`, or a bare device path."""
 
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Mapping, Sequence
 from urllib.parse import unquote
 
-from servolink.errors import TransportUnavailable
-from servolink.escaping import escape
+from servolink.errors import InvalidAddress
 
 _BARE_DEVICE = re.compile(r"/|\\\\\.\\|com\d+(\?|$)", re.IGNORECASE | re.ASCII)
+_COM_PORT = re.compile(r"(?:\\\\\.\\)?(com\d+)", re.IGNORECASE | re.ASCII)
 _SCHEME = re.compile(r"[a-z][a-z0-9+.-]*", re.ASCII)
 _AUTHORITY = re.compile(r"(?:\[(?P<v6>[^\[\]]*)\]|(?P<host>[^\[\]:]*))(?::(?P<port>[^:\[\]]*))?")
 _BAD_ESCAPE = re.compile(r"%(?![0-9a-f]{2})", re.IGNORECASE)
@@ -19,7 +20,12 @@ _INTEGER = re.compile(r"[+-]?[0-9]{1,18}", re.ASCII)
 _HEXADECIMAL = re.compile(r"0x[0-9a-f]{1,15}", re.ASCII | re.IGNORECASE)
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?", re.ASCII | re.IGNORECASE)
 _FORMS = "write it as serial:///dev/ttyACM0, serial://COM3, tcp://host:port or virtual://"
-_SHOWN = 200  # characters of an address in an error text
+_LONGEST = 200  # characters of an address in an error text
+_SET_ELSEWHERE = {
+    "byte_order": "the byte order is set with --byte-order in a shell, connect(..., byte_order=...) in Python",
+    "window": "the window is set with connect(..., window=...) in Python",
+}
+"""Settings of a connection that users look for among the options of an address."""
 
 
 class Address:
@@ -34,7 +40,7 @@ class Address:
         path: str = "",
         options: Mapping[str, str] | None = None,
     ) -> None:
-        """Keep the parts as text; `port` is what follows the host's colon, for some schemes no number."""
+        """Keep the parts as text; `port` is the part after the host's colon, which some schemes use for an id."""
         self.url = url
         self.scheme = scheme
         self.host = host
@@ -45,7 +51,7 @@ class Address:
 
     @classmethod
     def parse(cls, url: str) -> Address:
-        """Parse any text; TransportUnavailable says what to write instead of what is no address."""
+        """Parse any text; InvalidAddress says what to write instead."""
         if _CONTROL.search(url):
             raise refusal(url, f"holds a control character; {_FORMS}")
         if _BARE_DEVICE.match(url):  # taken literally, so that no file name needs escapes
@@ -53,12 +59,12 @@ class Address:
             return cls(url, "serial", path=path, options=_options(url, query))
         scheme, separator, rest = url.partition("://")
         if not separator or not _SCHEME.fullmatch(scheme.lower()):
-            raise refusal(url, f"is no address; {_FORMS}")
+            raise refusal(url, f"is not an address; {_FORMS}")
         place, _, query = rest.partition("?")
         authority, slash, path = place.partition("/")
         parts = _AUTHORITY.fullmatch(authority)
         if parts is None:
-            raise refusal(url, "is no address: an IPv6 host stands in brackets, as in tcp://[::1]:9000")
+            raise refusal(url, "is not an address: an IPv6 host must be in brackets, as in tcp://[::1]:9000")
         host, port = parts["v6"] or parts["host"] or "", parts["port"] or ""
         return cls(
             url,
@@ -69,6 +75,17 @@ class Address:
             _options(url, query),
         )
 
+    @property
+    def serial_device(self) -> str:
+        """The device file or COM port of a serial port's address, the same for all its names; else empty."""
+        if self.scheme != "serial":
+            return ""
+        device = self.host + self.path
+        if "/" in device:  # such as a link in /dev/serial/by-id
+            return os.path.realpath(device)
+        port = _COM_PORT.fullmatch(device)
+        return port[1].upper() if port else device
+
     def port_number(self) -> int:
         """Return the port, 1 to 65535."""
         if not _INTEGER.fullmatch(self.port) or not 1 <= int(self.port) <= 65535:
@@ -76,13 +93,13 @@ class Address:
         return int(self.port)
 
     def integer(self, name: str, default: int, low: int, high: int) -> int:
-        """Read a whole number from `low` to `high`, decimal or, as in 0x81, hexadecimal."""
+        """Read an integer from `low` to `high`, decimal or, as in 0x81, hexadecimal."""
         text = self._option(name)
         if text is None:
             return default
         value = int(text, 16) if _HEXADECIMAL.fullmatch(text) else int(text) if _INTEGER.fullmatch(text) else None
         if value is None or not low <= value <= high:
-            raise self._bad(name, text, f"a whole number from {low} to {high}")
+            raise self._bad(name, text, f"an integer from {low} to {high}")
         return value
 
     def number(self, name: str, default: float, low: float, high: float) -> float:
@@ -112,27 +129,33 @@ class Address:
         return default if text is None else text
 
     def refuse_unknown(self) -> None:
-        """Refuse the options that nobody has read; call it after reading them all."""
+        """Refuse the options that have not been read; call it after reading those that are known."""
         unknown = [name for name in self.options if name not in self._known]
         if unknown:
             known = ", ".join(self._known) or "none"
-            raise self.refusal(f"unknown option {_shown(unknown[0])}; {self.scheme}:// knows: {known}")
+            elsewhere = f"; {_SET_ELSEWHERE[unknown[0]]}" if unknown[0] in _SET_ELSEWHERE else ""
+            raise self.refusal(f"unknown option {shorten(unknown[0])}; {self.scheme}:// has: {known}{elsewhere}")
 
-    def refusal(self, reason: str) -> TransportUnavailable:
-        """Make the error that names this address and `reason`."""
+    def refusal(self, reason: str) -> InvalidAddress:
+        """Return the error that names this address and `reason`."""
         return refusal(self.url, reason)
 
     def _option(self, name: str) -> str | None:
         self._known.append(name)
         return self.options.get(name)
 
-    def _bad(self, name: str, text: str, wanted: str) -> TransportUnavailable:
-        return self.refusal(f"option {name} is {_shown(text)!r}, but must be {wanted}")
+    def _bad(self, name: str, text: str, wanted: str) -> InvalidAddress:
+        return self.refusal(f"option {name} must be {wanted}, not {shorten(text)!r}")
 
 
-def refusal(url: str, reason: str) -> TransportUnavailable:
-    """Make the error that names the address `url` and why it cannot be used."""
-    return TransportUnavailable(f"{_shown(url) or 'an empty text'}: {reason}")
+def refusal(url: str, reason: str) -> InvalidAddress:
+    """Return the error that names the address `url` and why it cannot be used."""
+    return InvalidAddress(f"{shorten(url) or 'an empty text'}: {reason}")
+
+
+def shorten(text: str) -> str:
+    """Return `text` cut to a length that an error can show."""
+    return text if len(text) <= _LONGEST else text[:_LONGEST] + "..."
 
 
 def _options(url: str, query: str) -> dict[str, str]:
@@ -141,21 +164,17 @@ def _options(url: str, query: str) -> dict[str, str]:
         name, separator, value = item.partition("=")
         name = _unescaped(url, name)
         if not separator or not name:
-            raise refusal(url, f"option {_shown(item)!r} must be written name=value")
+            raise refusal(url, f"option {shorten(item)!r} must be written name=value")
         if name in options:
-            raise refusal(url, f"option {_shown(name)} is given twice; keep one")
+            raise refusal(url, f"option {shorten(name)} is given twice; keep one")
         options[name] = _unescaped(url, value)
     return options
 
 
 def _unescaped(url: str, text: str) -> str:
     if bad := _BAD_ESCAPE.search(text):
-        raise refusal(url, f"bad escape {_shown(text[bad.start() :][:3])!r}; write a percent sign as %25")
+        raise refusal(url, f"bad escape {text[bad.start() :][:3]!r}; write a percent sign as %25")
     plain = unquote(text, errors="surrogateescape")
     if _CONTROL.search(plain):
         raise refusal(url, f"holds a control character; {_FORMS}")
     return plain
-
-
-def _shown(text: str) -> str:
-    return escape(text if len(text) <= _SHOWN else text[:_SHOWN] + "...")

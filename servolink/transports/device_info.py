@@ -1,57 +1,35 @@
-"""A device that may be a board, as found without opening it."""
+"""A device that may be a board, as found without opening it, and the identity by which it is found again."""
 
 from __future__ import annotations
 
 import os
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 from urllib.parse import quote
 
 from servolink.errors import OpenError
-from servolink.escaping import escape
 from servolink.transports.address import Address
 
-
-@dataclass(frozen=True, slots=True)
-class DeviceInfo:
-    """Where a board may be: `problem` says why it cannot be opened and what to do, empty if nothing is known."""
-
-    url: str
-    product: str = ""
-    serial_number: str = ""
-    problem: str = ""
-
-
 UDEV_CURE = "`servolink doctor --print-udev` prints the udev rule that gives it, and where to put it"
-"""What to do about a USB device that may not be opened, on Linux."""
-
-
-def is_accessible(path: str) -> bool:
-    """Tell whether this process may read and write `path`; yes if there is no such file, as on other systems."""
-    try:
-        os.stat(path)  # noqa: PTH116 - a port's or device's name need not be that of a file
-    except PermissionError:
-        return False
-    except OSError:
-        return True
-    return os.access(path, os.R_OK | os.W_OK, effective_ids=os.access in os.supports_effective_ids)
-
+"""What to do on Linux about a USB device that this user may not open."""
 
 _NUMBER = re.compile(r"(0x)?[0-9a-f]{1,4}", re.ASCII | re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
 class PortIdentity:
-    """Vendor and product id, and serial number, empty for any; `UsbId()` is any device."""
+    """What a USB device says of itself, wherever it is plugged in; None and "" stand for unknown, or for any."""
 
     vendor_id: int | None = None
     product_id: int | None = None
     serial_number: str = ""
+    interface: int | None = None
+    """The number of the interface, which tells several ports of one device apart."""
 
     @classmethod
-    def of(cls, address: Address) -> PortIdentity:
+    def from_address(cls, address: Address) -> PortIdentity:
         """Read it from `scheme://VID:PID/SERIAL`, `scheme://VID:PID` or `scheme://`."""
         serial_number = address.path.removeprefix("/")
         if not address.host and not address.port and not serial_number:
@@ -64,28 +42,70 @@ class PortIdentity:
         return cls(int(address.host, 16), int(address.port, 16), serial_number)
 
     @property
+    def device(self) -> PortIdentity:
+        """The identity of the whole device, whichever of its interfaces this is."""
+        return replace(self, interface=None)
+
+    @property
     def is_any(self) -> bool:
         """Whether it names no device."""
-        return self.vendor_id is None
+        return self.vendor_id is None and not self.serial_number
 
-    def fits(self, vendor_id: int, product_id: int, serial_number: str) -> bool:
-        """Tell whether a device with these is meant."""
-        return self.is_any or (
-            (vendor_id, product_id) == (self.vendor_id, self.product_id) and self.serial_number in {"", serial_number}
+    def fits(self, found: PortIdentity) -> bool:
+        """Return whether `found` has everything that is known here."""
+        return (
+            self.vendor_id in {None, found.vendor_id}
+            and self.product_id in {None, found.product_id}
+            and self.serial_number in {"", found.serial_number}
+            and self.interface in {None, found.interface}
         )
 
+    def url(self, scheme: str, option: str = "") -> str:
+        """Write the address of this device, with `option` as its only one."""
+        serial_number = "/" + quote(self.serial_number, safe="") if self.serial_number else ""
+        return f"{scheme}://{self._ids}{serial_number}{'?' if option else ''}{option}"
+
     def __str__(self) -> str:
-        """Name it as a person reads it."""
-        if self.vendor_id is None or self.product_id is None:
+        """Return it as a person reads it."""
+        if self.is_any:
             return "with a vendor-defined interface"
-        serial = f" with the serial number {escape(self.serial_number)!r}" if self.serial_number else ""
-        return f"{self.vendor_id:04x}:{self.product_id:04x}{serial}"
+        return self._ids + (f" with the serial number {self.serial_number!r}" if self.serial_number else "")
+
+    @property
+    def _ids(self) -> str:
+        return f"{self.vendor_id or 0:04x}:{self.product_id or 0:04x}"
 
 
-def url_of(scheme: str, vendor_id: int, product_id: int, serial_number: str, option: str = "") -> str:
-    """Write the address of a device."""
-    serial = "/" + quote(serial_number, safe="") if serial_number else ""
-    return f"{scheme}://{vendor_id:04x}:{product_id:04x}{serial}{'?' if option else ''}{option}"
+ANY_DEVICE = PortIdentity()
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceInfo:
+    """A place where a board may be."""
+
+    url: str
+    product: str = ""
+    """What the device calls itself; empty if it does not say."""
+    identity: PortIdentity = ANY_DEVICE
+    """How to know the device again; unknown for one that is not on USB."""
+    problem: str = ""
+    """Why it cannot be opened, and what to do; empty if nothing is known to prevent it."""
+
+    @property
+    def serial_number(self) -> str:
+        """The serial number of the USB device; empty if it has none."""
+        return self.identity.serial_number
+
+
+def is_accessible(path: str) -> bool:
+    """Return whether this process may read and write `path`; True if there is no such file, as on other systems."""
+    try:
+        os.stat(path)  # noqa: PTH116 - the name of a port or device need not be that of a file
+    except PermissionError:
+        return False
+    except OSError:
+        return True
+    return os.access(path, os.R_OK | os.W_OK, effective_ids=os.access in os.supports_effective_ids)
 
 
 class _Addressed(Protocol):
@@ -96,15 +116,15 @@ class _Addressed(Protocol):
 _Found = TypeVar("_Found", bound=_Addressed)
 
 
-def only(url: str, looked_for: str, found: Sequence[_Found], present: Iterable[_Addressed]) -> _Found:
-    """Return the only one of `found`; OpenError says what is `present` instead."""
+def choose_only(url: str, wanted: str, found: Sequence[_Found], present: Iterable[_Addressed]) -> _Found:
+    """Return the only one of `found`; OpenError says how to choose, or that only `present` ones are here."""
     if len(found) == 1:
         return found[0]
-    urls = sorted(escape(each.url) for each in found)
+    urls = sorted(each.url for each in found)
     if len(set(urls)) < len(urls):
-        raise OpenError(f"{escape(url)}: {len(urls)} devices cannot be told apart ({urls[0]}); unplug the others")
+        raise OpenError(f"{url}: {len(urls)} devices cannot be told apart ({urls[0]}); unplug the others")
     if urls:
-        raise OpenError(f"{escape(url)}: {len(urls)} devices can be the board; choose one: {', '.join(urls)}")
-    others = sorted(escape(each.url) for each in present)
-    what_is = f"what is there: {', '.join(others)}" if others else "nothing of that kind is there"
-    raise OpenError(f"{escape(url)}: found no {looked_for}; plug the board in and switch it on; {what_is}")
+        raise OpenError(f"{url}: {len(urls)} devices can be the board; choose one: {', '.join(urls)}")
+    others = ", ".join(sorted(each.url for each in present))
+    here = f"these are here: {others}" if others else "nothing of that kind is here"
+    raise OpenError(f"{url}: found no {wanted}; plug the board in and switch it on; {here}")

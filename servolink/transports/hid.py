@@ -7,33 +7,24 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from enum import IntEnum
 
 from servolink.errors import OpenError
-from servolink.escaping import escape
 from servolink.transports.address import Address
-from servolink.transports.device_info import UDEV_CURE, PortIdentity, only
+from servolink.transports.device_info import UDEV_CURE, PortIdentity, choose_only
 from servolink.transports.hid_devices import (
     LIBRARY_LOCK,
     VENDOR_PAGES,
     Handle,
     HidApi,
     HidInterface,
-    Report,
-    Way,
     boards,
-    declared,
     load,
 )
 from servolink.transports.threaded import DeviceTransport
 
-
-def cut(frame: bytes, report_id: int, size: int) -> Iterator[bytes]:
-    """Yield the reports that carry `frame`: each with its id in front, also when that is 0, and filled with zeros."""
-    for start in range(0, len(frame), size):
-        yield bytes([report_id]) + frame[start : start + size].ljust(size, b"\0")
-
-
-_READ_LIMIT = 100  # milliseconds; without a limit nothing but the device ends a read
+_READ_LIMIT = 100  # milliseconds; without a limit only the device could end a read
 _USUAL_SIZE = 64
 
 
@@ -50,7 +41,7 @@ class HidDevice:
         report_id: int | None = None,
         report_size: int | None = None,
     ) -> None:
-        """Lead to the only interface that fits; what is None is as its descriptor says."""
+        """Lead to the only interface that fits; for None the descriptor of the device decides."""
         self._api = api
         self._url = url
         self._wanted = wanted
@@ -64,7 +55,7 @@ class HidDevice:
         kind = f"HID device {self._wanted}"
         if self._usage_page is not None:
             kind += f" of usage page {self._usage_page:#06x}"
-        interface = only(self._url, kind, found, [] if found else boards(self._api))
+        interface = choose_only(self._url, kind, found, [] if found else boards(self._api))
         with ExitStack() as undo:
             _claim(self._url, os.fsdecode(interface.path), undo)
             handle = self._open_path(interface)
@@ -79,13 +70,13 @@ class HidDevice:
                 handle.open_path(interface.path)
             except OSError as error:
                 raise OpenError(
-                    f"{escape(self._url)}: cannot open {escape(os.fsdecode(interface.path))}: "
-                    f"{escape(str(error))}; close the program that has it, or plug the board in again"
+                    f"{self._url}: cannot open {os.fsdecode(interface.path)}: {error}; "
+                    "close the program that has it, or plug the board in again"
                 ) from error
         return handle
 
     def _reports(self, handle: Handle) -> list[Report]:
-        """Return what the descriptor declares on the wanted pages, nothing if it cannot be read."""
+        """Return the reports declared on the wanted pages; empty if the descriptor cannot be read."""
         try:
             descriptor = bytes(handle.get_report_descriptor())
         except (OSError, AttributeError):
@@ -99,7 +90,7 @@ class HidDevice:
         if not fitting and reports and self._report_size is None:
             ids = sorted({f"{report.way.name.lower()} {report.report_id}" for report in reports})
             raise OpenError(
-                f"{escape(self._url)}: the device has no {way.name.lower()}put report"
+                f"{self._url}: the device has no {way.name.lower()}put report"
                 f"{'' if self._report_id is None else f' with the id {self._report_id}'}; it has: {', '.join(ids)}"
             )
         report = fitting[0] if fitting else Report(way, self._report_id or 0, 0, _USUAL_SIZE)
@@ -122,7 +113,7 @@ class OpenHid:
         try:
             report = bytes(self._handle.read(size + 1 if report_id else size, _READ_LIMIT))
         except (OSError, ValueError) as error:
-            raise _gone(escape(str(error))) from error
+            raise _gone(str(error)) from error
         if not report_id:
             return report
         return report[1:] if report[:1] == bytes([report_id]) else b""
@@ -134,10 +125,10 @@ class OpenHid:
     def write(self, piece: bytes) -> None:
         """Send one report; Linux waits up to 5 s for the device to take it."""
         if self._handle.write(piece) < 0:  # otherwise what it returns differs between systems
-            raise _gone(escape(self._handle.error()))
+            raise _gone(self._handle.error())
 
     def close(self) -> None:
-        """Close it, and let other programs have it."""
+        """Close it and release it for other programs."""
         self._undo.close()
 
 
@@ -149,13 +140,13 @@ if sys.platform == "linux":
     import fcntl
 
     def _claim(url: str, path: str, undo: ExitStack) -> None:
-        """Keep other servolinks out: Linux lets in everyone, and gives everyone every report."""
+        """Keep other servolinks out: Linux admits every program, and gives each every report."""
         try:
             claim = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NONBLOCK)
             undo.callback(os.close, claim)
             fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            raise OpenError(f"{escape(url)}: {_reason(error, escape(path))}") from error
+            raise OpenError(f"{url}: {_reason(error, path)}") from error
 
     def _reason(error: OSError, path: str) -> str:
         if error.errno == errno.EWOULDBLOCK:
@@ -164,17 +155,101 @@ if sys.platform == "linux":
             return f"no permission for {path}; {UDEV_CURE}"
         if error.errno in {errno.ENOENT, errno.ENODEV, errno.ENXIO}:
             return f"{path} has just vanished; plug the board in again"
-        return f"cannot open {path}: {escape(str(error))}"
+        return f"cannot open {path}: {error}"
 
 else:
 
     def _claim(url: str, path: str, undo: ExitStack) -> None:
-        """Leave it to the system."""
+        """Do nothing: the system admits only one program."""
+
+
+def cut(frame: bytes, report_id: int, size: int) -> Iterator[bytes]:
+    """Yield the reports that carry `frame`: each starts with its id, even if that is 0, and is filled with zeros."""
+    for start in range(0, len(frame), size):
+        yield bytes([report_id]) + frame[start : start + size].ljust(size, b"\0")
+
+
+class Way(IntEnum):
+    """Direction of a report; the number is the prefix of its item in a descriptor, without the length."""
+
+    IN = 0x80
+    OUT = 0x90
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A report as declared."""
+
+    way: Way
+    report_id: int
+    usage_page: int
+    size: int
+    """Bytes, without the id that precedes the report unless it is 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Globals:
+    """The items that stay in force until they are given again."""
+
+    usage_page: int = 0
+    report_id: int = 0
+    field_bits: int = 0
+    fields: int = 0
+
+
+def declared(descriptor: bytes) -> list[Report]:
+    """Return the reports of a descriptor, in its order; ignore items that are cut off or make no sense."""
+    bits: dict[tuple[Way, int, int], int] = {}
+    state, stack = _Globals(), list[_Globals]()
+    depth, page = 0, 0
+    for prefix, value in _items(descriptor):
+        if prefix == 0xA0:
+            page = page if depth else state.usage_page  # a report belongs to the outermost collection's page
+            depth += 1
+        elif prefix == 0xC0:
+            depth -= 1
+        elif prefix in {Way.IN, Way.OUT}:
+            key = Way(prefix), state.report_id, page
+            bits[key] = bits.get(key, 0) + state.field_bits * state.fields
+        elif prefix == 0xA4:
+            stack.append(state)
+        elif prefix == 0xB4 and stack:
+            state = stack.pop()
+        else:
+            state = _changed(state, prefix, value)
+    return [Report(way, report_id, page, (count + 7) // 8) for (way, report_id, page), count in bits.items() if count]
+
+
+def _changed(state: _Globals, prefix: int, value: int) -> _Globals:
+    match prefix:
+        case 0x04:
+            return replace(state, usage_page=value)
+        case 0x74:
+            return replace(state, field_bits=value)
+        case 0x84:
+            return replace(state, report_id=value)
+        case 0x94:
+            return replace(state, fields=value)
+        case _:
+            return state
+
+
+def _items(descriptor: bytes) -> Iterator[tuple[int, int]]:
+    """Yield type and tag of each item, as its prefix without the length, and its value."""
+    position = 0
+    while position < len(descriptor):
+        prefix = descriptor[position]
+        if prefix == 0xFE:  # a long item, which means nothing yet: its length follows
+            position += 3 + (descriptor[position + 1] if position + 1 < len(descriptor) else 0)
+            continue
+        end = position + 1 + (0, 1, 2, 4)[prefix & 3]
+        yield prefix & 0xFC, int.from_bytes(descriptor[position + 1 : end], "little")
+        position = end
 
 
 def from_address(address: Address) -> DeviceTransport:
     """Make the transport for `hid://VID:PID/SERIAL?report_size=64&report_id=0&usage_page=0xFF00`."""
-    wanted = PortIdentity.of(address)
+    wanted = PortIdentity.from_address(address)
     report_size = address.integer("report_size", 0, 1, 4096) or None
     report_id = address.integer("report_id", -1, 0, 255)
     usage_page = address.integer("usage_page", -1, 0, 0xFFFF)

@@ -52,13 +52,13 @@ class BaseTransport(ABC):
         except BaseException as error:
             self._end(None)
             if isinstance(error, Exception) and not isinstance(error, ServolinkError):
-                raise OpenError(f"{self.url}: cannot open it: {_text(error)}") from error
+                raise OpenError(f"{self.url}: cannot open it: {self._explain(error)}") from error
             raise
         # `close` and the device itself may have ended it meanwhile, in another task or in a callback.
         if self._was_ended():
             self._abort()
             if self._error is not None:
-                raise OpenError(f"{self.url}: it was lost while being opened: {_text(self._error)}") from self._error
+                raise OpenError(f"{self.url}: it was lost while being opened: {self._error}") from self._error
             raise OpenError(f"{self.url}: it was closed while being opened; try again")
         self._stage = "open"
         _logger.debug("%s: opened", escape(self.url))
@@ -162,9 +162,13 @@ class BaseTransport(ABC):
     def _loss(self, cause: Exception) -> ConnectionLost:
         if isinstance(cause, ConnectionLost):
             return cause
-        error = ConnectionLost(f"{self.url}: the connection was lost: {_text(cause)}")
+        error = ConnectionLost(f"{self.url}: the connection was lost: {self._explain(cause)}")
         error.__cause__ = cause
         return error
+
+    def _explain(self, error: Exception) -> str:
+        """Return the text of an error that is not ours."""
+        return str(error) or type(error).__name__  # a TimeoutError often has no text
 
     def _was_ended(self) -> bool:
         return self._stage == "ended"
@@ -264,7 +268,3 @@ class StallWatch:
             self._stalled(TimeoutError(f"it has taken no byte for {STALL_LIMIT:g} s"))
             return
         self._timer = asyncio.get_running_loop().call_later(_STALL_STEP, self._look, taken, looks + 1)
-
-
-def _text(error: Exception) -> str:
-    return str(error) or type(error).__name__  # a TimeoutError often has no text

@@ -1,23 +1,32 @@
-"""From an address to the transport that serves its scheme."""
+"""From an address to the transport that serves its scheme, ours or another package's."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from importlib import import_module
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 from servolink.errors import TransportError, TransportUnavailable
 from servolink.escaping import escape
-from servolink.transports.address import Address
+from servolink.transports.address import Address, shorten
 from servolink.transports.base import Transport
+from servolink.transports.lifecycle import WrappedTransport
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-PLUG_INS = "servolink.transports"
-"""The entry-point group in which other packages name their schemes."""
+TRANSPORTS = "servolink.transports"
+"""The entry-point group in which other packages register schemes: name = scheme, value = a function of an Address."""
+DISCOVERY = "servolink.discovery"
+"""The entry-point group in which other packages add to `discover`: value = a function that returns DeviceInfos."""
 
 Factory: TypeAlias = Callable[[Address], Transport]
+
+_CLOSE_LIMIT = 1.0  # seconds that the transport of another package may take to close
+_logger = logging.getLogger("servolink.transport")
 
 
 class _Kind(NamedTuple):
@@ -38,18 +47,96 @@ _KINDS = {
 
 
 def create(url: str) -> Transport:
-    """Make the transport for `url` without opening it; TransportUnavailable says what is wrong or missing."""
+    """Return the transport for `url`, not opened yet.
+
+    Raise InvalidAddress for an address that is written wrongly, TransportUnavailable for one that cannot be used here.
+    """
     address = Address.parse(url)
     if kind := _KINDS.get(address.scheme):
         return _load(address, kind)(address)
+    others = plug_ins(TRANSPORTS)
+    for plug_in in others:
+        if plug_in.name == address.scheme:
+            return _create_with(plug_in, address)
+    known = ", ".join(f"{scheme}://" for scheme in sorted({*_KINDS, *(plug_in.name for plug_in in others)}))
+    raise address.refusal(f"unknown kind of address; known are {known} and a bare device path")
 
+
+class PlugIn:
+    """An entry point of another package, whose failures are TransportUnavailable and name that package."""
+
+    def __init__(self, entry_point: EntryPoint, purpose: str) -> None:
+        """Keep `entry_point`, unloaded; errors say that it is for `purpose`."""
+        self.name = entry_point.name
+        self.package = entry_point.dist.name if entry_point.dist else entry_point.value
+        self._entry_point = entry_point
+        self._purpose = purpose
+
+    def load(self) -> Any:
+        """Import what it stands for."""
+        return self._entry_point.load()
+
+    @contextmanager
+    def blamed(self) -> Iterator[None]:
+        """Turn any exception that is not a TransportError into TransportUnavailable."""
+        try:
+            yield
+        except TransportError:
+            raise
+        except Exception as error:
+            raise self.broken(f"{type(error).__name__}: {error}") from error
+
+    def broken(self, reason: str) -> TransportUnavailable:
+        """Return the error for a plug-in that does not work."""
+        return TransportUnavailable(
+            f"the plug-in {self.package} for {self._purpose} is broken: {shorten(reason)}; update or remove it"
+        )
+
+
+def plug_ins(group: str) -> list[PlugIn]:
+    """Return what other packages have registered in `group`."""
     from importlib.metadata import entry_points  # brings half of the email package
 
-    plug_ins = entry_points(group=PLUG_INS)
-    if address.scheme in plug_ins.names:
-        return _from_plug_in(address, plug_ins[address.scheme])
-    known = ", ".join(f"{scheme}://" for scheme in sorted({*_KINDS, *plug_ins.names}))
-    raise address.refusal(f"unknown kind of address; known are {known} and a bare device path")
+    points = entry_points(group=group)
+    return [PlugIn(each, f"{each.name}://" if group == TRANSPORTS else "discovery") for each in points]
+
+
+class PlugInTransport(WrappedTransport):
+    """The transport of another package: whatever it raises is an error of ours that names the package."""
+
+    def __init__(self, inner: Transport, package: str) -> None:
+        """Wrap `inner`, which `package` has made."""
+        super().__init__(inner)
+        self._package = package
+
+    async def _open(self) -> None:
+        try:
+            await super()._open()
+        except TransportError:
+            raise
+        except Exception:
+            with suppress(Exception):  # it may have opened something before it failed
+                await self._inner.close()
+            raise
+
+    async def _close(self) -> None:
+        try:
+            async with asyncio.timeout(_CLOSE_LIMIT):
+                await super()._close()
+        except Exception as error:  # noqa: BLE001 - closing goes on, whatever the package raises
+            self._inner_is_open = False  # closing it again would do no better
+            _logger.warning("%s: closing it failed: %s", escape(self.url), escape(self._explain(error)))
+
+    def _explain(self, error: Exception) -> str:
+        return f"{type(error).__name__}: {error} (raised by the plug-in {self._package})"
+
+
+def _create_with(plug_in: PlugIn, address: Address) -> Transport:
+    with plug_in.blamed():
+        transport = plug_in.load()(address)
+    if not isinstance(transport, Transport):
+        raise plug_in.broken(f"it returned {type(transport).__name__} instead of a transport")
+    return PlugInTransport(transport, plug_in.package)
 
 
 def _load(address: Address, kind: _Kind) -> Factory:
@@ -57,27 +144,5 @@ def _load(address: Address, kind: _Kind) -> Factory:
         return cast("Factory", getattr(import_module(kind.module), kind.function))
     except Exception as error:  # another package of the library's name fails in any way, not by ImportError alone
         cure = f"; try: pip install --force-reinstall {kind.needs}" if kind.needs else ""
-        raise address.refusal(f"{address.scheme}:// cannot be loaded: {_named(error)}{cure}") from error
-
-
-def _from_plug_in(address: Address, plug_in: EntryPoint) -> Transport:
-    try:
-        transport = plug_in.load()(address)
-    except TransportError:
-        raise
-    except Exception as error:
-        raise _broken(address, plug_in, _named(error)) from error
-    if not isinstance(transport, Transport):
-        raise _broken(address, plug_in, f"it made no transport but {type(transport).__name__}")
-    return transport
-
-
-def _broken(address: Address, plug_in: EntryPoint, reason: str) -> TransportUnavailable:
-    package = plug_in.dist.name if plug_in.dist else plug_in.value
-    return address.refusal(
-        f"the plug-in {escape(package)} for {address.scheme}:// is broken: {reason}; update or remove it"
-    )
-
-
-def _named(error: Exception) -> str:
-    return escape(f"{type(error).__name__}: {error}")
+        reason = f"{type(error).__name__}: {error}"
+        raise TransportUnavailable(f"{address.scheme}:// cannot be loaded: {reason}{cure}") from error

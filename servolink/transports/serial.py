@@ -1,4 +1,4 @@
-"""A board on a serial port, through pyserial-asyncio."""
+"""Serial ports, through pyserial-asyncio."""
 
 from __future__ import annotations
 
@@ -14,25 +14,24 @@ import serial  # type: ignore[import-untyped]
 import serial_asyncio  # type: ignore[import-untyped]
 
 from servolink.errors import OpenError
-from servolink.escaping import escape
 from servolink.transports.address import Address
-from servolink.transports.serial_ports import present
+from servolink.transports.serial_ports import list_ports
 from servolink.transports.stream import StreamTransport
 
-_CLOSE_LIMIT = 0.2  # seconds that the event loop stands still at most
-_OPENING_LIMIT = 0.5  # seconds that who is cancelled while opening waits for the system
+_CLOSE_LIMIT = 0.2  # seconds that closing may block the event loop
+_OPENING_LIMIT = 0.5  # seconds that a cancelled opening waits for the system
 _ABSENT = {errno.ENOENT, errno.ENODEV, errno.ENXIO}
 _BUSY = {errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK}
 _FORBIDDEN = {errno.EACCES, errno.EPERM}
 
 
 class _Port(serial.Serial):  # type: ignore[misc]
-    """A port that reports a failure once to `failed`, where pyserial-asyncio would log it or close twice."""
+    """A port that reports a failure to `failed`, where pyserial-asyncio would log it or close twice."""
 
     failed: Callable[[Exception], None]
 
     def read(self, size: int = 1) -> bytes:
-        """Read what pyserial-asyncio was told is there; if it is not, pyserial finds out why, with `select`."""
+        """Read without `select`, as pyserial-asyncio knows that data is there; if not, let pyserial find out why."""
         try:  # on Windows, where a port has no descriptor, this fails with an OSError too
             if data := os.read(self.fileno(), size):
                 return data
@@ -45,7 +44,7 @@ class _Port(serial.Serial):  # type: ignore[misc]
             return b""
 
     def write_at_once(self, data: bytes) -> int:
-        """Return how much of `data` the system took; if not all, the write that waits for it finds out why."""
+        """Return how much of `data` the system took; after a failure 0, and the next `write` finds out why."""
         try:
             return os.write(self.fileno(), data)
         except OSError:
@@ -67,16 +66,16 @@ class _Port(serial.Serial):  # type: ignore[misc]
             return 0
 
     def flush(self) -> None:
-        """Drop what the device does not take: waiting for it, as pyserial does, can last for ever."""
+        """Drop the bytes that the device does not take: waiting for it, as pyserial does, can last for ever."""
         try:
-            if self.out_waiting:  # never otherwise: a pseudo-terminal would drop what its reader has yet to read
+            if self.out_waiting:  # only then: a pseudo-terminal would drop bytes that its reader has yet to read
                 self.reset_output_buffer()
         except OSError:
             pass  # unplugged: nothing is left to drop
 
     def close(self) -> None:
-        """Let go of the port; a device that takes nothing holds Linux up for 30 s, but not our event loop."""
-        if not self.is_open or sys.is_finalizing():  # a thread that is begun at the end of the program never runs
+        """Close in a thread: a device that takes nothing makes Linux wait for 30 s, which must not block the loop."""
+        if not self.is_open or sys.is_finalizing():  # a thread started at the end of the program never runs
             super().close()
             return
         closing = threading.Thread(target=super().close, name="servolink port", daemon=True)
@@ -104,7 +103,7 @@ class SerialTransport(StreamTransport):
             await asyncio.shield(opening)
         except asyncio.CancelledError:
             opening.add_done_callback(self._close_late)
-            # Who tries again at once would find the port in use, by us; one that is stuck closes itself later.
+            # A caller that tries again at once would find the port in use, by us; a stuck one closes itself later.
             await asyncio.wait((opening,), timeout=_OPENING_LIMIT)
             raise
         pipe, _ = await serial_asyncio.connection_for_serial(loop, lambda: self, self._port)
@@ -116,7 +115,7 @@ class SerialTransport(StreamTransport):
             self._port.port = self._device
             self._port.open()
         except Exception as error:  # OSError, ValueError for baud rate or name, termios.error, which is neither
-            raise OpenError(f"{escape(self.url)}: {_reason(self._device, error)}") from error
+            raise OpenError(f"{self.url}: {_reason(self._device, error)}") from error
 
     def _close_late(self, opening: asyncio.Future[None]) -> None:
         if not opening.cancelled() and opening.exception() is None:
@@ -128,7 +127,7 @@ class SerialTransport(StreamTransport):
         self._lose(gone)
 
     def _write(self, pipe: asyncio.Transport, data: bytes) -> None:
-        """Do not wait a turn of the loop for what the system takes at once, which is most often all."""
+        """Write at once what the system takes, usually everything, instead of one turn of the loop later."""
         taken = 0 if self._full else self._port.write_at_once(data)
         if taken < len(data):
             pipe.write(data[taken:])
@@ -143,31 +142,28 @@ class SerialTransport(StreamTransport):
 def _reason(device: str, error: Exception) -> str:
     code = getattr(error, "errno", None)
     text = str(error)  # on Windows, pyserial has only the text
-    displayed = escape(device)
     if code in _ABSENT or "FileNotFoundError" in text:
-        return f"there is no {displayed}; plug the board in and switch it on; {_present()}"
+        return f"there is no {device}; plug the board in and switch it on; {_ports_here()}"
     if code in _BUSY or "PermissionError" in text:
-        return (
-            f"{displayed} is in use; close the program that has it (another servolink, a serial monitor, ModemManager)"
-        )
+        return f"{device} is in use; close the program that has it (another servolink, a serial monitor, ModemManager)"
     if code in _FORBIDDEN:
         return (
-            f"no permission for {displayed}; on Linux join its group, `sudo usermod -aG dialout $USER` "
+            f"no permission for {device}; on Linux join its group, `sudo usermod -aG dialout $USER` "
             f"(uucp on Arch), then log out and in"
         )
     if code in {errno.EISDIR, errno.ENOTTY} or "Could not configure port" in text:
-        return f"{displayed} is no serial port; {_present()}"
-    return f"cannot open {displayed}: {escape(text)}"
+        return f"{device} is not a serial port; {_ports_here()}"
+    return f"cannot open {device}: {text}"
 
 
-def _present() -> str:
-    ports = ", ".join(sorted(escape(port.device) for port in present()))
-    return f"ports that are there: {ports}" if ports else "no serial port is there"
+def _ports_here() -> str:
+    ports = ", ".join(sorted(port.device for port in list_ports()))
+    return f"the serial ports here: {ports}" if ports else "no serial port is here"
 
 
 def from_address(address: Address) -> SerialTransport:
     """Make the transport for `serial:///dev/ttyACM0?baudrate=115200&dtr=0&rts=0` or `serial://COM3`."""
-    device = address.host + address.path
+    device = address.serial_device
     if not device or address.port:
         raise address.refusal("must name a device: serial:///dev/ttyACM0 or serial://COM3")
     baudrate = address.integer("baudrate", 115200, 50, 12_000_000)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from time import monotonic
 from typing import Any
 
@@ -12,16 +13,15 @@ import usb.core  # type: ignore[import-untyped]
 import usb.util  # type: ignore[import-untyped]
 
 from servolink.errors import OpenError
-from servolink.escaping import escape
 from servolink.transports.address import Address
-from servolink.transports.device_info import UDEV_CURE, PortIdentity, only
+from servolink.transports.device_info import UDEV_CURE, PortIdentity, choose_only
 from servolink.transports.threaded import DeviceTransport
 from servolink.transports.usb_devices import Endpoints, UsbInterface, backend, boards
 
-_TRANSFER_LIMIT = 250  # milliseconds; transfers that are broken off sooner have lost packets on some systems
+_TRANSFER_LIMIT = 250  # milliseconds; on some systems, transfers cancelled sooner have lost packets
 _WRITE_SIZE = 16384
-_STALE_LIMIT = 1.0  # seconds for which a device may bring what somebody else asked for
-_HALTS = 10  # so many in a row, with nothing in between, are no disturbance any more
+_STALE_LIMIT = 1.0  # seconds for which a device may send what another program asked for
+_HALTS = 10  # so many in a row, with no data in between, are more than a disturbance
 
 
 class UsbDevice:
@@ -32,31 +32,29 @@ class UsbDevice:
         url: str,
         wanted: PortIdentity,
         *,
-        interface: int | None = None,
         incoming: int | None = None,
         outgoing: int | None = None,
         library: Any = None,
     ) -> None:
-        """Lead to the only interface that fits; what is None is as described; `library` is pyusb's backend."""
+        """Lead to the only interface that fits, by its first bulk endpoints; `library` is pyusb's backend."""
         self._url = url
         self._wanted = wanted
-        self._interface = interface
         self._incoming = incoming
         self._outgoing = outgoing
         self._library = library
 
     def open(self) -> OpenUsb:
-        """Find and open it, or raise OpenError; what it brings without being asked is dropped."""
+        """Find and open it, or raise OpenError; drop what an earlier program left unread."""
         library = self._library or backend()
-        found = boards(library, self._wanted, self._interface)
+        found = boards(library, self._wanted)
         kind = f"USB device {self._wanted}"
-        if self._interface is not None:
-            kind += f" with a pair of bulk endpoints on interface {self._interface}"
-        board = only(self._url, kind, found, [] if found else boards(library))
+        if self._wanted.interface is not None:
+            kind += f" with a pair of bulk endpoints on interface {self._wanted.interface}"
+        board = choose_only(self._url, kind, found, [] if found else boards(library))
         endpoints = board.endpoints(self._incoming, self._outgoing)
         if endpoints is None:
             present = ", ".join(f"{each.bEndpointAddress:#04x}" for each in board.interface)
-            raise OpenError(f"{escape(self._url)}: the interface has no such endpoints; it has {present}")
+            raise OpenError(f"{self._url}: the interface has no such endpoints; it has {present}")
         undo = ExitStack()
         try:
             _claim(board, undo)
@@ -64,7 +62,7 @@ class UsbDevice:
             opened.drop_stale()
         except Exception as error:
             undo.close()
-            raise OpenError(f"{escape(self._url)}: {_reason(error)}") from error
+            raise OpenError(f"{self._url}: {_reason(error)}") from error
         return opened
 
 
@@ -72,14 +70,14 @@ class OpenUsb:
     """A claimed interface."""
 
     def __init__(self, device: Any, endpoints: Endpoints, undo: ExitStack) -> None:
-        """Use `device`, pyusb's; `undo` gives it back."""
+        """Use `device`, pyusb's; `undo` releases it."""
         self._device = device
         self._endpoints = endpoints
         self._undo = undo
         self._halts = 0
 
     def drop_stale(self) -> None:
-        """Drop what an earlier program has asked for and not read, as it would answer our first question."""
+        """Drop responses that an earlier program did not read: they would answer our first request."""
         until = monotonic() + _STALE_LIMIT
         while self._packet() is not None and monotonic() < until:
             pass
@@ -96,18 +94,18 @@ class OpenUsb:
             yield b""
 
     def write(self, piece: bytes) -> bytes | None:
-        """Offer `piece`; return what was not taken in time."""
+        """Offer `piece`; return the rest that was not taken in time, None if all was."""
         try:
             taken = self._device.write(self._endpoints.outgoing, piece, _TRANSFER_LIMIT)
         except usb.core.USBTimeoutError:
             return piece
         except (usb.core.USBError, ValueError) as error:  # ValueError: gone before its descriptors were needed
             self._recover(self._endpoints.outgoing, error)
-            return None  # nobody knows how much was taken, and what is sent again could be done twice
+            return None  # it is unknown how much was taken, and bytes sent again could be carried out twice
         return piece[taken:] if taken < len(piece) else None
 
     def close(self) -> None:
-        """Give it back, to the kernel's driver if that had it."""
+        """Release it, to the kernel's driver if that had it."""
         self._undo.close()
 
     def _packet(self) -> bytes | None:
@@ -135,7 +133,7 @@ class OpenUsb:
 
 
 def _claim(board: UsbInterface, undo: ExitStack) -> None:
-    """Take the interface; `undo` gets what gives it back, in every state."""
+    """Take the interface; `undo` gets the steps that release it, however far this comes."""
     device, number = board.device, board.number
     undo.callback(_quietly, usb.util.dispose_resources, device)
     _configure(device, board.configuration.bConfigurationValue)
@@ -150,7 +148,7 @@ def _claim(board: UsbInterface, undo: ExitStack) -> None:
 
 
 def _configure(device: Any, wanted: int) -> None:
-    """Set the configuration, but not again: that would reset the whole device."""
+    """Set the configuration unless it is set: setting it again would reset the whole device."""
     try:
         if device.get_active_configuration().bConfigurationValue == wanted:
             return
@@ -176,27 +174,20 @@ def _reason(error: Exception) -> str:
         return "it has just vanished; plug the board in again"
     if isinstance(error, NotImplementedError):
         return "Windows has no driver for it that lets programs use it; give it WinUSB, with the program Zadig"
-    return f"cannot open it: {escape(str(error))}; plug the board in again"
+    return f"cannot open it: {error}; plug the board in again"
 
 
 def _gone(error: Exception) -> ConnectionResetError:
-    return ConnectionResetError(f"the device is gone: {escape(str(error))}; is it unplugged or switched off?")
+    return ConnectionResetError(f"the device is gone: {error}; is it unplugged or switched off?")
 
 
 def from_address(address: Address) -> DeviceTransport:
     """Make the transport for `usb://VID:PID/SERIAL?interface=0&in=0x81&out=0x01`."""
-    wanted = PortIdentity.of(address)
+    wanted = PortIdentity.from_address(address)
     interface = address.integer("interface", -1, 0, 255)
+    if interface >= 0:
+        wanted = replace(wanted, interface=interface)
     incoming = address.integer("in", 0, 0x81, 0x8F) or None
     outgoing = address.integer("out", 0, 0x01, 0x0F) or None
     address.refuse_unknown()
-    return DeviceTransport(
-        address.url,
-        UsbDevice(
-            address.url,
-            wanted,
-            interface=None if interface < 0 else interface,
-            incoming=incoming,
-            outgoing=outgoing,
-        ),
-    )
+    return DeviceTransport(address.url, UsbDevice(address.url, wanted, incoming=incoming, outgoing=outgoing))

@@ -1,10 +1,10 @@
-"""Which USB devices have an interface that can be a board's: vendor-defined, with a pair of bulk endpoints."""
+"""The USB interfaces that can be boards: vendor-defined, with a pair of bulk endpoints."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,13 +12,13 @@ import usb.core  # type: ignore[import-untyped]
 import usb.util  # type: ignore[import-untyped]
 
 from servolink.errors import TransportUnavailable
-from servolink.escaping import escape
-from servolink.transports.device_info import UDEV_CURE, DeviceInfo, PortIdentity, is_accessible, url_of
+from servolink.transports.device_info import ANY_DEVICE, UDEV_CURE, DeviceInfo, PortIdentity, is_accessible
 
 _DESCRIPTIONS = Path("/sys/bus/usb/devices")
 _NODES = Path("/dev/bus/usb")
 _VENDOR_CLASS = 0xFF
 _BULK = 2
+_FREE = {"", "usbfs"}  # drivers of an interface that no kernel driver uses
 
 
 class Endpoints(NamedTuple):
@@ -37,11 +37,10 @@ class UsbInterface:
     device: Any
     configuration: Any
     interface: Any
-    serial_number: str
+    identity: PortIdentity
     product: str
-    manufacturer: str
     driver: str  # the kernel's, where that can be seen; "usbfs" is another program
-    alone: bool  # whether no other one of its device can be a board's
+    alone: bool  # whether no other interface of its device can be a board's
 
     @property
     def number(self) -> int:
@@ -51,12 +50,11 @@ class UsbInterface:
     @property
     def url(self) -> str:
         """Its address, with its number where that tells it from others of its device."""
-        option = "" if self.alone else f"interface={self.number}"
-        return url_of("usb", self.device.idVendor, self.device.idProduct, self.serial_number, option)
+        return self.identity.url("usb", "" if self.alone else f"interface={self.number}")
 
     @property
     def problem(self) -> str:
-        """Why it cannot be opened, and what to do; empty if nothing is known."""
+        """Why it cannot be opened, and what to do; empty if nothing is known to prevent it."""
         node = _NODES / f"{self.device.bus or 0:03d}" / f"{self.device.address or 0:03d}"
         if not is_accessible(str(node)):
             return f"no permission for {node}; {UDEV_CURE}"
@@ -65,7 +63,7 @@ class UsbInterface:
         return ""
 
     def endpoints(self, incoming: int | None = None, outgoing: int | None = None) -> Endpoints | None:
-        """Return those with the given addresses, or for None the first bulk endpoint of each direction."""
+        """Return the endpoints with these addresses, for None the first bulk one; None if there are none."""
         into, out = self._endpoint(incoming, 0x80), self._endpoint(outgoing, 0)
         if into is None or out is None:
             return None
@@ -92,37 +90,35 @@ def backend() -> Any:
 
         found = libusb_package.get_libusb1_backend()
     except Exception as error:
-        raise TransportUnavailable(f"usb:// cannot load libusb: {escape(str(error))}; try: {cure}") from error
+        raise TransportUnavailable(f"usb:// cannot load libusb: {error}; try: {cure}") from error
     if found is None:
-        raise TransportUnavailable(f"usb:// found no libusb that can be loaded; try: {cure}")
+        raise TransportUnavailable(f"usb:// cannot find libusb; try: {cure}")
     return found
 
 
-def boards(library: Any, wanted: PortIdentity | None = None, number: int | None = None) -> list[UsbInterface]:
+def boards(library: Any, wanted: PortIdentity = ANY_DEVICE) -> list[UsbInterface]:
     """List what can be a board and fits; what a kernel driver uses, as of serial adapters, only if its id is given."""
-    wanted = wanted or PortIdentity()
-    of_its_kind = replace(wanted, serial_number="")  # the serial number is asked of these only
     found: list[UsbInterface] = []
     devices: Any = usb.core.find(find_all=True, backend=library)
     for device in devices:
-        fitting = list(_bulk_interfaces(device, number))
-        if fitting and of_its_kind.fits(device.idVendor, device.idProduct, ""):
-            serial_number, product, manufacturer = _texts(device)
-            if wanted.fits(device.idVendor, device.idProduct, serial_number):
-                found += [
-                    UsbInterface(
-                        device,
-                        configuration,
-                        interface,
-                        serial_number,
-                        product,
-                        manufacturer,
-                        _driver(device, configuration, interface),
-                        alone=len(fitting) == 1,
-                    )
-                    for configuration, interface in fitting
-                ]
-    return [each for each in found if not wanted.is_any or each.driver in {"", "usbfs"}]
+        fitting = list(_bulk_interfaces(device, wanted.interface))
+        # Asking for texts may open the device: only one that fits otherwise is asked.
+        ids = PortIdentity(device.idVendor, device.idProduct, wanted.serial_number, wanted.interface)
+        if fitting and wanted.fits(ids):
+            serial_number, product = _texts(device)
+            found += [
+                UsbInterface(
+                    device,
+                    configuration,
+                    interface,
+                    PortIdentity(device.idVendor, device.idProduct, serial_number, interface.bInterfaceNumber),
+                    product,
+                    _driver(device, configuration, interface),
+                    alone=len(fitting) == 1,
+                )
+                for configuration, interface in fitting
+            ]
+    return [each for each in found if wanted.fits(each.identity) and not (wanted.is_any and each.driver not in _FREE)]
 
 
 def _bulk_interfaces(device: Any, number: int | None) -> Iterator[tuple[Any, Any]]:
@@ -158,12 +154,12 @@ def _driver(device: Any, configuration: Any, interface: Any) -> str:
     return link.resolve().name if link.exists() else ""
 
 
-def _texts(device: Any) -> tuple[str, str, str]:
-    """Return serial number, product and manufacturer, on Linux without opening the device."""
+def _texts(device: Any) -> tuple[str, str]:
+    """Return serial number and product, on Linux without opening the device."""
     if folder := _description(device):
-        return _line(folder / "serial"), _line(folder / "product"), _line(folder / "manufacturer")
+        return _line(folder / "serial"), _line(folder / "product")
     try:
-        return tuple(_text(device, name) for name in ("serial_number", "product", "manufacturer"))  # type: ignore[return-value]
+        return _text(device, "serial_number"), _text(device, "product")
     finally:
         usb.util.dispose_resources(device)
 
@@ -184,4 +180,4 @@ def _text(device: Any, name: str) -> str:
 
 def candidates() -> list[DeviceInfo]:
     """List the USB interfaces that can be a board's; TransportUnavailable says what to install."""
-    return [DeviceInfo(each.url, each.product, each.serial_number, each.problem) for each in boards(backend())]
+    return [DeviceInfo(each.url, each.product, each.identity, each.problem) for each in boards(backend())]

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.discovery.names import Alias, _toml, aliases_path, is_name, load_aliases, resolved, save_alias
+from servolink.discovery.names import Alias, _toml, aliases_path, is_name, load_aliases, resolve_url, save_alias
 from servolink.errors import TransportUnavailable
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]))
@@ -70,7 +70,7 @@ def test_a_user_without_a_home_has_no_names(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(platformdirs, "user_config_path", homeless)
     assert load_aliases() == {}
     with pytest.raises(TransportUnavailable, match=r"neither an address nor a name \(none is known\)"):
-        asyncio.run(resolved("left"))
+        asyncio.run(resolve_url("left"))
     with pytest.raises(TransportUnavailable, match=r"names for boards cannot be kept: could not .* set HOME"):
         save_alias("left", Alias("tcp://pi:9000"))
 
@@ -96,7 +96,7 @@ def test_what_a_terminal_would_obey_is_escaped_in_the_file(path: Path) -> None:
 
 def test_an_address_that_is_no_text_is_refused(path: Path) -> None:
     save_alias("left", Alias("tcp://pi:9000"))
-    with pytest.raises(TransportUnavailable, match=r"/dev/\\xff: holds bytes that are no text; write each as in %FF"):
+    with pytest.raises(TransportUnavailable, match=r"/dev/\\xff: holds bytes that are not text; write each as in %FF"):
         save_alias("right", Alias("serial:///dev/\udcff"))
     assert load_aliases() == {"left": Alias("tcp://pi:9000")}
 
@@ -109,7 +109,7 @@ def test_an_address_that_is_no_text_is_refused(path: Path) -> None:
         (b"boards = 3", "$.boards"),
         (b"[boards.a]\nurl = 3", "$.boards"),
         (b"[boards.a]\nport = 'x'", "port"),
-        (b"[boards.'a b']\nurl = 'x'", "'a b' is no name"),
+        (b"[boards.'a b']\nurl = 'x'", "'a b' cannot be a name"),
         (b"[colours]", "colours"),
         (b"x = " + b"[" * 5000, ""),
     ],

@@ -6,16 +6,16 @@ import pytest
 
 from servolink.discovery.search import boards, only
 from servolink.errors import OpenError
-from servolink.transports.device_info import DeviceInfo
+from servolink.transports.device_info import DeviceInfo, PortIdentity
 
-SERIAL = DeviceInfo("serial:///dev/ttyACM0", "board", "A1")
-HID = DeviceInfo("hid://1234:5678/A1", "board", "A1")
-USB = DeviceInfo("usb://1234:5678/A1", "board", "A1", "no permission")
+SERIAL = DeviceInfo("serial:///dev/ttyACM0", "board", PortIdentity(serial_number="A1"))
+HID = DeviceInfo("hid://1234:5678/A1", "board", PortIdentity(serial_number="A1"))
+USB = DeviceInfo("usb://1234:5678/A1", "board", PortIdentity(serial_number="A1"), "no permission")
 OTHER = DeviceInfo("serial:///dev/ttyUSB0", "adapter")
 
 
 def forbidden(candidate: DeviceInfo) -> DeviceInfo:
-    return DeviceInfo(candidate.url, candidate.product, candidate.serial_number, "no permission")
+    return DeviceInfo(candidate.url, candidate.product, candidate.identity, "no permission")
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def test_a_board_is_reached_in_several_ways(candidates: list[DeviceInfo], found:
 
 
 def test_a_number_that_two_ports_have_tells_nothing() -> None:
-    twin = DeviceInfo("serial:///dev/ttyACM1", "board", "A1")
+    twin = DeviceInfo("serial:///dev/ttyACM1", "board", PortIdentity(serial_number="A1"))
     assert boards([SERIAL, twin]) == [SERIAL, twin]
 
 
@@ -58,4 +58,4 @@ def test_otherwise_it_says_what_is_here(candidates: list[DeviceInfo], named: lis
 
 def test_what_a_device_calls_itself_is_made_safe() -> None:
     with pytest.raises(OpenError, match=r"hid://1:2/\\x1b\[2J"):
-        only([SERIAL, DeviceInfo("hid://1:2/\x1b[2J", serial_number="\x1b[2J")])
+        only([SERIAL, DeviceInfo("hid://1:2/\x1b[2J", identity=PortIdentity(serial_number="\x1b[2J"))])

@@ -12,12 +12,14 @@ import pytest
 from servolink.cli import boards as list_command
 from servolink.cli import boards as use
 from servolink.cli import session as choosing
-from servolink.transports.device_info import DeviceInfo
+from servolink.transports.device_info import DeviceInfo, PortIdentity
 from tests.cli.programs import call, finished, in_terminal, program, started
 
-BOARD = DeviceInfo("virtual://?servos=3", "toy board", "A1")
-CLOSED = DeviceInfo("hid://1234:5678/B2", "other \x1b[31mboard", "B2", "no permission for /dev/hidraw0")
-PORT = DeviceInfo("serial:///dev/ttyACM7", "board", "C3")
+BOARD = DeviceInfo("virtual://?servos=3", "toy board", PortIdentity(serial_number="A1"))
+CLOSED = DeviceInfo(
+    "hid://1234:5678/B2", "other \x1b[31mboard", PortIdentity(serial_number="B2"), "no permission for /dev/hidraw0"
+)
+PORT = DeviceInfo("serial:///dev/ttyACM7", "board", PortIdentity(serial_number="C3"))
 
 
 @pytest.fixture(autouse=True)
@@ -77,10 +79,10 @@ def test_list_without_a_board_is_3(here: Callable[..., None], capsys: pytest.Cap
 
 
 def test_list_names_boards(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
-    here(BOARD, PORT, DeviceInfo("serial:///dev/ttyACM9", "board", "D4"))
+    here(BOARD, PORT, DeviceInfo("serial:///dev/ttyACM9", "board", PortIdentity(serial_number="D4")))
     assert call(capsys, "use", "left", "serial:///dev/ttyACM7").code == 0
     assert call(capsys, "use", "gone", "serial:///dev/ttyACM9").code == 0
-    here(BOARD, DeviceInfo("serial:///dev/ttyACM8", "board", "C3"))
+    here(BOARD, DeviceInfo("serial:///dev/ttyACM8", "board", PortIdentity(serial_number="C3")))
     boards = call(capsys, "list", "--json").json["boards"]
     assert [(board["url"], board["name"]) for board in boards] == [(BOARD.url, None), ("serial:///dev/ttyACM8", "left")]
 

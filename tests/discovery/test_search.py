@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import sys
 from importlib import import_module
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -12,20 +14,71 @@ from serial.tools import list_ports, list_ports_common  # type: ignore[import-un
 
 from servolink.discovery import search
 from servolink.discovery.announcements import announced
+from servolink.doctor.examine import examine
+from servolink.doctor.system import SystemFacts
 from servolink.transports import serial_ports
-from servolink.transports.device_info import DeviceInfo
+from servolink.transports.device_info import DeviceInfo, PortIdentity
+from servolink.transports.serial_ports import PortTracker
+from tests.virtual_time import run
 
 
-def port(device: str, vid: int | None = None, product: str | None = None, number: str | None = None) -> object:
+def port(
+    device: str, vid: int | None = None, product: str | None = None, number: str | None = None, location: str = ""
+) -> object:
     found = list_ports_common.ListPortInfo(device)
-    found.vid, found.product, found.serial_number = vid, product, number
+    found.vid, found.product, found.serial_number, found.location = vid, product, number, location
     return found
+
+
+def followed(url: str, monkeypatch: pytest.MonkeyPatch, *looks: list[object]) -> list[str]:
+    """Return where the board that was at `url` at the first look is at each further one."""
+
+    async def follow() -> list[str]:
+        tracker = PortTracker(url)
+        monkeypatch.setattr(list_ports, "comports", lambda: looks[0])
+        await tracker.learn()
+        urls: list[str] = []
+        for look in looks[1:]:
+            monkeypatch.setattr(list_ports, "comports", lambda look=look: look)
+            urls.append(await tracker.url())
+        return urls
+
+    return run(follow())
 
 
 def test_serial_ports_on_usb_can_be_boards(monkeypatch: pytest.MonkeyPatch) -> None:
     ports = [port("COM4", 1, "board", "A1"), port("COM1"), port("COM%3", 1)]
     monkeypatch.setattr(list_ports, "comports", lambda: ports)
-    assert serial_ports.candidates() == [DeviceInfo("serial://COM4", "board", "A1"), DeviceInfo("serial://COM%253")]
+    assert serial_ports.candidates() == [
+        DeviceInfo("serial://COM4", "board", PortIdentity(1, None, "A1")),
+        DeviceInfo("serial://COM%253", identity=PortIdentity(1)),
+    ]
+
+
+def test_a_board_is_followed_to_another_port_with_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
+    url = "serial://COM4?baudrate=9600"
+    here, moved, other = (
+        port(name, 1, "board", number) for name, number in (("COM4", "A"), ("COM 7", "A"), ("COM5", "B"))
+    )
+    assert followed(url, monkeypatch, [here], [moved, other], [other], [moved, here], [here]) == [
+        "serial://COM%207?baudrate=9600",
+        url,  # it is not here
+        url,  # two cannot be told apart
+        url,
+    ]
+
+
+def test_each_port_of_a_board_with_several_is_followed_wherever_it_is_plugged_in(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    before = [port(f"COM{4 + number}", 1, "board", "A", f"1-1:1.{number}") for number in range(2)]
+    after = [port(f"COM{9 - number}", 1, "board", "A", f"1-4.2:1.{number}") for number in range(2)]
+    assert followed("COM5", monkeypatch, before, after) == ["serial://COM8"]
+
+
+@pytest.mark.parametrize("url", ["COM4", "tcp://COM4:1", "no address", "serial://COM9"])
+def test_only_a_port_with_a_serial_number_is_followed(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert followed(url, monkeypatch, [port("COM4", 1)], [port("COM7", 1)]) == [url]
 
 
 def test_a_device_that_vanishes_while_ports_are_listed_hides_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -37,9 +90,9 @@ def test_a_device_that_vanishes_while_ports_are_listed_hides_no_other(monkeypatc
         return [port("COM4", 1)]
 
     monkeypatch.setattr(list_ports, "comports", comports)
-    assert serial_ports.candidates() == [DeviceInfo("serial://COM4")]
+    assert serial_ports.candidates() == [DeviceInfo("serial://COM4", identity=PortIdentity(1))]
     looks[:] = [OSError()] * 3
-    assert serial_ports.present() == []
+    assert serial_ports.list_ports() == []
 
 
 def test_a_port_that_may_not_be_opened_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,6 +117,66 @@ def test_a_library_that_is_missing_or_broken_hides_only_its_own_kind(monkeypatch
     monkeypatch.setattr(search, "_KINDS", ("a", "missing", "b"))
     monkeypatch.setattr(search, "import_module", kinds.__getitem__)
     assert search.search() == [DeviceInfo("tcp://x:1")]
+
+
+PLUG_IN = """
+from servolink.errors import TransportUnavailable
+from servolink.transports.device_info import DeviceInfo
+
+def finds():
+    yield DeviceInfo("acme://1", "toy")
+
+def fails():
+    yield DeviceInfo("acme://2")
+    raise KeyError("acme\x1b")
+
+def misses_its_library():
+    raise TransportUnavailable("acme:// needs the package toylib")
+
+def returns_texts():
+    return ["acme://3"]
+"""
+
+
+@pytest.fixture
+def _plug_ins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Install a package that adds to the search, as pip would."""
+    (tmp_path / "acme_search.py").write_text(PLUG_IN)
+    information = tmp_path / "acme_search-1.0.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: acme-search\nVersion: 1.0\n")
+    names = ["fails", "finds", "misses_its_library", "returns_texts", "missing"]
+    (information / "entry_points.txt").write_text(
+        "\n".join(["[servolink.discovery]", *(f"{name} = acme_search:{name}" for name in names)])
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "acme_search", raising=False)
+    monkeypatch.setattr(search, "_KINDS", ())
+
+
+@pytest.mark.usefixtures("_plug_ins")
+def test_another_package_may_add_to_the_search_and_a_broken_one_hides_nothing_else() -> None:
+    found = search.find_devices()
+    assert found.devices == search.search() == [DeviceInfo("acme://1", "toy")]
+    assert sorted(str(failure) for failure in found.failures) == [
+        "acme:// needs the package toylib",
+        *(
+            f"the plug-in acme-search for discovery is broken: {reason}; update or remove it"
+            for reason in (
+                "AttributeError: module 'acme_search' has no attribute 'missing'",
+                "KeyError: 'acme\\x1b'",
+                "it returned str instead of a DeviceInfo",
+            )
+        ),
+    ]
+
+
+@pytest.mark.usefixtures("_plug_ins")
+def test_the_doctor_names_the_plug_ins_that_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    report = run(examine(SystemFacts(), None))
+    named = [finding for finding in report.findings if finding.check == "plug-in"]
+    assert len(named) == 4
+    assert all("hidden" in finding.means for finding in named)
 
 
 def test_nothing_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:

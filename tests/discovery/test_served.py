@@ -60,6 +60,19 @@ def test_a_folder_that_others_may_write_to_is_not_trusted(folder: Path) -> None:
         assert candidates() == [BOARD]
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="the mode is that of Unix")
+def test_a_board_is_never_announced_in_a_folder_of_somebody_else(folder: Path, tmp_path: Path) -> None:
+    (others := tmp_path / "others").mkdir(mode=0o700)
+    folder.symlink_to(others)
+    with announced(BOARD):
+        assert list(others.iterdir()) == []
+    folder.unlink()
+    folder.mkdir()
+    folder.chmod(0o777)
+    with announced(BOARD):
+        assert list(folder.iterdir()) == []
+
+
 def test_a_board_is_served_unannounced_where_no_file_can_be_kept(folder: Path) -> None:
     folder.write_text("not a folder")
     with announced(BOARD):

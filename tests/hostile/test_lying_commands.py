@@ -13,6 +13,7 @@ from servolink.cli.commands import COMMANDS
 from servolink.cli.main import FAILED, NO_BOARD, OK
 from servolink.client import connect
 from servolink.connection import probe
+from servolink.discovery.search import Found
 from servolink.project.project_file import save_project
 from servolink.transports.device_info import DeviceInfo
 from tests.hostile.calls import PROJECT
@@ -84,7 +85,7 @@ def test_a_command_ends(name: str, seconds: list[float], tmp_path: Path, monkeyp
     for module in (connect, probe):
         monkeypatch.setattr(module, "create", lambda url: lying(LIES[name]))
     monkeypatch.setattr("servolink.cli.boards.discover", _one_board)
-    monkeypatch.setattr("servolink.doctor.examine.discover", _one_board)
+    monkeypatch.setattr("servolink.doctor.examine.find_devices", lambda: Found([DeviceInfo("lying://board")], []))
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     files = {"file": str(tmp_path / "file"), "new": str(tmp_path / "new")}
     save_project(tmp_path / "file", PROJECT)

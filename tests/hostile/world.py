@@ -25,7 +25,7 @@ from servolink.protocol.joystick import AddJoystickTableRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, TABLE
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
-from servolink.transports.device_info import DeviceInfo
+from servolink.transports.device_info import DeviceInfo, PortIdentity
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.state_file import save_state
 from servolink.virtual.storage import AnyType
@@ -77,7 +77,9 @@ class World:
                 folder.mkdir(mode=0o700, exist_ok=True)
                 patch.setenv(name, str(folder))
             name = _only_text(self.name)
-            with announced(DeviceInfo(f"serial:///dev/{_only_text(self.place)}", name, name, name)):
+            with announced(
+                DeviceInfo(f"serial:///dev/{_only_text(self.place)}", name, PortIdentity(serial_number=name), name)
+            ):
                 yield
 
     def url(self, board: str) -> str:

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.errors import TransportUnavailable
+from servolink.errors import InvalidAddress, TransportUnavailable
 from servolink.escaping import escape
 from servolink.transports.address import Address
 
@@ -68,14 +70,14 @@ def test_options_that_are_not_given_have_defaults() -> None:
 @pytest.mark.parametrize("text", ["", "10", "-1", "1_0", "1.0", "\uff11", " 1", "9" * 5000, "nan"])
 def test_an_integer_out_of_range_or_form_is_refused(text: str) -> None:
     address = Address.parse(f"x://?count={text}")
-    with pytest.raises(TransportUnavailable, match=r"option count is .* a whole number from 0 to 9"):
+    with pytest.raises(TransportUnavailable, match=r"option count must be an integer from 0 to 9"):
         address.integer("count", 0, 0, 9)
 
 
 @pytest.mark.parametrize("text", ["", "1.5", "-1", "nan", "inf", "1e999", "0x1", "1e", "."])
 def test_a_number_out_of_range_or_form_is_refused(text: str) -> None:
     address = Address.parse(f"x://?drop={text}")
-    with pytest.raises(TransportUnavailable, match=r"option drop is .* a number from 0 to 1"):
+    with pytest.raises(TransportUnavailable, match=r"option drop must be a number from 0 to 1"):
         address.number("drop", 0.0, 0.0, 1.0)
 
 
@@ -88,8 +90,23 @@ def test_unknown_options_are_refused_with_the_known_ones() -> None:
     address = Address.parse("x://?baudrat=1")
     address.integer("baudrate", 115200, 1, 10**6)
     address.flag("dtr", default=False)
-    with pytest.raises(TransportUnavailable, match="unknown option baudrat; x:// knows: baudrate, dtr"):
+    with pytest.raises(TransportUnavailable, match="unknown option baudrat; x:// has: baudrate, dtr"):
         address.refuse_unknown()
+
+
+def test_an_option_that_belongs_to_the_connection_is_refused_with_where_it_is_set() -> None:
+    with pytest.raises(InvalidAddress, match=r"x:// has: none; the byte order is set with --byte-order in a shell"):
+        Address.parse("x://?byte_order=big").refuse_unknown()
+
+
+def test_a_serial_device_is_the_same_whichever_of_its_names_is_written(tmp_path: Path) -> None:
+    link = tmp_path / "usb-board"
+    link.symlink_to("/dev/ttyACM0")
+    for url in ("/dev/ttyACM0", "serial:///dev/ttyACM0?baudrate=9600", f"serial://{link}", str(link)):
+        assert Address.parse(url).serial_device == "/dev/ttyACM0"
+    assert [Address.parse(url).serial_device for url in ("com3", "serial://COM3", "\\\\.\\COM3")] == ["COM3"] * 3
+    assert Address.parse("serial://board").serial_device == "board"
+    assert Address.parse("tcp://ttyACM0:1").serial_device == ""
 
 
 @pytest.mark.parametrize("port", ["", "0", "65536", "-1", "http", "9" * 10000])
@@ -101,10 +118,10 @@ def test_a_port_is_a_number_from_1_to_65535(port: str) -> None:
 @pytest.mark.parametrize(
     ("url", "text"),
     [
-        ("", "an empty text: is no address; write it as serial:///dev/ttyACM0"),
+        ("", "an empty text: is not an address; write it as serial:///dev/ttyACM0"),
         ("ttyACM0", "write it as serial:///dev/ttyACM0"),
         ("localhost:9000", "tcp://host:port"),
-        ("1x://a", "is no address"),
+        ("1x://a", "is not an address"),
         ("tcp://::1:9000", "in brackets"),
         ("tcp://[::1:9000", "in brackets"),
         ("tcp://a:1?x=%zz", "write a percent sign as %25"),

@@ -156,11 +156,11 @@ def test_all_are_read_from_a_text_or_from_an_address() -> None:
     [
         (
             "drp=0.1",
-            "unknown option drp; faults:// knows: drop, flip, insert, delay, delay_time, duplicate, cut, unplug",
+            "unknown option drp; faults:// has: drop, flip, insert, delay, delay_time, duplicate, cut, unplug",
         ),
-        ("drop=2", "option drop is '2', but must be a number from 0 to 1"),
+        ("drop=2", "option drop must be a number from 0 to 1, not '2'"),
         ("drop", "must be written name=value"),
-        ("unplug=0.5", "a whole number"),
+        ("unplug=0.5", "an integer"),
         ("delay_time=-1", "a number from 0 to 3600"),
     ],
 )

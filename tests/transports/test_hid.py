@@ -13,7 +13,7 @@ import pytest
 from servolink.errors import ConnectionLost, OpenError, TransportUnavailable
 from servolink.transports import hid_devices
 from servolink.transports.base import Transport
-from servolink.transports.device_info import DeviceInfo
+from servolink.transports.device_info import DeviceInfo, PortIdentity
 from servolink.transports.registry import create
 from tests.transports.fake_hid import FakeHandle, FakeHid
 from tests.transports.rights import not_root
@@ -146,7 +146,7 @@ async def test_a_device_is_found_by_its_numbers(hid: FakeHid, url: str) -> None:
 @on_loop
 async def test_a_missing_device_is_told_with_those_that_are_there(hid: FakeHid, url: str, looked_for: str) -> None:
     text = await _open_error(url)
-    assert text.startswith(f"{url}: found no {looked_for}; plug the board in and switch it on; what is there: ")
+    assert text.startswith(f"{url}: found no {looked_for}; plug the board in and switch it on; these are here: ")
     assert text.endswith("hid://1209:0001/SN%201")
 
 
@@ -166,7 +166,7 @@ async def test_several_devices_are_named(hid: FakeHid) -> None:
 async def test_keyboards_and_mice_are_no_boards(hid: FakeHid) -> None:
     hid.entries.append({**hid.entry, "usage_page": 1, "usage": 6})  # a second collection of the same interface
     assert hid_devices.candidates() == []
-    assert "nothing of that kind is there" in await _open_error("hid://1209:0001")
+    assert "nothing of that kind is here" in await _open_error("hid://1209:0001")
     hid.entries.pop()
     another(hid, usage_page=1, usage=2)  # an interface beside it: a mouse with settings of its maker
     assert hid_devices.candidates() == []
@@ -218,8 +218,8 @@ async def test_a_device_that_hidapi_cannot_open_is_told(hid: FakeHid, monkeypatc
 def test_candidates_tell_what_there_is_without_opening_it(hid: FakeHid) -> None:
     another(hid, serial_number=None, product_string=None, usage_page=0xFFAB)
     assert hid_devices.candidates() == [
-        DeviceInfo("hid://1209:0001/SN%201", "Servo board", "SN 1", ""),
-        DeviceInfo("hid://1209:0001", "", "", ""),
+        DeviceInfo("hid://1209:0001/SN%201", "Servo board", PortIdentity(0x1209, 1, "SN 1", 2)),
+        DeviceInfo("hid://1209:0001", "", PortIdentity(0x1209, 1, "", 2)),
     ]
     assert hid.threads == set()
 
@@ -242,9 +242,9 @@ async def test_the_urls_of_candidates_lead_to_them(hid: FakeHid) -> None:
         ("hid://1209", "must be written hid://VID:PID or hid://VID:PID/SERIAL"),
         ("hid://12345:1", "must be written hid://VID:PID"),
         ("hid:///SN", "must be written hid://VID:PID"),
-        ("hid://?report_size=0", "a whole number from 1 to 4096"),
-        ("hid://?report_id=0x100", "a whole number from 0 to 255"),
-        ("hid://?interface=1", "hid:// knows: report_size, report_id, usage_page"),
+        ("hid://?report_size=0", "an integer from 1 to 4096"),
+        ("hid://?report_id=0x100", "an integer from 0 to 255"),
+        ("hid://?interface=1", "hid:// has: report_size, report_id, usage_page"),
     ],
 )
 @pytest.mark.usefixtures("hid")

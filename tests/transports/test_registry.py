@@ -1,18 +1,22 @@
 from __future__ import annotations
 
+import asyncio
 import sys
 from pathlib import Path
 
 import pytest
 
-from servolink.errors import TransportUnavailable
+from servolink.errors import ConnectionLost, InvalidAddress, OpenError, TransportUnavailable
 from servolink.transports.base import Transport
 from servolink.transports.memory import MemoryTransport
 from servolink.transports.registry import create
 from servolink.transports.serial import SerialTransport
 from servolink.transports.stream import TcpTransport
+from tests.transports.wires import Ear
+from tests.virtual_time import run
 
 PLUG_IN = """
+import asyncio
 from servolink.transports.memory import MemoryTransport
 
 def works(address):
@@ -26,6 +30,31 @@ def fails(address):
 
 def returns_nothing(address):
     return None
+
+class Fragile(MemoryTransport):
+    async def open(self, receiver):
+        self.mode = self.url.partition("://")[0].removeprefix("fragile-")
+        if self.mode == "open":
+            raise KeyError("acme\x1b")
+        await super().open(receiver)
+
+    async def send(self, data):
+        if self.mode == "send":
+            raise KeyError("acme\x1b")
+        if self.mode == "lose":
+            self._receiver.lost(OSError(5, "acme\x1b"))
+            self._receiver.lost(None)
+            self._receiver.data(b"late")
+
+    async def close(self):
+        if self.mode == "close":
+            raise KeyError("acme\x1b")
+        if self.mode == "hang":
+            await asyncio.sleep(3600)
+        await super().close()
+
+def fragile(address):
+    return Fragile(address.url, "acme")
 """
 
 
@@ -38,6 +67,7 @@ def _plug_ins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (information / "METADATA").write_text("Metadata-Version: 2.1\nName: acme-boards\nVersion: 1.0\n")
     names = ["works", "refuses", "fails", "returns_nothing", "missing"]
     lines = [f"{name.replace('_', '-')} = acme_boards:{name}" for name in names]
+    lines += [f"fragile-{mode} = acme_boards:fragile" for mode in ("open", "send", "lose", "close", "hang")]
     (information / "entry_points.txt").write_text(
         "\n".join(["[servolink.transports]", *lines, "gone = acme_gone:works", "tcp = acme_boards:fails"])
     )
@@ -71,8 +101,8 @@ def test_an_address_gives_its_kind_of_transport(url: str, kind: type) -> None:
         ),
         ("serial://", "must name a device: serial:///dev/ttyACM0 or serial://COM3"),
         ("serial://COM3:9600", "must name a device"),
-        ("serial:///dev/ttyACM0?baud=9600", "unknown option baud; serial:// knows: baudrate, dtr, rts"),
-        ("serial:///dev/ttyACM0?baudrate=0", "a whole number from 50 to"),
+        ("serial:///dev/ttyACM0?baud=9600", "unknown option baud; serial:// has: baudrate, dtr, rts"),
+        ("serial:///dev/ttyACM0?baudrate=0", "an integer from 50 to"),
         ("tcp://localhost", "needs a port from 1 to 65535"),
         ("tcp://:9000", "must be written tcp://host:port"),
         ("tcp://host:1/path", "must be written tcp://host:port"),
@@ -82,7 +112,7 @@ def test_an_address_gives_its_kind_of_transport(url: str, kind: type) -> None:
     ],
 )
 def test_what_cannot_be_used_is_refused_with_what_to_write(url: str, text: str) -> None:
-    with pytest.raises(TransportUnavailable) as caught:
+    with pytest.raises(InvalidAddress) as caught:
         create(url)
     assert text in str(caught.value)
 
@@ -90,14 +120,25 @@ def test_what_cannot_be_used_is_refused_with_what_to_write(url: str, text: str) 
 def test_a_missing_library_is_named_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "servolink.transports.serial")
     monkeypatch.setitem(sys.modules, "serial_asyncio", None)
-    with pytest.raises(TransportUnavailable, match=r"pip install .*pyserial-asyncio"):
+    with pytest.raises(TransportUnavailable, match=r"pip install .*pyserial-asyncio") as caught:
         create("/dev/ttyACM0")
+    assert not isinstance(caught.value, InvalidAddress)
 
 
 @pytest.mark.usefixtures("_plug_ins")
 def test_another_package_may_bring_a_scheme() -> None:
-    transport = create("works://?name=x")
-    assert isinstance(transport, MemoryTransport)
+    async def main() -> None:
+        transport, far, ear = create("works://?name=x"), create("memory://x"), Ear()
+        assert transport.url == "works://?name=x"
+        await transport.open(ear)
+        await far.open(Ear())
+        await far.send(b"x")
+        assert await ear.hear(1) == b"x"
+        await transport.close()
+        assert ear.losses == [None]
+        await far.close()
+
+    run(main())
 
 
 @pytest.mark.usefixtures("_plug_ins")
@@ -123,5 +164,66 @@ def test_a_plug_in_may_refuse_an_address() -> None:
     [("fails", "KeyError"), ("gone", "acme_gone"), ("missing", "AttributeError"), ("returns-nothing", "NoneType")],
 )
 def test_a_broken_plug_in_is_one_clear_refusal(scheme: str, reason: str) -> None:
-    with pytest.raises(TransportUnavailable, match=f"plug-in acme-boards for {scheme}:// is broken: .*{reason}"):
+    with pytest.raises(
+        TransportUnavailable, match=f"plug-in acme-boards for {scheme}:// is broken: .*{reason}"
+    ) as caught:
         create(f"{scheme}://")
+    assert not isinstance(caught.value, InvalidAddress)
+
+
+@pytest.mark.usefixtures("_plug_ins")
+def test_an_opening_of_a_plug_in_that_fails_in_its_own_way_names_it() -> None:
+    async def main() -> None:
+        ear = Ear()
+        with pytest.raises(OpenError, match=r"fragile-open://: cannot open it: KeyError: 'acme\\x1b' .*acme-boards\)$"):
+            await create("fragile-open://").open(ear)
+        assert ear.losses == []
+
+    run(main())
+
+
+@pytest.mark.usefixtures("_plug_ins")
+def test_a_sending_of_a_plug_in_that_fails_in_its_own_way_is_the_end_and_names_it() -> None:
+    async def main() -> None:
+        transport, ear = create("fragile-send://"), Ear()
+        await transport.open(ear)
+        for _ in range(2):
+            with pytest.raises(
+                ConnectionLost, match=r"lost: KeyError: 'acme\\x1b' \(raised by the plug-in acme-boards\)"
+            ):
+                await transport.send(b"x")
+        await transport.close()
+        assert [type(loss) for loss in ear.losses] == [ConnectionLost]
+
+    run(main())
+
+
+@pytest.mark.usefixtures("_plug_ins")
+def test_a_plug_in_that_loses_the_connection_twice_and_goes_on_loses_it_once() -> None:
+    async def main() -> None:
+        transport, ear = create("fragile-lose://"), Ear()
+        await transport.open(ear)
+        await transport.send(b"x")
+        await transport.close()
+        (loss,) = ear.losses
+        assert isinstance(loss, ConnectionLost)
+        assert "acme-boards" in str(loss)
+        assert ear.heard == b""
+
+    run(main())
+
+
+@pytest.mark.usefixtures("_plug_ins")
+@pytest.mark.parametrize("mode", ["close", "hang"])
+def test_a_plug_in_that_does_not_close_is_given_up_after_a_second(mode: str, caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        transport, ear = create(f"fragile-{mode}://"), Ear()
+        await transport.open(ear)
+        before = asyncio.get_running_loop().time()
+        await transport.close()
+        assert ear.losses == [None]
+        assert asyncio.get_running_loop().time() - before <= 1
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+
+    run(main())
+    assert "acme-boards" in caplog.text

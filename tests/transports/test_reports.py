@@ -3,8 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.transports.hid import cut
-from servolink.transports.hid_devices import Report, Way, declared
+from servolink.transports.hid import Report, Way, cut, declared
 from tests.transports.fake_hid import VENDOR_DESCRIPTOR
 
 KEYBOARD = bytes.fromhex(

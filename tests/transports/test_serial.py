@@ -60,7 +60,7 @@ async def test_a_missing_device_is_told_though_ports_cannot_be_listed(monkeypatc
 async def test_what_is_no_terminal_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     for path in (tmp_path, tmp_path / "file"):
-        assert "is no serial port" in await _open_error(str(path))
+        assert "is not a serial port" in await _open_error(str(path))
     assert "there is no" in await _open_error(f"serial://{tmp_path}/file%F0%90%80")
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from servolink.errors import OpenError, TransportUnavailable
 from servolink.transports import usb_devices
-from servolink.transports.device_info import DeviceInfo
+from servolink.transports.device_info import DeviceInfo, PortIdentity
 from servolink.transports.registry import create
 from tests.transports.fake_usb import FakeUsb, bulk_pair, endpoint, failure, plugged_in
 from tests.transports.rights import not_root
@@ -152,7 +152,7 @@ async def test_other_interfaces_are_no_boards(board: FakeUsb, interface: Any) ->
 async def test_a_missing_device_is_told_with_those_that_are_there(board: FakeUsb) -> None:
     assert await _open_error("usb://1209:0002?interface=1") == (
         "usb://1209:0002?interface=1: found no USB device 1209:0002 with a pair of bulk endpoints on interface 1; "
-        f"plug the board in and switch it on; what is there: {SERIAL_URL}"
+        f"plug the board in and switch it on; these are here: {SERIAL_URL}"
     )
     board.count = 2
     assert f"2 devices cannot be told apart ({SERIAL_URL}); unplug the others" in await _open_error("usb://1209:0001")
@@ -161,13 +161,15 @@ async def test_a_missing_device_is_told_with_those_that_are_there(board: FakeUsb
 def test_candidates_are_listed_without_being_opened_where_linux_describes_them(board: FakeUsb, tmp_path: Path) -> None:
     board.open_failure = failure(errno.EACCES)
     describe(tmp_path, serial="AB/7", product="Servo board")
-    assert usb_devices.candidates() == [DeviceInfo("usb://1209:0001/AB%2F7", "Servo board", "AB/7", "")]
+    assert usb_devices.candidates() == [
+        DeviceInfo("usb://1209:0001/AB%2F7", "Servo board", PortIdentity(0x1209, 1, "AB/7", 0))
+    ]
 
 
 def test_elsewhere_they_are_opened_to_read_their_names(board: FakeUsb) -> None:
-    assert usb_devices.candidates() == [DeviceInfo(SERIAL_URL, "Servo board", "SN 1", "")]
+    assert usb_devices.candidates() == [DeviceInfo(SERIAL_URL, "Servo board", PortIdentity(0x1209, 1, "SN 1", 0))]
     board.open_failure = failure(errno.EACCES)
-    assert usb_devices.candidates() == [DeviceInfo("usb://1209:0001", "", "", "")]
+    assert usb_devices.candidates() == [DeviceInfo("usb://1209:0001", "", PortIdentity(0x1209, 1, "", 0))]
 
 
 def test_an_interface_with_a_driver_is_somebody_elses(board: FakeUsb, tmp_path: Path) -> None:
@@ -207,9 +209,9 @@ def test_a_device_that_vanishes_while_it_is_looked_at_is_passed_over(
     ("url", "text"),
     [
         ("usb://1209", "must be written usb://VID:PID or usb://VID:PID/SERIAL"),
-        ("usb://?in=1", "a whole number from 129 to 143"),
-        ("usb://?out=0x81", "a whole number from 1 to 15"),
-        ("usb://?report_size=64", "usb:// knows: interface, in, out"),
+        ("usb://?in=1", "an integer from 129 to 143"),
+        ("usb://?out=0x81", "an integer from 1 to 15"),
+        ("usb://?report_size=64", "usb:// has: interface, in, out"),
     ],
 )
 def test_what_cannot_be_used_is_refused_with_what_to_write(url: str, text: str) -> None:

@@ -103,7 +103,7 @@ class KernelHidWire(KernelWire):
     async def start(self) -> Transport:
         await super().start()
         url = self._plug.url("hid")
-        return Measuring(url, HidDevice(load(), url, PortIdentity.of(Address.parse(url))))
+        return Measuring(url, HidDevice(load(), url, PortIdentity.from_address(Address.parse(url))))
 
     async def say(self, data: bytes) -> None:
         self._ear.lengths.append(len(data))
