@@ -29,6 +29,7 @@ from servolink.virtual.script import HELP, Deed, Keys, Push, parse_script
 from servolink.virtual.serve import serve
 from servolink.virtual.state_file import load_state, save_state
 from servolink.virtual.storage import CLEAR, ON_DUPLICATE
+from servolink.virtual.transport import StateSaver
 
 _MOST_MEMORY = 2**31 - 1
 
@@ -112,6 +113,8 @@ async def _serve(board: VirtualBoard, args: argparse.Namespace) -> None:
     said = args.pty or args.tcp or args.usbip
     pty = args.pty or (AVAILABLE and not said)
     tcp = args.tcp or (None if pty or said else "127.0.0.1:0")
+    if args.state:
+        StateSaver(board, args.state)
     async with serve(board, pty=pty, tcp=tcp, usbip=args.usbip, faults=args.faults, seed=args.seed) as urls:
         with _announced(urls, args.servos), _playing(board, args.script), _keyboard(board):
             for url in urls:

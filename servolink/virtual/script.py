@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from servolink.escaping import escape
+from servolink.escaping import quote
 from servolink.virtual.buttons import LONG_PRESS_AFTER
 
 SHORT = 0.1
@@ -66,7 +66,7 @@ def _line(number: int, words: list[str]) -> Sequence[Deed]:
         deeds, highest = _deeds(words)
     except (ValueError, KeyError):
         raise ValueError(
-            f"line {number}: {escape(' '.join(words))!r} is not like '1.5 press 3' ({', '.join(_WORDS)}) "
+            f"line {number}: {quote(' '.join(words))} must be like '1.5 press 3' ({', '.join(_WORDS)}) "
             "or '2.0 push 1 45'"
         ) from None
     if not (0 <= deeds[0].at <= _LONGEST and 0 <= deeds[0][1] <= highest):

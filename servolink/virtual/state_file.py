@@ -14,7 +14,6 @@ import msgspec
 from msgspec import Meta, Struct
 
 from servolink.errors import OpenError, PacketError, ServolinkError
-from servolink.escaping import escape
 from servolink.files import MIB, read_file, reason, write_atomically
 from servolink.protocol import editing, joystick
 from servolink.protocol.frame import HEADER_SIZE, ByteOrder, encode_frame
@@ -45,7 +44,7 @@ def save_state(board: Hardware, path: Path) -> None:
     try:
         write_atomically(path, msgspec.json.format(msgspec.json.encode(state), indent=1) + b"\n")
     except OSError as error:
-        raise ServolinkError(f"{escape(str(path))}: the board cannot be saved: {escape(str(error))}") from error
+        raise ServolinkError(f"{path}: the board cannot be saved: {reason(error)}") from error
 
 
 def load_state(board: Hardware, path: Path) -> None:
@@ -55,25 +54,24 @@ def load_state(board: Hardware, path: Path) -> None:
     this board has. Raise OpenError, and leave the board as it was, if the file cannot be read, is not the state of a
     board, or does not fit this board.
     """
-    name = escape(str(path))
     try:
         # In hex a record takes less than three times its size.
         state = msgspec.json.decode(read_file(path, MIB + 4 * board.storage.memory), type=BoardState)
     except FileNotFoundError as error:
         if not path.resolve().parent.is_dir():  # where it could not be saved either
-            raise OpenError(f"{name}: the folder does not exist; create it first") from error
+            raise OpenError(f"{path}: the folder does not exist; create it first") from error
         return
     except OSError as error:
-        raise OpenError(f"{name}: cannot be read: {reason(error)}") from error
+        raise OpenError(f"{path}: cannot be read: {reason(error)}") from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise OpenError(f"{name}: is not a saved board: {escape(str(error))}; delete it to start over") from error
+        raise OpenError(f"{path}: is not a saved board: {error}; delete it to start over") from error
     if state.byte_order != board.codec.byte_order:
-        raise OpenError(f"{name}: was saved by a {state.byte_order}-endian board; use --byte-order {state.byte_order}")
+        raise OpenError(f"{path}: was saved by a {state.byte_order}-endian board; use --byte-order {state.byte_order}")
     before, board.storage.contents = board.storage.contents, Contents()
     for at, request in enumerate(state.requests):
         if problem := _store(board, request):
             board.storage.contents = before
-            raise OpenError(f"{name}: requests[{at}]: {problem}")
+            raise OpenError(f"{path}: requests[{at}]: {problem}")
     board.battery = state.battery
     for servo_id, angle in state.angles.items():
         if (servo := board.servos.get(servo_id)) is not None:
@@ -101,7 +99,7 @@ def _store(board: Hardware, request: str) -> str:
         frame = bytes.fromhex(request)
         packet = board.codec.decode_frame(frame)
     except (PacketError, ValueError) as error:
-        return escape(str(error))
+        return str(error)
     stored = _carry_out(board, packet, frame[HEADER_SIZE:-1])
     if stored is None:
         return f"{type(packet).__name__} stores nothing"

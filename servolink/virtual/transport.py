@@ -3,62 +3,102 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from pathlib import Path
 from typing import cast
 
-from servolink.errors import ConnectionLost, OpenError
-from servolink.escaping import escape
+from servolink.errors import ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.transports.address import Address
-from servolink.transports.base import Receiver
 from servolink.transports.faults import Faults, FaultyTransport
+from servolink.transports.lifecycle import BaseTransport
 from servolink.virtual.board import Session, VirtualBoard
 from servolink.virtual.hardware import MAX_SERVOS, MEMORY, Hardware
 from servolink.virtual.state_file import load_state, save_state
 from servolink.virtual.storage import CLEAR, ON_DUPLICATE, Clear, OnDuplicate
 
+SAVE_AFTER = 0.5
+"""Seconds from a change of what is stored until it is saved."""
+
+_logger = logging.getLogger(__name__)
+
 
 class BoardDriver:
-    """Wakes a board whenever it has something to do by itself; several for one board do no harm."""
+    """Advances a board whenever something is due on it. Several for one board do no harm."""
 
     def __init__(self, board: Hardware) -> None:
-        """Begin at once, on the running loop, until `stop`."""
+        """Start at once, on the running loop, until `stop`."""
         self._board = board
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
         board.advance(self._loop.time())
-        board.watch(self._set)
-        self._set()
+        board.watch(self._schedule)
+        self._schedule()
 
     def stop(self) -> None:
-        """Leave the board to itself."""
-        self._board.unwatch(self._set)
-        self._clear()
+        """Stop advancing the board."""
+        self._board.unwatch(self._schedule)
+        self._cancel()
 
-    def _set(self) -> None:
+    def _schedule(self) -> None:
         due = self._board.next_due(self._loop.time())
         if self._timer is not None and self._timer.when() == due:
             return
-        self._clear()
+        self._cancel()
         if due is not None:
-            self._timer = self._loop.call_at(due, self._beat, due)
+            self._timer = self._loop.call_at(due, self._wake, due)
 
-    def _beat(self, due: float) -> None:
+    def _wake(self, due: float) -> None:
         self._timer = None
-        # Timers may fire a little early; the board must not find that nothing is due yet.
+        # Timers may fire a little early; nothing would be due then, and the board would wait for the next event.
         self._board.advance(max(due, self._loop.time()))
-        self._set()
+        self._schedule()
 
-    def _clear(self) -> None:
+    def _cancel(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
 
+class StateSaver:
+    """Saves what a board stores a moment after each change, so that a program that is killed loses little."""
+
+    def __init__(self, board: Hardware, path: Path) -> None:
+        """Start at once, on the running loop, until `stop`; what `board` stores now counts as saved."""
+        self._board = board
+        self._path = path
+        self._loop = asyncio.get_running_loop()
+        self._saved = board.storage.contents
+        self._timer: asyncio.TimerHandle | None = None
+        board.watch(self._changed)
+
+    def stop(self) -> None:
+        """Stop saving by itself."""
+        self._board.unwatch(self._changed)
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def save(self) -> None:
+        """Save now. Raise ServolinkError if that fails."""
+        self._saved = self._board.storage.contents
+        save_state(self._board, self._path)
+
+    def _changed(self) -> None:
+        if self._timer is None and self._board.storage.contents is not self._saved:
+            self._timer = self._loop.call_later(SAVE_AFTER, self._save)
+
+    def _save(self) -> None:
+        self._timer = None
+        try:
+            self.save()
+        except ServolinkError as error:  # it is tried again after the next change, and at the end
+            _logger.warning("%s", error)
+
+
 def from_address(address: Address) -> VirtualTransport | FaultyVirtualTransport:
-    """Make a board of its own for `virtual://?servos=16&seed=1&drop=0.01&state=FILE...`."""
+    """Make a transport to a new board for `virtual://?servos=16&seed=1&drop=0.01&state=FILE...`."""
     if address.host or address.port or address.path.strip("/"):
-        raise address.refusal("a virtual board has no place, only options: virtual://?servos=16")
+        raise address.refusal("a virtual board has no host or path, only options: virtual://?servos=16")
     seed = address.integer("seed", 0, 0, 2**63 - 1)
     board = VirtualBoard(
         servos=address.integer("servos", 16, 0, MAX_SERVOS),
@@ -77,84 +117,62 @@ def from_address(address: Address) -> VirtualTransport | FaultyVirtualTransport:
     return transport if faults == Faults() else FaultyVirtualTransport(transport, faults, seed=seed)
 
 
-class VirtualTransport:
+class VirtualTransport(BaseTransport):
     """A connection to a board in this program; any number of them may lead to one board."""
 
     def __init__(self, board: VirtualBoard, url: str = "virtual://", state: Path | None = None) -> None:
-        """Lead to `board`; `url` is what errors call it; `state` is a file to load on opening and save on closing."""
+        """Lead to `board`. Errors call it `url`; `state` is a file to load on opening, and to save to until closing."""
+        super().__init__(url)
         self.board = board
-        self._url = url
         self._state = state
-        self._receiver: Receiver | None = None
+        self._saver: StateSaver | None = None
         self._session: Session | None = None
-        self._pacemaker: BoardDriver | None = None
-        self._spent = False
-        self._unsaved = False
-        self._said: list[bytes] = []
-        self._waiting = 0  # bytes that the board said and the receiver does not have
-
-    @property
-    def url(self) -> str:
-        """The address it leads to."""
-        return self._url
-
-    async def open(self, receiver: Receiver) -> None:
-        """Attach to the board; OpenError if this transport was opened before or its file is no state."""
-        if self._spent:
-            raise OpenError(f"{escape(self.url)}: a transport is opened once; make another")
-        if self._state is not None:
-            load_state(self.board, self._state)
-        self._spent = True
-        self._receiver = receiver
-        self._unsaved = True
-        self._session = self.board.attach(self._hear, lambda: self._waiting)
-        self._pacemaker = BoardDriver(self.board)
-
-    async def send(self, data: bytes) -> None:
-        """Give `data` to the board, which answers in a later turn of the loop."""
-        if self._session is None:
-            raise ConnectionLost(f"{escape(self.url)}: {'closed' if self._spent else 'open it before sending'}")
-        self._session.receive(data, asyncio.get_running_loop().time())
-
-    async def close(self) -> None:
-        """Detach from the board; ServolinkError if its state cannot be saved."""
-        self._spent = True
-        self._end(None)
-        if self._unsaved and self._state is not None:
-            self._unsaved = False
-            save_state(self.board, self._state)
+        self._driver: BoardDriver | None = None
+        self._pending: list[bytes] = []
+        self._unsent = 0  # bytes that the board sent and the receiver does not have
 
     def unplug(self) -> None:
-        """Pull the plug: the connection is lost at once, with all that the receiver does not have yet."""
-        self._end(ConnectionLost(f"{escape(self.url)}: the connection was lost: it was unplugged"))
+        """Pull the plug: the connection is lost at once, and with it everything that the receiver does not have yet."""
+        self._lose(ConnectionError("it was unplugged"))
 
-    def _hear(self, data: bytes) -> None:
-        # Never from within send(): a real board cannot answer before its caller has finished writing.
-        if not self._said:
-            asyncio.get_running_loop().call_soon(self._deliver)
-        self._said.append(data)
-        self._waiting += len(data)
+    async def _open(self) -> None:
+        """Attach to the board. Raise OpenError if the state cannot be loaded."""
+        if self._state is not None:
+            load_state(self.board, self._state)
+            self._saver = StateSaver(self.board, self._state)
+        self._session = self.board.attach(self._receive, lambda: self._unsent)
+        self._driver = BoardDriver(self.board)
 
-    def _deliver(self) -> None:
-        chunk = b"".join(self._said)
-        self._said.clear()
-        if self._receiver is None or not chunk:
-            return
-        try:
-            self._receiver.data(chunk)
-        except Exception as error:  # noqa: BLE001 - whatever it is, bytes were lost, and that ends the connection
-            lost = ConnectionLost(f"{escape(self.url)}: the receiver failed: {escape(str(error))}")
-            lost.__cause__ = error
-            self._end(lost)
-        self._waiting -= len(chunk)
+    def _send(self, data: bytes) -> None:
+        if self._session is not None:
+            self._session.receive(data, asyncio.get_running_loop().time())
 
-    def _end(self, error: ConnectionLost | None) -> None:
-        if self._session is None or self._pacemaker is None or self._receiver is None:
-            return
-        self._pacemaker.stop()
-        self._session.detach(asyncio.get_running_loop().time())
-        receiver, self._receiver, self._session, self._pacemaker = self._receiver, None, None, None
-        receiver.lost(error)
+    async def _close(self) -> None:
+        """Detach from the board. Raise ServolinkError if its state cannot be saved."""
+        self._abort()  # first: a board may lose its power with its last host, and with it a part of a write
+        if self._saver is not None:
+            saver, self._saver = self._saver, None
+            saver.stop()
+            saver.save()
+
+    def _abort(self) -> None:
+        if self._session is not None and self._driver is not None:
+            session, driver, self._session, self._driver = self._session, self._driver, None, None
+            driver.stop()
+            session.detach(asyncio.get_running_loop().time())
+
+    def _receive(self, data: bytes) -> None:
+        # Delivered later, never from within send(): a real board cannot respond before its host has finished sending.
+        if not self._pending:
+            asyncio.get_running_loop().call_soon(self._deliver_pending)
+        self._pending.append(data)
+        self._unsent += len(data)
+
+    def _deliver_pending(self) -> None:
+        chunk = b"".join(self._pending)
+        self._pending.clear()
+        self._deliver(chunk)
+        self._unsent -= len(chunk)  # not before: a receiver that fails has not received
 
 
 class FaultyVirtualTransport(FaultyTransport):
@@ -168,4 +186,4 @@ class FaultyVirtualTransport(FaultyTransport):
 
     def _break(self, reason: str) -> None:
         super()._break(reason)
-        self._line.unplug()  # now: closing takes a turn of the loop, in which an answer would arrive
+        self._line.unplug()  # now: closing takes a turn of the loop, in which a response would arrive

@@ -149,6 +149,23 @@ def test_what_is_stored_outlives_it(tmp_path: Path) -> None:
     asyncio.run(main())
 
 
+def test_what_is_stored_outlives_a_program_that_is_killed(tmp_path: Path) -> None:
+    async def main() -> None:
+        path = tmp_path / "board.json"
+        async with served(*TCP, "--state", str(path)) as process:
+            await talk(await url(process), WriteProjectIDRequest(77))
+            async with asyncio.timeout(GUARD):
+                while not path.exists():
+                    await asyncio.sleep(0.01)
+            process.kill()
+            await process.wait()
+        board = VirtualBoard()
+        load_state(board, path)
+        assert board.storage.project_id == 77
+
+    asyncio.run(main())
+
+
 def test_a_second_signal_does_not_keep_it_from_saving(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

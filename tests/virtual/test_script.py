@@ -38,11 +38,11 @@ def test_up_comes_before_down_at_the_same_time() -> None:
 @pytest.mark.parametrize(
     ("line", "text"),
     [
-        ("1 push 3", "is not like"),
-        ("press 3", "is not like"),
-        ("x press 3", "is not like"),
-        ("1 press y", "is not like"),
-        ("1 press 3 4", "is not like"),
+        ("1 push 3", "must be like"),
+        ("press 3", "must be like"),
+        ("x press 3", "must be like"),
+        ("1 press y", "must be like"),
+        ("1 press 3 4", "must be like"),
         ("-1 press 3", "out of range"),
         ("nan press 3", "out of range"),
         ("inf press 3", "out of range"),

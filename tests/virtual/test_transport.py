@@ -176,7 +176,7 @@ def test_closing_ends_it_once_and_what_was_under_way_is_lost() -> None:
 def test_it_cannot_be_used_before_it_is_open_or_opened_twice() -> None:
     async def main() -> None:
         transport, heard = VirtualTransport(VirtualBoard()), Heard()
-        with pytest.raises(ConnectionLost, match="open it before"):
+        with pytest.raises(ConnectionLost, match="not open yet"):
             await transport.send(LIST)
         await transport.open(heard)
         with pytest.raises(OpenError, match="opened once"):
@@ -340,6 +340,38 @@ def test_a_state_file_is_loaded_on_opening_and_saved_on_closing(tmp_path: Path) 
     before = run(free())
     run(store())
     assert run(free()) == before - 38
+
+
+def test_changes_are_saved_a_moment_later(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "board.json"
+
+    def saved() -> int:
+        board = VirtualBoard()
+        load_state(board, path)
+        return board.storage.project_id
+
+    async def main() -> None:
+        transport, heard = made(f"virtual://?state={path}"), Heard()
+        await transport.open(heard)
+        await ask(transport, heard, QueryServoListRequest())
+        await asyncio.sleep(10)
+        assert not path.exists(), "nothing was stored"
+        for project_id in (5, 6):
+            await ask(transport, heard, WriteProjectIDRequest(project_id))
+            await asyncio.sleep(1)
+            assert saved() == project_id
+        path.unlink()
+        path.mkdir()
+        await ask(transport, heard, WriteProjectIDRequest(7))
+        await asyncio.sleep(1)
+        assert [record.getMessage().partition(": ")[2] for record in caplog.records] == [
+            "the board cannot be saved: Is a directory"
+        ]
+        path.rmdir()
+        await transport.close()
+        assert saved() == 7
+
+    run(main())
 
 
 def test_a_bad_state_file_opens_nothing(tmp_path: Path) -> None:
