@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+from collections.abc import Callable
 from typing import Any
 
+from servolink.cli.live import counting
 from servolink.cli.main import OK
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_with_board
@@ -34,7 +36,10 @@ def run(args: argparse.Namespace) -> int:
     """Measure each kind of question, one after the other; nothing on the board is changed."""
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        results = [await _measure(board, query, args.requests) for _, query in _ASKED]
+        results = []
+        for what, query in _ASKED:
+            with counting(what, args.requests) as count:
+                results.append(await _measure(board, query, args.requests, count))
         stats = board.stats.as_dict()
         if args.json:
             print_json({"url": board.url, "requests": args.requests, "results": results, "stats": stats})
@@ -59,12 +64,13 @@ def run(args: argparse.Namespace) -> int:
     return run_with_board(args, talk)
 
 
-async def _measure(board: Board, query: Query[Any], requests: int) -> dict[str, Any]:
+async def _measure(board: Board, query: Query[Any], requests: int, count: Callable[[], None]) -> dict[str, Any]:
     loop = asyncio.get_running_loop()
     board.stats.round_trips.clear()
     received, start = board.stats.bytes_received, loop.time()
     for _ in range(requests):
         await board.request(query)
+        count()
     seconds = max(loop.time() - start, 1e-9)
     return {
         "request": type(query).__name__,

@@ -1,12 +1,12 @@
-"""`servolink list`: the boards that are here."""
+"""`servolink list`, `use` and `info`: which boards there are, their names, and what one of them reports."""
 
 from __future__ import annotations
 
 import argparse
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
+from itertools import zip_longest
 
 from servolink.cli.main import FAILED, NO_BOARD, OK, fail, usage_error
 from servolink.cli.output import Table, print_json, print_table, print_text
@@ -36,60 +36,60 @@ def configure_list(parser: argparse.ArgumentParser) -> None:
 
 
 def run_list(args: argparse.Namespace) -> int:
-    """Print what may be a board; nothing is opened but with --probe."""
+    """Print everything that may be a board; only --probe opens anything."""
 
     async def main(interruption: Interruption) -> int:
-        candidates = await discover()
-        names = _names(load_aliases(), candidates)
-        heard = await asyncio.gather(*(probe(candidate.url) for candidate in candidates)) if args.probe else []
+        devices = await discover()
+        names = _names(load_aliases(), devices)
+        responses = await asyncio.gather(*(probe(device.url) for device in devices)) if args.probe else []
         if args.json:
-            boards = [asdict(candidate) | {"name": names.get(candidate.url)} for candidate in candidates]
-            if heard:
-                boards = [board | _described(sound) for board, sound in zip(boards, heard, strict=True)]
-            print_json({"boards": boards})
-        elif candidates:
-            print_table(_table(candidates, names, heard))
-        if candidates:
+            described = [asdict(device) | {"name": names.get(device.url)} for device in devices]
+            for one, result in zip(described, responses, strict=False):
+                one |= {"answer": result.answer and asdict(result.answer), "problem": result.problem}
+            print_json({"boards": described})
+        elif devices:
+            print_table(_table(devices, names, responses))
+        if devices:
             return OK
-        return NO_BOARD if args.json else fail(OpenError(NONE_HERE), NO_BOARD)
+        return NO_BOARD if args.json else fail(NONE_HERE, NO_BOARD)
 
     return run_interruptible(main, "nothing was changed")
 
 
-def _names(aliases: Mapping[str, Alias], candidates: list[DeviceInfo]) -> dict[str, str]:
-    """Return the names of the boards that are here, by address."""
+def _names(aliases: Mapping[str, Alias], devices: Sequence[DeviceInfo]) -> dict[str, str]:
+    """Return the names of `devices` that have one, by address."""
     names: dict[str, str] = {}
     for name, alias in aliases.items():
         try:
-            url = current_url(name, alias, candidates)
+            url = current_url(name, alias, devices)
         except OpenError:  # it is not here
             continue
         names[url.partition("?")[0]] = name
-    bare = {candidate.url: candidate.url.partition("?")[0] for candidate in candidates}
+    bare = {device.url: device.url.partition("?")[0] for device in devices}
     return {url: names[place] for url, place in bare.items() if place in names}
 
 
-def _described(heard: ProbeResult) -> dict[str, Any]:
-    return {"answer": heard.answer and asdict(heard.answer), "problem": heard.problem}
+def _table(devices: Sequence[DeviceInfo], names: Mapping[str, str], responses: Sequence[ProbeResult]) -> Table:
+    """Return a row for each device, with the columns in which there is something: most are often empty."""
+    columns: dict[str, list[str]] = {
+        "address": [device.url for device in devices],
+        "name": [names.get(device.url, "") for device in devices],
+        "product": [device.product for device in devices],
+        "serial number": [device.serial_number for device in devices],
+        "response": [_response(result) for result in responses] or [""] * len(devices),
+        "problem": [
+            device.problem if result is None else result.problem for device, result in zip_longest(devices, responses)
+        ],
+    }
+    shown = {name: cells for name, cells in columns.items() if any(cells)}
+    return Table(list(shown), list(zip(*shown.values(), strict=True)))
 
 
-def _table(candidates: list[DeviceInfo], names: Mapping[str, str], heard: list[ProbeResult]) -> Table:
-    columns = ["address", "name", "product", "serial number", "problem"]
-    rows: list[list[object]] = [
-        [each.url, names.get(each.url), each.product, each.serial_number, each.problem] for each in candidates
-    ]
-    if heard:
-        columns.insert(4, "answer")
-        for row, sound in zip(rows, heard, strict=True):
-            row[4:] = [_answer(sound), sound.problem]
-    return Table(columns, rows)
-
-
-def _answer(heard: ProbeResult) -> str:
-    if heard.answer is None:
-        return "" if heard.problem else "none"
-    mode = "" if heard.answer.transmission_mode == 1 else ", was in the old transmission mode"
-    return f"project id {heard.answer.project_id}, {heard.answer.byte_order} byte order{mode}"
+def _response(result: ProbeResult) -> str:
+    if result.answer is None:
+        return "" if result.problem else "none"
+    mode = "" if result.answer.transmission_mode == 1 else ", was in the old transmission mode"
+    return f"project id {result.answer.project_id or 'none'}, {result.answer.byte_order} byte order{mode}"
 
 
 def configure_use(parser: argparse.ArgumentParser) -> None:
@@ -158,7 +158,7 @@ def _named(name: str, alias: Alias) -> dict[str, str]:
 
 
 def configure_info(parser: argparse.ArgumentParser) -> None:
-    """Add nothing: `servolink info` has no options of its own."""
+    """Set what runs; `servolink info` has no options of its own."""
     parser.set_defaults(run=run_info)
 
 

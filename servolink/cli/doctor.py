@@ -98,12 +98,8 @@ def _print(report: Report) -> None:
 def _facts(report: Report) -> list[tuple[str, str]]:
     facts = [("examined", ", ".join(report.urls) or "nothing: no board is here")]
     if answer := report.answer:
-        facts.append(
-            (
-                "answer",
-                f"project id {answer.project_id}, {answer.byte_order} byte order, {answer.seconds * 1000:.1f} ms",
-            )
-        )
+        project = f"project id {answer.project_id or 'none'}"
+        facts.append(("answer", f"{project}, {answer.byte_order} byte order, {answer.seconds * 1000:.1f} ms"))
     if line := report.line:
         facts.append(("noise", f"{line.noise_bytes} of {line.received_bytes} bytes"))
         times = [f"p{percent} {time * 1000:.1f} ms" for percent in _PERCENTILES if (time := line.percentile(percent))]

@@ -89,6 +89,20 @@ def _bars(elapsed: float, servos: Sequence[Servo], block: str, half: int) -> Tab
     return bars
 
 
+@contextmanager
+def counting(label: str, total: int) -> Iterator[Callable[[], None]]:
+    """Yield a function to call `total` times; if standard error is a terminal, a bar there shows how often it was."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        yield lambda: None
+        return
+    from rich.progress import Progress as Bar
+
+    displayed = console(stderr=True)
+    with cleanup(displayed.show_cursor), Bar(console=displayed, transient=True) as bar:
+        task = bar.add_task(label, total=total)
+        yield lambda: bar.advance(task)
+
+
 PHASES: dict[Phase, str] = {
     "reading": "reading the board",
     "saving": "keeping a backup",

@@ -1,12 +1,11 @@
-"""`servolink move`: move servos, and by default wait until they have arrived."""
+"""`servolink move`, `stop`, `release` and `run`: what moves servos or keeps them from moving."""
 
 from __future__ import annotations
 
 import argparse
 import re
-import sys
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 
 from servolink.cli.arguments import number, speed
 from servolink.cli.live import Draw, follow, live_bars
@@ -18,14 +17,17 @@ from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.terminal import can_ask, confirm
 from servolink.client.board import Board
 from servolink.client.servos import Servo
-from servolink.errors import RequestError, ServolinkError
+from servolink.errors import NotFound, RequestError, ServolinkError
 from servolink.motion import Adc, Degrees, MotionLimits, check_limits, intervals_for
+from servolink.protocol.record_types import ACTION, MACRO
+from servolink.protocol.records import Macro
 from servolink.protocol.servos import ALL_SERVOS
 
 DEFAULT_SPEED = 60.0
 """Degrees per second, when neither time nor speed is given."""
 
-_TARGET = re.compile(r"([0-9]{1,3})=([+-]?[0-9]{1,5})", re.ASCII)
+_TARGET = re.compile(r"([0-9]{1,3})=(.+)", re.ASCII | re.DOTALL)
+_WHOLE = re.compile(r"[+-]?[0-9]{1,9}", re.ASCII)
 _FINISHING = "and the servos finish it; `servolink stop` stops them"
 
 
@@ -35,7 +37,7 @@ def configure_move(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("targets", nargs="+", type=_target, metavar="SERVO=ANGLE", help="such as 1=90 2=-45")
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument(
-        "--duration", type=number(0.01, 327.67, "seconds"), metavar="SECONDS", help="take so long, 0.01 to 327.67"
+        "--duration", type=number(0.01, 327.67, "seconds"), metavar="SECONDS", help="how long it takes, 0.01 to 327.67"
     )
     pace.add_argument("--speed", type=speed, metavar="N", help=f"degrees per second ({DEFAULT_SPEED:g})")
     parser.add_argument(
@@ -50,7 +52,7 @@ def configure_move(parser: argparse.ArgumentParser) -> None:
 
 
 def run_move(args: argparse.Namespace) -> int:
-    """Move: nothing is sent unless every servo is there and would obey."""
+    """Move, unless a servo is missing or would ignore it: nothing is sent then."""
     kind = Adc if args.adc else Degrees
     targets = {servo_id: kind(angle) for servo_id, angle in args.targets}
     if len(targets) < len(args.targets):
@@ -64,7 +66,7 @@ def run_move(args: argparse.Namespace) -> int:
 
     async def talk(board: Board, interruption: Interruption) -> int:
         before = {servo.servo_id: servo for servo in await reported(board, targets)}
-        # The move checks them as well, but no servo shall be started for a move that is then refused.
+        # `move` checks this as well, but no servo must be started for a move that is then refused.
         motion_limits = MotionLimits(limits, args.speed_cap)
         check_limits(targets, board.unit_of, motion_limits)
         here = {servo_id: int(before[servo_id].angle) for servo_id in targets}
@@ -85,7 +87,7 @@ def run_move(args: argparse.Namespace) -> int:
 
 
 async def _ready(board: Board, servos: Iterable[Servo], interruption: Interruption, *, start: bool) -> None:
-    """Make sure that `servos` would obey; with `start`, start and hold those that would not."""
+    """Raise RequestError if some of `servos` would ignore a move, or with `start`, start and hold those."""
     idle = [servo.servo_id for servo in servos if not (servo.is_start and servo.is_hold)]
     if idle and not start:
         raise RequestError(
@@ -131,11 +133,17 @@ def _print(
 
 
 def _target(text: str) -> tuple[int, int]:
-    if (found := _TARGET.fullmatch(text)) is None or int(found[1]) > 0xFE:
-        form = "SERVO=ANGLE, as in 1=90 or 2=-45, with servos 0 to 254 and angles of at most 5 digits"
-        raise argparse.ArgumentTypeError(f"{text!r} is not {form}")
+    found = _TARGET.fullmatch(text)
+    if found is None or int(found[1]) >= ALL_SERVOS:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} must be SERVO=ANGLE with a servo id from 0 to 254, as in 1=90 or 2=-45"
+        )
+    if not _WHOLE.fullmatch(found[2]):
+        raise argparse.ArgumentTypeError(
+            f"the angle of servo {found[1]} must be a whole number of degrees, not {found[2]}"
+        )
     if not -(2**15) <= int(found[2]) < 2**15:
-        raise argparse.ArgumentTypeError(f"{text!r}: servo {found[1]} can be sent to -32768 to 32767, not further")
+        raise argparse.ArgumentTypeError(f"the angle of servo {found[1]} must be from -32768 to 32767, not {found[2]}")
     return int(found[1]), int(found[2])
 
 
@@ -143,7 +151,7 @@ _WARNING = "released servos are limp, and raised limbs fall"
 
 
 def configure_stop(parser: argparse.ArgumentParser) -> None:
-    """Add nothing: `servolink stop` has no options of its own."""
+    """Set what runs; `servolink stop` has no options of its own."""
     parser.set_defaults(run=run_stop)
 
 
@@ -156,7 +164,12 @@ def run_stop(args: argparse.Namespace) -> int:
         interruption.state = "all servos report that they are stopped and held"
         servos = await board.servos()
         if not args.json:
-            print_text(f"all {len(servos)} servos report that they are stopped and held")
+            who = (
+                "the only servo reports that it is"
+                if len(servos) == 1
+                else f"all {len(servos)} servos report that they are"
+            )
+            print_text(f"{who} stopped and held")
         print_servos(servos, as_json=args.json)
         return OK
 
@@ -195,7 +208,7 @@ async def _release_each(board: Board, servo_ids: Sequence[int]) -> None:
         except ServolinkError:
             if done:
                 limp = ", ".join(map(str, servo_ids[:done]))
-                print(f"servolink: released and limp: {limp}; `servolink stop` holds all servos again", file=sys.stderr)
+                print_error(f"servolink: released and limp: {limp}; `servolink stop` holds all servos again")
             raise
 
 
@@ -217,7 +230,7 @@ async def may_release(args: argparse.Namespace, interruption: Interruption, whic
 def servo_id(text: str) -> int:
     """Read the id of a servo."""
     if not (text.isascii() and text.isdecimal() and int(text) < ALL_SERVOS):
-        raise argparse.ArgumentTypeError(f"{text!r} is no servo id, 0 to 254")
+        raise argparse.ArgumentTypeError(f"must be a servo id from 0 to 254, not {text!r}")
     return int(text)
 
 
@@ -230,7 +243,7 @@ def configure_run(parser: argparse.ArgumentParser) -> None:
 
 
 def run_run(args: argparse.Namespace) -> int:
-    """Run it; returns when the board has been told, as the board does not say when it is done."""
+    """Start it and return: the board does not report the end."""
 
     async def talk(board: Board, interruption: Interruption) -> int:
         if args.kind == "action":
@@ -242,7 +255,8 @@ def run_run(args: argparse.Namespace) -> int:
 
 async def _run_action(board: Board, interruption: Interruption, args: argparse.Namespace) -> int:
     action = await board.action(args.id)
-    idle = await _wake(board, interruption, {step.servo_id for step in action.steps}, start=args.start)
+    used = {step.servo_id for step in action.steps}
+    idle = await _wake(board, interruption, used, start=args.start)
     interruption.state = f"action {action.action_id} may have been started; `servolink stop` stops the servos"
     await board.run_action(action.action_id)
     interruption.state = f"action {action.action_id} runs; `servolink stop` stops the servos"
@@ -257,7 +271,7 @@ async def _run_action(board: Board, interruption: Interruption, args: argparse.N
 
 async def _run_macro(board: Board, interruption: Interruption, args: argparse.Namespace) -> int:
     macro = await board.macro(args.id)
-    idle = await _wake(board, interruption, None, start=args.start)
+    idle = await _wake(board, interruption, await _servos_used(board, macro), start=args.start)
     interruption.state = f"macro {macro.macro_id} may have been started; `servolink stop` ends it"
     await board.run_macro(macro.macro_id)
     interruption.state = f"macro {macro.macro_id} runs; `servolink stop` ends it"
@@ -268,16 +282,27 @@ async def _run_macro(board: Board, interruption: Interruption, args: argparse.Na
     return OK
 
 
-async def _wake(board: Board, interruption: Interruption, wanted: set[int] | None, *, start: bool) -> list[int]:
-    """Start servos that would ignore what is run (None: any servo), or warn of them; return those that stay idle."""
-    idle = [
-        servo.servo_id
-        for servo in await board.servos()
-        if not (servo.is_start and servo.is_hold) and (wanted is None or servo.servo_id in wanted)
-    ]
+async def _servos_used(board: Board, macro: Macro) -> set[int]:
+    """Return the servos that a macro moves, also by the actions and macros it calls."""
+    used, known, left = set[int](), {(MACRO, macro.macro_id)}, [macro]
+    while left:
+        for called in set(MACRO.references(left.pop())) - known:
+            known.add(called)
+            record_type, record_id = called
+            with suppress(NotFound):  # then nothing moves by it
+                if record_type is ACTION:
+                    used |= {step.servo_id for step in (await board.action(record_id)).steps}
+                else:
+                    left.append(await board.macro(record_id))
+    return used
+
+
+async def _wake(board: Board, interruption: Interruption, used: set[int], *, start: bool) -> list[int]:
+    """Start those of the servos `used` that would not move, or warn of them; return those that stay idle."""
+    servos = await board.servos()
+    idle = [servo.servo_id for servo in servos if servo.servo_id in used and not (servo.is_start and servo.is_hold)]
     if idle and not start:
-        text = f"{are(idle)} stopped or released and will not move; --start starts and holds first"
-        print(f"servolink: {text}", file=sys.stderr)
+        print_error(f"servolink: {are(idle)} stopped or released and will not move; --start starts and holds first")
         return idle
     for servo_id in idle:
         interruption.state = "nothing was run; servos may have been started and held"

@@ -13,6 +13,7 @@ from servolink.errors import OutcomeUnknown
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from tests.cli.conftest import Addresses
 from tests.cli.programs import Said, call, in_terminal, program, started
+from tests.cli.robot import Robot
 
 BOW = Action(1, "Bow", (Step(1, 30, 5), Step(2, -30, 10)))
 WAVE = Macro(4, "Wave", (MacroCommand(1, loop=2, ratio=50), MacroCommand(500, 1, total_interval=500)))
@@ -221,6 +222,44 @@ def test_run_macro(board: Board) -> None:
     assert board("stop").code == 0  # or it would go on to move servos in the next test
 
 
+def test_run_macro_warns_of_the_servos_it_uses(robot: Robot) -> None:
+    async def prepare(board: ClientBoard) -> None:
+        await board.add_action(Action(1, "Bow", (Step(1, 30, 5),)))
+        await board.add_macro(Macro(1, "Inner", (MacroCommand(1),)))
+        await board.add_macro(Macro(2, "Outer", (MacroCommand(500, 1), MacroCommand(1, 2))))
+        await board.add_macro(Macro(3, "Broken", (MacroCommand(9),)))
+        await board.release(3)
+
+    robot.ask(prepare)
+    said = robot("run", "macro", "2", "--json")
+    assert (said.json["idle_servos"], said.err) == ([], ""), "servo 3 is not used"
+    robot.ask(lambda board: board.release(1))
+    warned = robot("run", "macro", "2", "--json")
+    assert warned.json["idle_servos"] == [1]
+    assert warned.err == "servolink: servo 1 is stopped or released and will not move; --start starts and holds first\n"
+    assert "refused ExecuteMacroRequest" in robot("run", "macro", "3").err, "action 9 does not exist"
+
+
+@pytest.mark.parametrize(
+    ("target", "problem"),
+    [
+        ("1=45.5", "the angle of servo 1 must be a whole number of degrees, not 45.5"),
+        ("1=40000", "the angle of servo 1 must be from -32768 to 32767, not 40000"),
+        ("255=1", "'255=1' must be SERVO=ANGLE with a servo id from 0 to 254"),
+        ("1", "'1' must be SERVO=ANGLE"),
+    ],
+)
+def test_a_wrong_angle_is_explained(target: str, problem: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "-b", "virtual://", "move", target)
+    assert (said.code, said.out) == (2, "")
+    assert problem in said.err
+
+
+def test_one_servo_is_not_called_servos(capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "-b", "virtual://?servos=1", "stop")
+    assert said.out.startswith("the only servo reports that it is stopped and held\n")
+
+
 @pytest.mark.parametrize(
     ("command", "described", "line"),
     [
@@ -289,7 +328,15 @@ def test_bench(board: Board) -> None:
         times = result["round_trip_seconds"]
         assert 0 < times["p50"] <= times["p90"] <= times["p99"]
     assert described["stats"]["timeouts"] == 0
-    assert len(board("bench", "--requests", "5").out.splitlines()) == 6
+    said = board("bench", "--requests", "5")
+    assert (len(said.out.splitlines()), said.err) == (6, "")
+
+
+def test_bench_shows_how_far_it_is(url: str) -> None:
+    said = in_terminal("--url", url, "bench", "--requests", "50")
+    assert said.code == 0
+    assert all(f"{what} " in said.out for what in ("shortest answer: free memory", "list of actions"))
+    assert "%" in said.out
 
 
 def test_programs_reach_the_board_as_functions_do(url: str) -> None:

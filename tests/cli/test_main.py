@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 import servolink
+from servolink.__main__ import main
 from servolink.cli import session
 from servolink.cli import session as choosing
 from servolink.cli.commands import COMMANDS
@@ -264,6 +265,66 @@ def test_a_file_that_was_written_is_not_lost_with_the_output(tmp_path: Path) -> 
 def test_errors_that_nobody_can_read_keep_their_code(command: str, code: int, to: str) -> None:
     ran = in_shell(f"servolink {command} 2>{to}")
     assert (ran.returncode, ran.stdout, ran.stderr) == (code, "", "")
+
+
+INTERRUPTED_IMPORT = """
+import sys
+from servolink.__main__ import main
+class Interrupting:
+    def find_spec(self, name, path, target=None):
+        if name == sys.argv[1]:
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupting())
+sys.exit(main(sys.argv[2:]))
+"""
+
+
+@pytest.mark.parametrize(
+    "module",
+    ["argparse", "servolink.cli", "servolink.cli.main", "servolink.cli.parser", "servolink.cli.boards", "asyncio"],
+)
+def test_ctrl_c_while_it_starts_prints_nothing(module: str) -> None:
+    ran = processes.run(
+        [sys.executable, "-c", INTERRUPTED_IMPORT, module, "-b", "virtual://", "info"], env=environment()
+    )
+    assert (ran.returncode, ran.stdout, ran.stderr) == (130, "", "")
+
+
+def test_the_log_is_printed_on_request(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(capsys, "-b", "virtual://", "info").err == ""
+    said = call(capsys, "-b", "virtual://", "info", "-vv")
+    assert said.code == 0
+    assert re.search(r"^\d\d:\d\d:\d\d\.\d{3} .*QueryProjectIDResponse\(project_id=0\)$", said.err, re.MULTILINE)
+    assert call(capsys, "-b", "virtual://", "info").err == "", "only when it is asked for"
+
+
+def test_a_traceback_is_printed_on_request(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ("-b", "tcp://127.0.0.1:1", "info")
+    assert "Traceback" not in call(capsys, *arguments, "-v").err
+    said = call(capsys, *arguments, "-vv")
+    assert said.code == 3
+    assert "Traceback (most recent call last):\n" in said.err
+    assert said.err.splitlines()[-1].startswith("servolink: ")
+
+
+def test_a_bug_is_one_line_that_asks_for_a_report(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(choosing, "connect", lambda *_, **__: 1 / 0)
+    assert main(("-b", "virtual://", "info")) == 1
+    assert capsys.readouterr().err == (
+        "servolink: internal error, please report it with the output of the same command and -vv: "
+        "ZeroDivisionError: division by zero\n"
+    )
+
+
+def test_the_name_of_the_board_has_two_variables(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SERVOLINK_URL", "virtual://?servos=3")
+    monkeypatch.setenv("SERVOLINK_BOARD", "virtual://?servos=4")
+    assert call(capsys, "info", "--json").json["servos"] == 4
+    assert call(capsys, "info", "--json", "--board", "virtual://?servos=5").json["servos"] == 5
 
 
 def test_an_interruption_while_modules_are_loaded_is_one(

@@ -69,6 +69,13 @@ def test_list_shows_what_is_here_and_what_is_in_the_way(
     assert "\x1b" not in said.out
 
 
+def test_list_leaves_out_empty_columns(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
+    here(DeviceInfo("serial:///dev/ttyACM0", "USB Serial"), DeviceInfo("tcp://127.0.0.1:7878", "virtual board"))
+    assert call(capsys, "list").out.splitlines()[0].split() == ["address", "product"]
+    here(PORT)
+    assert call(capsys, "list").out.splitlines()[0].split() == ["address", "product", "serial", "number"]
+
+
 def test_list_without_a_board_is_3(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
     here()
     said = call(capsys, "list")
@@ -93,7 +100,7 @@ def test_list_asks_each_only_with_probe(here: Callable[..., None], capsys: pytes
     answered, absent = call(capsys, "list", "--probe", "--json").json["boards"]
     assert answered["answer"]["byte_order"] == "little"
     assert (absent["answer"], "there is no /dev/nowhere" in absent["problem"]) == (None, True)
-    assert "project id 0, little byte order" in call(capsys, "list", "--probe").out
+    assert "project id none, little byte order" in call(capsys, "list", "--probe").out
 
 
 def test_use_says_what_the_name_stands_for(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
