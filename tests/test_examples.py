@@ -91,7 +91,9 @@ class Reader:
         command.parent.mkdir()
         command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -W error -m servolink "$@"\n', encoding="utf-8")
         command.chmod(0o755)
-        self.environment = {name: value for name, value in os.environ.items() if name not in {"SERVOLINK_BOARD", "SERVOLINK_URL"}} | {
+        self.environment = {
+            name: value for name, value in os.environ.items() if name not in {"SERVOLINK_BOARD", "SERVOLINK_URL"}
+        } | {
             "XDG_DATA_HOME": str(folder / "data"),
             "PATH": f"{command.parent}{os.pathsep}{os.environ['PATH']}",
             "PYTHONPATH": str(ROOT),

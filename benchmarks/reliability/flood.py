@@ -8,6 +8,7 @@ from benchmarks.measuring import Result, table
 from benchmarks.reliability.clock import SimulatedLoop
 from benchmarks.reliability.process import Held
 from servolink.client.board import Board
+from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.motion import MotionLimits
 from servolink.protocol.codec import Codec
@@ -48,7 +49,7 @@ async def _flood(events: int) -> Result:
     transport = _PushingBoard()
     link = Connection(transport, Codec())
     await link.open()
-    board = Board(link, None, MotionLimits())
+    board = Board(Session(link), None, MotionLimits())
     async with board.button_events(_LIMIT) as reader:
         transport.push(10 * _BURST)
         before = highest = Held.now().memory

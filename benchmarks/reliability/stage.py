@@ -14,6 +14,7 @@ from benchmarks.reliability.conversation import Conversation
 from benchmarks.reliability.line import LINES, Line
 from benchmarks.reliability.witness import WitnessedParser
 from servolink.client.board import Board
+from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.errors import DecodeError
 from servolink.motion import MotionLimits
@@ -108,7 +109,7 @@ class Stage:
         parser.skipped = link.stats.skipped
         link.answers._parser = parser  # noqa: SLF001 - what it believes is to be compared with what was said
         await link.open()
-        self.connected = Board(link, None, MotionLimits())
+        self.connected = Board(Session(link), None, MotionLimits())
 
     async def reconnect(self, lost: Board) -> None:
         """Replace a connection, unless that was done already."""

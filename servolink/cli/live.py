@@ -12,7 +12,6 @@ from servolink.cli.output import angle_text, console
 from servolink.cli.terminal import cleanup
 from servolink.client.board import Board
 from servolink.client.servos import Servo
-from servolink.errors import RequestTimeout
 from servolink.escaping import escape
 from servolink.project.transfer.results import Phase, Progress, ProgressCallback
 
@@ -22,35 +21,19 @@ if TYPE_CHECKING:
 Draw = Callable[[float, Sequence[Servo]], None]
 """Takes the seconds since the start and what the servos then report."""
 
-_ARRIVED = 2  # degrees, or raw steps, as near as a servo can be expected to come
-_GRACE = 1.0
-_PAUSE = 0.04  # seconds between two readings
 _HALF = 24  # columns for the widest angle to one side
 _BESIDE = 21  # columns for what stands beside a bar, such as "servo 254" and "4095 ADC"
 _WIDEST = 120.0
 
 
 async def follow(board: Board, targets: Mapping[int, int], seconds: float, draw: Draw) -> tuple[Servo, ...]:
-    """Read the servos for `seconds` and until they rest at `targets`; RequestTimeout if a second later they do not."""
+    """Draw the servos until they rest at `targets`, and return what they then report (see `Board.follow`)."""
     loop = asyncio.get_running_loop()
-    start, before = loop.time(), dict[int, int]()
-    while True:
-        servos = await board.servos()
-        elapsed = loop.time() - start
-        draw(elapsed, servos)
-        here = {servo.servo_id: servo.angle for servo in servos if servo.servo_id in targets}
-        away = [servo_id for servo_id, angle in here.items() if abs(angle - targets[servo_id]) > _ARRIVED]
-        too_late = elapsed >= seconds + _GRACE
-        if elapsed >= seconds and not away and (here == before or too_late):
-            return servos
-        if too_late:
-            one = away[0]
-            raise RequestTimeout(
-                f"servo {one} is at {here[one]}, not at {targets[one]}, {_GRACE:.0f} s after it should have arrived: "
-                "it may have been stopped or released, or be blocked or overloaded"
-            )
-        before = here
-        await asyncio.sleep(_PAUSE)
+    start = loop.time()
+    servos: tuple[Servo, ...] = ()
+    async for servos in board.follow(targets, seconds, settle=True):
+        draw(loop.time() - start, servos)
+    return servos
 
 
 @contextmanager

@@ -1,87 +1,344 @@
-"""Board: the 32 commands of the protocol as a person would say them."""
+"""Board: every command of the protocol as a method, by chapters of the document."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import suppress
+from collections.abc import AsyncIterator, Iterable, Mapping
 from pathlib import Path
+from typing import TypeVar
 
-from servolink.client.records import Editing, ReadBack
-from servolink.client.servos import Servos
-from servolink.client.session import Chapter, ConnectionState, Reconnector, States
-from servolink.connection.connection import Connection
-from servolink.connection.explain import lost, same
+from servolink.client.events import ButtonEvents, ButtonSubscription
+from servolink.client.reconnect import ConnectionState
+from servolink.client.records import RecordStore
+from servolink.client.servos import Servo, ServoController
+from servolink.client.session import Session
 from servolink.connection.stats import Stats
-from servolink.errors import ConnectionLost, Rejected, ServolinkError
 from servolink.escaping import escape
 from servolink.motion import AngleUnit, MotionLimits
-from servolink.project.model import Project
+from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import AddServoParameterRequest, ExecuteMacroRequest, QueryServoParameterRequest
+from servolink.protocol.joystick import QueryActiveJoystickTableRequest, SetActiveJoystickTableRequest
+from servolink.protocol.packet import Command, Packet, Request, Response
+from servolink.protocol.record_types import ACTION, MACRO, TABLE
+from servolink.protocol.records import (
+    Action,
+    ActionEntry,
+    JoystickTable,
+    JoystickTableEntry,
+    Macro,
+    MacroEntry,
+    ServoParameter,
+)
+from servolink.protocol.servos import ALL_SERVOS
 from servolink.protocol.settings import (
-    ClearAllDataRequest,
     QueryMemorySizeRequest,
     QueryMemorySizeResponse,
     QueryRemainPowerRequest,
     SendDummyDataRequest,
-    TransmissionModeSettingRequest,
 )
 
+R = TypeVar("R", bound=Response)
 
-class Settings(Chapter):
-    """What concerns the whole board."""
 
-    _mode: int | None = None  # the transmission mode that was set on this connection
+class Board:
+    """A connected board, made by `connect`. Numbers in parentheses are sections of the protocol's document.
+
+    Every method that asks the board raises RequestTimeout if it does not answer, OutcomeUnknown if a command was sent
+    and not answered, ConnectionLost if the connection is lost, and EncodeError, before anything is sent, for a value
+    that does not fit the protocol. Ids of servos are 0..254, and 255 (`ALL_SERVOS`) stands for all. Ids of records,
+    macros, tables and the project are 32-bit integers.
+    """
+
+    def __init__(self, session: Session, angle_unit: AngleUnit | None, limits: MotionLimits) -> None:
+        """Use `connect` instead."""
+        self._session = session
+        self._servos = ServoController(session, angle_unit, limits)
+        self._records = RecordStore(session)
+        self._buttons = ButtonSubscription(session)
+        self._reported_unfinished = False
+
+    def __repr__(self) -> str:
+        """Return address and state, such as `<Board virtual:// connected>`."""
+        return f"<Board {escape(self.url)} {self._session.state}>"
+
+    # --- the connection -----------------------------------------------------------------------------------------
+
+    @property
+    def url(self) -> str:
+        """The address of the board."""
+        return self._session.url
+
+    @property
+    def codec(self) -> Codec:
+        """Byte order and caption encoding of the connection."""
+        return self._session.codec
+
+    @property
+    def connection(self) -> object:
+        """An object that stands for the present connection: another one after a reconnect."""
+        return self._session.connection
+
+    @property
+    def stats(self) -> Stats:
+        """Counters of the connection: frames, bytes, noise, late responses, round trips."""
+        return self._session.stats
+
+    def states(self) -> AsyncIterator[ConnectionState]:
+        """Yield the present state (`connected`, `lost` or `closed`), then each change up to `closed`."""
+        return self._session.states()
+
+    async def request(
+        self, packet: Request[R], *, timeout: float | None = None, retries: int | None = None, unchecked: bool = False
+    ) -> R:
+        """Send any packet that the board answers, and return the response, whatever it says.
+
+        `timeout` (0.001..3600 seconds) and `retries` (0..1000) replace those given to `connect`. `unchecked` allows
+        values that only a board sends, such as control characters in captions, to give back what was read from it.
+        """
+        return await self._session.request(packet, timeout=timeout, retries=retries, unchecked=unchecked)
+
+    async def send(self, packet: Command) -> None:
+        """Send any packet that the board does not answer. Raise EncodeError if a movement has a servo twice."""
+        await self._session.send(packet)
+
+    async def took_effect(self, request: Packet) -> bool | None:
+        """Return whether the board is now as `request` would have made it, to follow up on OutcomeUnknown.
+
+        Return None for requests that leave no readable trace: motion, angle units, the transmission mode and the
+        event subscription.
+        """
+        return await self._records.took_effect(request)
+
+    async def close(self) -> None:
+        """Unsubscribe from button events, close the connection and free the port; may be called again.
+
+        Raise RuntimeError in another event loop than the one that connected, if that still runs.
+        """
+        try:
+            await self._session.stop_reconnecting()
+            await self._buttons.close()
+        finally:
+            await self._session.close()
+
+    # --- 3.1 settings -------------------------------------------------------------------------------------------
 
     async def set_transmission_mode(self, mode: int) -> None:
-        """Set mode 1, this protocol, or 0, the old one, which this library does not speak (3.1.1)."""
-        await _set_mode(self._link, mode)
-        self._mode = mode
+        """Set mode 1, this protocol, or 0, an older one that servolink does not support (3.1.1).
 
-    async def _speak_this_protocol(self, link: Connection) -> None:
-        """Set mode 1 on a new link, if any was set on the one before it: in mode 0 no board says which it is."""
-        if self._mode is not None:
-            await _set_mode(link, 1)
-
-    async def _restore_mode(self, link: Connection) -> None:
-        """Set on a new link, which leads to the same board, the transmission mode that was set before."""
-        if self._mode not in (None, 1):
-            await _set_mode(link, self._mode)
+        Raise Rejected if the board reports another mode.
+        """
+        await self._session.set_transmission_mode(mode)
 
     async def clear_all_data(self) -> None:
-        """Delete everything stored on the board (3.1.2); nothing else is sent before it is answered."""
-        with self._identity.changing(self._link, 0):
-            await self._do(ClearAllDataRequest(), "its data was not deleted")
-        self._identity.may_have(0)  # boards differ in whether they keep it
+        """Delete everything stored on the board (3.1.2). Raise Rejected if the board refuses.
+
+        No other request is sent until the board has answered.
+        """
+        await self._session.clear_all_data()
 
     async def memory(self) -> QueryMemorySizeResponse:
-        """Return free and total memory in bytes, `size` and `total_size` (None on boards that do not tell) (3.1.3)."""
-        return await self.request(QueryMemorySizeRequest())
+        """Return the memory in bytes: `size` is free, `total_size` is None if the board does not report it (3.1.3)."""
+        return await self._session.request(QueryMemorySizeRequest())
 
     async def battery(self) -> float:
-        """Return the remaining charge in percent, in steps of 0.1 (3.1.4)."""
-        return (await self.request(QueryRemainPowerRequest())).permil / 10
+        """Return the remaining charge in percent, to 0.1 (3.1.4)."""
+        return (await self._session.request(QueryRemainPowerRequest())).permil / 10
 
     async def send_dummy_data(self, data: bytes) -> None:
-        """Send up to 65,535 bytes that the board throws away (3.1.5)."""
-        await self.send(SendDummyDataRequest(data))
+        """Send up to 65,535 bytes, which the board ignores (3.1.5)."""
+        await self._session.send(SendDummyDataRequest(data))
 
+    # --- 3.2 servos ---------------------------------------------------------------------------------------------
 
-async def _set_mode(link: Connection, mode: int) -> None:
-    request = TransmissionModeSettingRequest(mode)
-    if (answer := await link.request(request)).result != mode:
-        raise Rejected(f"the board was asked for mode {mode} and is in mode {answer.result}", request)
+    async def servo_ids(self) -> tuple[int, ...]:
+        """Return the ids of all servos (3.2.1)."""
+        return await self._servos.servo_ids()
 
+    async def servos(self) -> tuple[Servo, ...]:
+        """Return the state of all servos (3.2.2)."""
+        return await self._servos.servos()
 
-class Projects(Settings, ReadBack):
-    """Everything stored on the board at once; `servolink.project` has what is done, and is loaded when it is used."""
+    async def servo(self, servo_id: int) -> Servo:
+        """Return the state of one servo (3.2.2). Raise NotFound if the board has no such servo."""
+        return await self._servos.servo(servo_id)
 
-    _told_of_import = False
+    async def set_servo(self, servo_id: int, *, start: bool, hold: bool) -> None:
+        """Start a servo or stop it, hold its angle or release it (3.2.3).
+
+        A stopped servo ignores movements; a released one is limp. Raise Rejected if the board reports another state.
+        """
+        await self._servos.set_servo(servo_id, start=start, hold=hold)
+
+    async def release(self, servo_id: int = ALL_SERVOS) -> None:
+        """Stop and release a servo, or all (3.2.3). It goes limp, and a raised limb falls."""
+        await self._servos.set_servo(servo_id, start=False, hold=False)
+
+    async def stop(self) -> None:
+        """Stop all servos where they are and hold them, ahead of every other request (3.2.3).
+
+        Confirmed by reading the servos. Raise OutcomeUnknown if they do not all report that they are stopped and held.
+        A stopped servo ignores movements until `set_servo(..., start=True, hold=True)`.
+        """
+        await self._servos.stop()
+
+    async def set_angle_unit(self, unit: AngleUnit, servo_id: int = ALL_SERVOS) -> None:
+        """Set the unit of a servo's angles, `degree` or `adc` (3.2.4). Raise Rejected if the board refuses."""
+        await self._servos.units.set(unit, servo_id)
+
+    def unit_of(self, servo_id: int) -> AngleUnit | None:
+        """Return the unit of a servo's angles, None if it is unknown. Does not ask the board."""
+        return self._servos.units.of(servo_id)
+
+    async def move(
+        self,
+        targets: Mapping[int, float],
+        *,
+        duration: float | None = None,
+        speed: float | None = None,
+        wait: bool = False,
+    ) -> float:
+        """Move servos together to angles in degrees (or `Adc`) and return the duration in seconds (3.2.5).
+
+        Give either `duration`, 0.01..327.67 seconds, or `speed` in degrees per second: then the present angles are
+        read first, and each servo turns at that speed. Raise EncodeError, before anything moves, for an angle outside
+        `angle_limits` or a speed above `speed_cap`.
+
+        Returns when the movement was sent, which says nothing about the servos: the board reports no errors, and a
+        servo turns only as far as it can. With `wait`, returns when all have arrived, and raises RequestTimeout for
+        one that is not within 2 degrees of its target a second after the planned end.
+        """
+        return await self._servos.move(targets, duration=duration, speed=speed, wait=wait)
+
+    def follow(
+        self, targets: Mapping[int, float], seconds: float, *, settle: bool = False
+    ) -> AsyncIterator[tuple[Servo, ...]]:
+        """Read all servos every 40 ms (3.2.2): for `seconds`, and until those in `targets` have arrived there.
+
+        For a movement that takes `seconds`, as returned by `move`. With `settle`, reading goes on until two readings
+        are equal. Raise RequestTimeout for a servo that has not arrived a second after the planned end.
+        """
+        return self._servos.follow(targets, seconds, settle=settle)
+
+    async def run_action(self, action_id: int) -> None:
+        """Run a stored action (3.2.6). The board does not answer, not even if it has no such action."""
+        await self._servos.run_action(action_id)
+
+    # --- 3.3 stored records -------------------------------------------------------------------------------------
+
+    async def actions(self) -> tuple[ActionEntry, ...]:
+        """Return id and caption of each stored action (3.3.1)."""
+        return await self._records.entries(ACTION)
+
+    async def action(self, action_id: int) -> Action:
+        """Return a stored action (3.3.2). Raise NotFound if there is none."""
+        return await self._records.get(ACTION, action_id)
+
+    async def add_action(self, action: Action) -> Action:
+        """Store an action and return it (3.3.3). If its id is 0, it gets the lowest free one.
+
+        Raise Rejected if the board refuses: its memory may be full, or the id may be taken.
+        """
+        return await self._records.add(ACTION, action)
+
+    async def delete_action(self, action_id: int) -> None:
+        """Delete a stored action (3.3.4). Raise Rejected if there is none."""
+        await self._records.delete(ACTION, action_id)
+
+    async def macros(self) -> tuple[MacroEntry, ...]:
+        """Return id and caption of each stored macro (3.3.5)."""
+        return await self._records.entries(MACRO)
+
+    async def macro(self, macro_id: int) -> Macro:
+        """Return a stored macro (3.3.6). Raise NotFound if there is none."""
+        return await self._records.get(MACRO, macro_id)
+
+    async def add_macro(self, macro: Macro) -> Macro:
+        """Store a macro and return it (3.3.7). If its id is 0, it gets the lowest free one.
+
+        Raise EncodeError if it refers to an action or a macro without an id: add that first, and refer to what
+        `add_action` or `add_macro` returned. Raise Rejected if the board refuses.
+        """
+        return await self._records.add(MACRO, macro)
+
+    async def delete_macro(self, macro_id: int) -> None:
+        """Delete a stored macro (3.3.8). Raise Rejected if there is none."""
+        await self._records.delete(MACRO, macro_id)
+
+    async def run_macro(self, macro_id: int) -> None:
+        """Start a stored macro (3.3.9) and return at once. Raise Rejected if it does not start."""
+        request = ExecuteMacroRequest(macro_id)
+        await self._session.command(request, "it may have no such macro, or the macro runs itself")
+
+    async def servo_parameters(self) -> tuple[ServoParameter, ...]:
+        """Return caption and angle correction of each servo (3.3.10); empty also after an error on the board."""
+        return (await self._session.request(QueryServoParameterRequest())).servos
+
+    async def add_servo_parameters(self, servos: Iterable[ServoParameter]) -> None:
+        """Store caption and angle correction of servos (3.3.11). Raise Rejected if the board refuses."""
+        request = AddServoParameterRequest(tuple(servos))
+        await self._session.command(request, "its memory may be full, or it has no such servo")
+
+    async def write_project_id(self, project_id: int) -> None:
+        """Write the project id (3.3.12). Raise Rejected if the board refuses."""
+        await self._session.write_project_id(project_id)
+
+    async def project_id(self) -> int:
+        """Return the project id, 0 if there is none (3.3.13).
+
+        The first time that it marks an unfinished import, a warning is logged.
+        """
+        project_id = await self._session.project_id()
+        if is_unfinished(project_id) and not self._reported_unfinished:
+            self._reported_unfinished = True
+            logging.getLogger(__name__).warning(
+                "%s holds an unfinished import: `apply` finishes it, `rollback` undoes it", escape(self.url)
+            )
+        return project_id
+
+    # --- 3.4 joystick -------------------------------------------------------------------------------------------
+
+    async def joystick_tables(self) -> tuple[JoystickTableEntry, ...]:
+        """Return id and caption of each stored joystick table (3.4.1)."""
+        return await self._records.entries(TABLE)
+
+    async def joystick_table(self, table_id: int) -> JoystickTable:
+        """Return a stored joystick table (3.4.2). Raise NotFound if there is none."""
+        return await self._records.get(TABLE, table_id)
+
+    async def add_joystick_table(self, table: JoystickTable) -> JoystickTable:
+        """Store a joystick table and return it (3.4.3). If its id is 0, it gets the lowest free one.
+
+        Raise EncodeError if it refers to a macro without an id, Rejected if the board refuses.
+        """
+        return await self._records.add(TABLE, table)
+
+    async def delete_joystick_table(self, table_id: int) -> None:
+        """Delete a stored joystick table (3.4.4). Raise Rejected if there is none."""
+        await self._records.delete(TABLE, table_id)
+
+    async def set_active_joystick_table(self, table_id: int) -> None:
+        """Make a stored joystick table the active one (3.4.5). Raise Rejected if there is none."""
+        await self._session.command(SetActiveJoystickTableRequest(table_id), "it may have no such joystick table")
+
+    async def active_joystick_table(self) -> int | None:
+        """Return the id of the active joystick table, None if the board has no table (3.4.6)."""
+        return (await self._session.request(QueryActiveJoystickTableRequest())).table_id or None
+
+    def button_events(self, limit: int = 256) -> ButtonEvents:
+        """Return an iterator over button events, which subscribes when it is first used (3.4.7, 3.4.8).
+
+        Up to `limit` unread events are kept; the oldest are dropped and counted.
+        """
+        return ButtonEvents(self._buttons, limit)
+
+    # --- 4 projects: everything stored on the board at once. Their code is imported when it is used. ----------------
 
     async def export_project(self, *, on_progress: ProgressCallback = ignore_progress) -> Project:
         """Return everything stored on the board, each part read until two consecutive readings agree (4.3).
 
-        ProjectError if they never do, or if the board lists what it does not give.
+        Raise ProjectError if they never agree, or if the board lists a record that it does not return.
         """
         from servolink.project.transfer.read import PinnedConnection, read_project
 
@@ -95,9 +352,9 @@ class Projects(Settings, ReadBack):
         unchecked: bool = False,
         on_progress: ProgressCallback = ignore_progress,
     ) -> Plan:
-        """Return what `apply` would change, and what that costs; changes nothing.
+        """Return what `apply_project` would change and what that costs, without changing anything.
 
-        `unchecked` is for a project that was read from a board and may hold what servolink would not write by itself.
+        `unchecked` is for a project read from a board, which may hold values that servolink does not write by itself.
         """
         from servolink.project.transfer.plan import plan_project
         from servolink.project.transfer.read import PinnedConnection
@@ -115,11 +372,12 @@ class Projects(Settings, ReadBack):
         folder: Path | None = None,
         on_progress: ProgressCallback = ignore_progress,
     ) -> ApplyResult:
-        """Make the board hold `project`: only what differs is written, or with `replace` all of it (4.2).
+        """Make the board hold exactly `project` (4.2): what differs is written, what is not in it is deleted.
 
-        Before anything is changed the board's content is kept in `folder` (the user's data folder). Whatever
-        interrupts it, a cancellation too, the next `apply` goes on, and `rollback` goes back. ProjectError for a
-        project that cannot be written or does not fit, if no backup can be made, and if the board does not take it.
+        With `replace` everything is deleted and written again. First the content of the board is saved in `folder`
+        (by default the user's data folder). After any interruption, a cancellation too, applying again finishes the
+        import and `rollback_project` undoes it. Raise ProjectError if the project cannot be written or does not fit,
+        if the backup fails, or if the board refuses.
         """
         from servolink.project.transfer.apply import apply_project
         from servolink.project.transfer.backups import BackupStore
@@ -131,9 +389,9 @@ class Projects(Settings, ReadBack):
     async def rollback_project(
         self, backup: Path | None = None, *, folder: Path | None = None, on_progress: ProgressCallback = ignore_progress
     ) -> ApplyResult:
-        """Make the board hold what it held before the last import at this address, or what `backup` holds.
+        """Make the board hold what it held before the last import at this address, or what the file `backup` holds.
 
-        ProjectError if there is no such backup, or if the board is not as that import left it.
+        Raise ProjectError if there is no such backup, or if the board was changed since that import.
         """
         from servolink.project.transfer.apply import roll_back
         from servolink.project.transfer.backups import BackupStore
@@ -142,95 +400,6 @@ class Projects(Settings, ReadBack):
         return await roll_back(PinnedConnection(self), backup, store=BackupStore(folder), on_progress=on_progress)
 
     async def has_unfinished_import(self) -> bool:
-        """Tell whether an import was begun on the board and not finished; `apply` again, or `rollback`."""
-        from servolink.project.model import is_unfinished
-
-        self._told_of_import = True
-        return is_unfinished(await super().project_id())
-
-    async def project_id(self) -> int:
-        """Return the project id; 0 if the board has none (3.3.13).
-
-        One that says that an import was begun and not finished is a warning in the log, once.
-        """
-        from servolink.project.model import is_unfinished
-
-        project_id = await super().project_id()
-        if is_unfinished(project_id) and not self._told_of_import:
-            self._told_of_import = True
-            logging.getLogger(__name__).warning(
-                "%s holds an unfinished import: `apply` finishes it, `rollback` undoes it", escape(self.url)
-            )
-        return project_id
-
-
-class Board(Servos, Projects):
-    """A connected board; one file per chapter of the document holds its commands."""
-
-    def __init__(
-        self,
-        link: Connection,
-        angle_unit: AngleUnit | None,
-        limits: MotionLimits,
-        reopen: Callable[[], Awaitable[Connection]] | None = None,
-    ) -> None:
-        """Use `connect`; with `reopen`, which opens a new link to the same board, a lost link is replaced."""
-        super().__init__(link, angle_unit, limits)
-        self._states = States()
-        self._reconnector: Reconnector | None = None
-        if reopen is not None:
-            self._reconnector = Reconnector(lambda: self._open_again(reopen), self._resume)
-        link.answers.on_end = self._link_ended
-
-    @property
-    def stats(self) -> Stats:
-        """What the link has seen: frames, bytes, noise, late answers, round trips."""
-        return self._link.stats
-
-    def states(self) -> AsyncIterator[ConnectionState]:
-        """Yield `connected`, `lost` or `closed`: the state as it is, and then each change up to `closed`."""
-        return self._states.read()
-
-    async def clear_all_data(self) -> None:
-        """Delete everything stored on the board (3.1.2); nothing else is sent before it is answered."""
-        await super().clear_all_data()
-        if self._reconnector is not None:
-            with suppress(ServolinkError):  # it is deleted; only less would be known of which board this is
-                await Editing.project_id(self)  # that of Projects would warn of an import that is under way
-
-    async def close(self) -> None:
-        """End the button events and free the port; may be called again."""
-        try:
-            if self._reconnector is not None:
-                await self._reconnector.stop()
-            await self._events.close()
-        finally:
-            self._link.answers.on_end = self._events.end
-            try:
-                await self._link.close()
-            finally:
-                self._events.end(lost(self.url, None))
-                self._states.become("closed")
-
-    def _link_ended(self, error: ConnectionLost) -> None:
-        self._states.become("lost")
-        if self._reconnector is None or not self._reconnector.start():
-            self._events.end(error)
-
-    async def _open_again(self, reopen: Callable[[], Awaitable[Connection]]) -> Connection:
-        await self._link.close()  # it may have ended by silence and still hold the port
-        return await reopen()
-
-    async def _resume(self, link: Connection) -> None:
-        """Restore the session on a new link and use it from then on; raises what keeps it from being restored."""
-        link.answers.on_end = self._link_ended
-        await self._speak_this_protocol(link)
-        await self._identity.check(link)  # any answer also proves that nothing is owed
-        await self._restore_units(link)
-        self._link = link
-        await self._events.move(link)
-        await self._restore_mode(link)  # last, as the old one is the end of all answers
-        if link.answers.ended is not None:
-            raise same(link.answers.ended)
-        self.stats.reconnects += 1
-        self._states.become("connected")
+        """Return whether an import was interrupted: `apply_project` finishes it, `rollback_project` undoes it."""
+        self._reported_unfinished = True  # to the caller, so not to the log as well
+        return is_unfinished(await self._session.project_id())

@@ -1,14 +1,15 @@
-"""`connect`: from an address to a board."""
+"""`connect`: from an address to a connected board."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncGenerator, Generator
 from types import TracebackType
-from typing import Any
+from typing import Any, NoReturn
 
 from servolink.client.board import Board
-from servolink.client.session import FIRST_PAUSE, LONGEST_PAUSE, check_count, check_timeout
+from servolink.client.reconnect import FIRST_PAUSE, LONGEST_PAUSE
+from servolink.client.session import Session, check_count, check_timeout
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
 from servolink.discovery.names import resolve_url
@@ -26,13 +27,17 @@ class connect:  # noqa: N801 - reads as the function it stands for
     """`async with connect(url) as board:` opens a board and closes it again; `await connect(url)` only opens it.
 
     `url` is an address (`serial:///dev/ttyACM0`, `tcp://host:port`, `virtual://`), a device path, a name given by
-    `servolink use`, or a transport; without one it is the only board that `discover` finds.
-    `timeout` is the time in seconds for one answer, `retries` how often a query is repeated, `window` how many
-    requests may be on the line at once (1 unless the board queues). `angle_unit` is set on all servos before the
-    first command with an angle; None leaves them alone. `angle_limits` (degrees) and `speed_cap` (degrees per
-    second) are checked before anything moves. With `reconnect` a lost connection comes back by itself, to the same
-    board; what waited for it has failed, and nothing moves again unless asked (see `Board.states`). Raises OpenError
-    or TransportUnavailable, which say what to do.
+    `servolink use`, or a transport; without it, the only board that `discover` finds.
+
+    `timeout` (0.001..3600 seconds) is the time for one response, `retries` (0..1000) how often a query is repeated,
+    `window` (1..1000) how many requests may be under way at once: 1 unless the board queues them. `angle_unit` is set
+    on all servos before the first command with an angle; None leaves them as they are. `angle_limits` (degrees) and
+    `speed_cap` (degrees per second) are checked before anything moves.
+
+    With `reconnect`, a lost connection to the same board is restored in the background. Requests that were waiting
+    have failed, and no movement is repeated (see `Board.states`).
+
+    Raise OpenError or TransportUnavailable, which say what to do.
     """
 
     def __init__(
@@ -49,14 +54,14 @@ class connect:  # noqa: N801 - reads as the function it stands for
         speed_cap: float | None = None,
         reconnect: bool = False,
     ) -> None:
-        """Check the arguments; nothing is opened yet."""
+        """Check the arguments. Nothing is opened yet."""
         check_timeout(timeout)
         check_count("retries", retries, 0)
         check_count("window", window, 1)
         if angle_unit not in ("degree", "adc", None):
-            raise ValueError(f"angle_unit: {angle_unit!r} is none of 'degree', 'adc' and None")
+            raise ValueError(f"angle_unit must be 'degree', 'adc' or None, not {quote(angle_unit)}")
         if not (url is None or isinstance(url, str | Transport)):
-            raise TypeError(f"url: {quote(url)} is {type(url).__name__}; give an address as text, a transport or None")
+            raise TypeError(f"url must be an address as text, a transport or None, not {quote(url)}")
         if reconnect:
             _refuse_transport(url, "reconnect")
         self._url = url
@@ -66,36 +71,47 @@ class connect:  # noqa: N801 - reads as the function it stands for
         self._angle_unit: AngleUnit | None = angle_unit
         self._limits = MotionLimits(angle_limits, speed_cap)
         self._board: Board | None = None
-        self._before: Connection | None = None  # the latest link to this board
+        self._before: Connection | None = None  # the latest one to this board; its late responses are not ours
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Raise AttributeError; for what a board has, explain how to get one."""
+        if not name.startswith("_") and hasattr(Board, name):
+            raise AttributeError(
+                f"{name!r} belongs to a connected board, and nothing is connected yet: use `async with "
+                "servolink.connect(...) as board:` or `board = await servolink.connect(...)`"
+            )
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     async def open(self) -> Board:
-        """Open the board."""
-        url = self._url
-        if url is not None and not isinstance(url, str):
-            return Board(await self._open_link(url, Stats()), self._angle_unit, self._limits)
-        address = await resolve_url(url)
+        """Open the board, as `await connect(...)` does."""
+        if self._url is not None and not isinstance(self._url, str):
+            return self._board_on(Session(await self._open_connection(self._url, Stats())))
+        address = await resolve_url(self._url)
         stats = Stats()
-        link = await self._open_link(create(address), stats)
+        connection = await self._open_connection(create(address), stats)
         if not self._reconnect:
-            return Board(link, self._angle_unit, self._limits)
-        whereabouts = PortTracker(address)
+            return self._board_on(Session(connection))
+        port = PortTracker(address)
 
         async def reopen() -> Connection:
-            return await self._open_link(create(await whereabouts.url()), stats)
+            return await self._open_connection(create(await port.url()), stats)
 
-        board = Board(link, self._angle_unit, self._limits, reopen)
+        board = self._board_on(Session(connection, reopen))
         try:
-            await whereabouts.learn()
-            await board.project_id()  # by which it is known again
+            await port.learn()
+            await board.project_id()  # by which the board is recognised after a loss
         except BaseException as error:
             await board.close()
             if isinstance(error, RequestTimeout):
-                raise OpenError(str(error)) from error
+                raise OpenError(str(error)) from None
             raise
         return board
 
-    async def _open_link(self, transport: Transport, stats: Stats) -> Connection:
-        link = Connection(
+    def _board_on(self, session: Session) -> Board:
+        return Board(session, self._angle_unit, self._limits)
+
+    async def _open_connection(self, transport: Transport, stats: Stats) -> Connection:
+        connection = Connection(
             transport,
             self._codec,
             timeout=self._timeout,
@@ -104,12 +120,12 @@ class connect:  # noqa: N801 - reads as the function it stands for
             stats=stats,
             before=self._before,
         )
-        await link.open()
-        self._before = link
-        return link
+        await connection.open()
+        self._before = connection
+        return connection
 
     def __await__(self) -> Generator[Any, None, Board]:
-        """Open the board; close it yourself."""
+        """Open the board. The caller closes it."""
         return self.open().__await__()
 
     async def __aenter__(self) -> Board:
@@ -127,31 +143,31 @@ class connect:  # noqa: N801 - reads as the function it stands for
 
 def _refuse_transport(url: object, name: str) -> None:
     if not (url is None or isinstance(url, str)):
-        raise ValueError(f"{name}: a transport is opened once; give an address")
+        raise ValueError(f"{name}: a transport can be opened only once; give an address")
 
 
 async def reconnecting(url: str | None = None, **options: Any) -> AsyncGenerator[Board, None]:
-    """Yield a newly connected board, and another one each time the `async for` comes round.
+    """Yield a connected board, and a newly connected one in each further round of the `async for` loop.
 
-    Leave the body by `continue` after ConnectionLost, and the loop by `break`; `contextlib.aclosing` around it closes
-    the last board at once. Takes an address and the options of `connect`; waits 0.1 to 5 s before each further board,
-    longer each time until one has answered.
+    After ConnectionLost, `continue` the loop; `break` ends it, and `contextlib.aclosing` around it then closes the last
+    board at once. Takes the address and options of `connect`. Waits 0.1 to 5 s before each further connection, longer
+    each time until a board has answered.
     """
     _refuse_transport(url, "reconnecting")
     pause = FIRST_PAUSE
     before: Connection | None = None
     while True:
         connecting = connect(url, **options)
-        connecting._before = before  # noqa: SLF001 - nobody else follows a connection with another
+        connecting._before = before  # noqa: SLF001 - the only place outside where one connection follows another
         try:
             async with connecting as board:
                 yield board
             if board.stats.round_trips:
                 pause = FIRST_PAUSE
         except TransportUnavailable:
-            raise  # no waiting makes a wrong address right
+            raise  # waiting does not help against a wrong address
         except (OpenError, ConnectionLost):
-            pass  # not there yet
+            pass  # not plugged in yet, or unplugged in the body
         before = connecting._before  # noqa: SLF001 - likewise
         await asyncio.sleep(pause)
         pause = min(2 * pause, LONGEST_PAUSE)

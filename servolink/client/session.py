@@ -1,237 +1,212 @@
-"""Checks of what a program gives: a wrong value is told at once, not by what comes of it later."""
+"""Session: one board across all connections to it. The parts of `Board` send through it."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import contextmanager
-from typing import Literal, TypeVar
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import suppress
+from typing import TypeVar
 
+from servolink.client.identity import BoardIdentity
+from servolink.client.reconnect import ConnectionState, ConnectionStates, Reconnector
 from servolink.connection.connection import Connection
-from servolink.connection.explain import described
-from servolink.errors import EncodeError, NotFound, Rejected, RequestTimeout, ServolinkError
+from servolink.connection.explain import described, lost, same
+from servolink.connection.stats import Stats
+from servolink.errors import ConnectionLost, EncodeError, Rejected, ServolinkError
 from servolink.escaping import escape, quote
 from servolink.motion import is_number
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import QueryProjectIDRequest
+from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.packet import Command, Request, Response, Result
 from servolink.protocol.servos import ExecuteActionRequest
+from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 
-_LONGEST_TIMEOUT = 3600  # a cancelled request keeps its turn so long, and a stop is read back only then
+R = TypeVar("R", bound=Response)
+
+_LONGEST_TIMEOUT = 3600  # a cancelled request blocks its turn that long, and a stop is confirmed only then
 _MOST = 1_000
 
 
 def check_timeout(value: object) -> None:
-    """Raise TypeError or ValueError if `value` is no time for an answer: 0.001..3600 seconds."""
+    """Raise TypeError or ValueError if `value` is not a timeout of 0.001..3600 seconds."""
     if not is_number(value):
-        raise TypeError(f"timeout: {quote(value)} is no number of seconds")
+        raise TypeError(f"timeout must be a number of seconds, not {quote(value)}")
     if not 0.001 <= value <= _LONGEST_TIMEOUT:
-        raise ValueError(f"timeout: {quote(value)} is outside 0.001..{_LONGEST_TIMEOUT} seconds")
+        raise ValueError(f"timeout must be 0.001..{_LONGEST_TIMEOUT} seconds, not {quote(value)}")
 
 
 def check_count(name: str, value: object, least: int) -> None:
-    """Raise TypeError or ValueError if `value` is no whole number `least`..1000."""
+    """Raise TypeError or ValueError if `value` is not a whole number from `least` to 1000."""
     if not isinstance(value, int) or isinstance(value, bool):
-        raise TypeError(f"{name}: {quote(value)} is no whole number")
+        raise TypeError(f"{name} must be a whole number, not {quote(value)}")
     if not least <= value <= _MOST:
-        raise ValueError(f"{name}: {quote(value)} is outside {least}..{_MOST}")
+        raise ValueError(f"{name} must be {least}..{_MOST}, not {quote(value)}")
 
 
-_NOT_DONE = (EncodeError, Rejected, RequestTimeout)
-"""After these the board is as it was: nothing was sent, or the board says so."""
+class Session:
+    """Sends requests to one board; holds what must be restored when a lost connection is replaced."""
 
-
-class Identity:
-    """The project ids that the board may have; with none, which is before it was asked, no board is it."""
-
-    def __init__(self) -> None:
-        """Know nothing yet."""
-        self._project_ids: frozenset[int] = frozenset()
-        self.changes = 0
-        """How often it has become another one."""
-
-    def know(self, project_id: int) -> None:
-        """Take note of what the board has for certain."""
-        self._project_ids = frozenset({project_id})
-        self.changes += 1
-
-    def may_have(self, project_id: int) -> None:
-        """Reckon with `project_id` besides what the board had."""
-        self._project_ids |= {project_id}
-        self.changes += 1
-
-    def hear(self, project_id: int, since: int) -> None:
-        """Take note of an answer to what was asked when there had been `since` changes."""
-        if self.changes == since:
-            self.know(project_id)
-        else:  # another id was written or given up meanwhile, and may be what the board has now
-            self.may_have(project_id)
-
-    @contextmanager
-    def changing(self, link: Connection, project_id: int) -> Iterator[None]:
-        """Reckon with `project_id` too, if what is asked of `link` meanwhile fails and may yet have been done."""
-        was_lost = link.answers.ended is not None
-        try:
-            yield
-        except _NOT_DONE:
-            raise
-        except BaseException:  # cancelled, for one: it may be on its way
-            if not was_lost:
-                self.may_have(project_id)
-            raise
-
-    async def check(self, link: Connection) -> None:
-        """Ask which board a new link leads to, and know it from then on; NotFound if it is another."""
-        request = QueryProjectIDRequest()
-        found = (await link.request(request)).project_id
-        if found not in self._project_ids:
-            known = " or ".join(str(project_id) for project_id in sorted(self._project_ids))
-            raise NotFound(f"the board there has project id {found}, not {known}", request)
-        self.know(found)
-
-
-R = TypeVar("R", bound=Response)
-
-
-class Chapter:
-    """Commands to one board."""
-
-    def __init__(self, link: Connection) -> None:
-        """Speak through `link`."""
-        self._link = link
-        self._identity = Identity()
+    def __init__(self, connection: Connection, reopen: Callable[[], Awaitable[Connection]] | None = None) -> None:
+        """Use `connection`; with `reopen`, which opens another one to the same board, replace it when it is lost."""
+        self.connection = connection
+        """The present connection; parts must not keep it across an `await`, because it is replaced after a loss."""
+        self.identity = BoardIdentity()
+        self.on_end: Callable[[ConnectionLost], None] = lambda error: None
+        """Called when the connection is lost and will not be replaced."""
+        self._restorers: list[Callable[[Connection], Awaitable[None]]] = []
+        self._mode: int | None = None  # the transmission mode set by this session; None if it was left alone
+        self._states = ConnectionStates()
+        self._loop = asyncio.get_running_loop()
+        self._reconnector: Reconnector | None = None
+        if reopen is not None:
+            self._reconnector = Reconnector(lambda: self._open_again(reopen), self._resume)
+        connection.answers.on_end = self._connection_ended
 
     @property
     def url(self) -> str:
         """The address of the board."""
-        return self._link.transport.url
+        return self.connection.transport.url
 
     @property
     def codec(self) -> Codec:
-        """Byte order and caption encoding of this connection."""
-        return self._link.codec
+        """Byte order and caption encoding."""
+        return self.connection.codec
 
     @property
-    def connection(self) -> object:
-        """What stands for the connection: another object once it was lost and has come back."""
-        return self._link
+    def stats(self) -> Stats:
+        """Counters since the board was connected, across reconnects."""
+        return self.connection.stats
+
+    @property
+    def state(self) -> ConnectionState:
+        """The present state."""
+        return self._states.now
+
+    def states(self) -> AsyncIterator[ConnectionState]:
+        """Yield the present state, then each change up to `closed`."""
+        return self._states.read()
+
+    def restore_with(self, restore: Callable[[Connection], Awaitable[None]]) -> None:
+        """Call `restore` with each new connection before the session uses it; it raises if it cannot restore."""
+        self._restorers.append(restore)
+
+    # --- requests -----------------------------------------------------------------------------------------------
 
     async def request(
         self, packet: Request[R], *, timeout: float | None = None, retries: int | None = None, unchecked: bool = False
     ) -> R:
-        """Send any packet that is answered and return its answer, whatever that says.
-
-        `unchecked` gives back to a board what was read from one: captions may then hold control characters, numbers all
-        that the wire carries.
-
-        Raises EncodeError before anything is sent; RequestTimeout after the retries of a query; OutcomeUnknown
-        when a command that changes something was sent and not answered; ConnectionLost.
-        """
+        """Send `packet` and return its response (see `Board.request`)."""
         if not isinstance(packet, Request):
-            raise TypeError(f"{type(packet).__name__} is never answered; use send")
+            raise TypeError(f"the board does not answer {type(packet).__name__}; use send")
         if timeout is not None:
             check_timeout(timeout)
         if retries is not None:
             check_count("retries", retries, 0)
-        return await self._link.request(packet, timeout=timeout, retries=retries, unchecked=unchecked)
+        return await self.connection.request(packet, timeout=timeout, retries=retries, unchecked=unchecked)
 
     async def send(self, packet: Command) -> None:
-        """Send any packet that is never answered; EncodeError also for the same servo twice in one movement."""
+        """Send a packet that the board does not answer (see `Board.send`)."""
         if not isinstance(packet, Command):
-            raise TypeError(f"{type(packet).__name__} is answered; use request")
+            raise TypeError(f"the board answers {type(packet).__name__}; use request")
         if isinstance(packet, ExecuteActionRequest):
             servo_ids = [step.servo_id for step in packet.steps]
             if twice := {servo_id for servo_id in servo_ids if servo_ids.count(servo_id) > 1}:
-                raise EncodeError(f"ExecuteActionRequest.steps: servo {min(twice)} is in it twice")
-        await self._link.send(packet)
+                raise EncodeError(f"ExecuteActionRequest.steps: servo {min(twice)} is there twice")
+        await self.connection.send(packet)
 
-    async def _do(self, packet: Request[Result], reasons: str) -> None:
-        """Send a command and raise Rejected, with the likely `reasons`, if the board says it failed."""
-        if not (await self._link.request(packet)).result:
-            raise Rejected(f"{escape(self.url)} refused {described(packet)}: {reasons}", packet)
+    async def command(self, packet: Request[Result], likely_cause: str) -> None:
+        """Send a command that is answered with success or failure. Raise Rejected with `likely_cause` on failure."""
+        if not (await self.request(packet)).result:
+            raise Rejected(f"{escape(self.url)} refused {described(packet)}: {likely_cause}", packet)
 
+    # --- commands that change what has to be restored, or by which the board is recognised ------------------------
 
-_logger = logging.getLogger(__name__)
+    async def set_transmission_mode(self, mode: int) -> None:
+        """Set the transmission mode (3.1.1). Raise Rejected if the board stays in another."""
+        await _set_mode(self.connection, mode)
+        self._mode = mode
 
-ConnectionState = Literal["connected", "lost", "closed"]
+    async def clear_all_data(self) -> None:
+        """Delete everything stored on the board (3.1.2)."""
+        with self.identity.changing(self.connection, 0):
+            await self.command(ClearAllDataRequest(), "its data was not deleted")
+        self.identity.add(0)  # some boards keep the project id, others reset it to 0
+        if self._reconnector is not None:
+            # Only to recognise the board later; the data is deleted, so a failure here is not a failure of the call.
+            with suppress(ServolinkError):
+                await self.project_id()
 
-FIRST_PAUSE = 0.1
-"""Seconds from the loss of a connection to the first try; each further pause is twice as long."""
-LONGEST_PAUSE = 5.0
+    async def project_id(self) -> int:
+        """Return the project id (3.3.13)."""
+        changes = self.identity.changes
+        project_id = (await self.request(QueryProjectIDRequest())).project_id
+        self.identity.learn(project_id, changes)
+        return project_id
 
+    async def write_project_id(self, project_id: int) -> None:
+        """Write the project id (3.3.12). Raise Rejected if the board refuses."""
+        with self.identity.changing(self.connection, project_id):
+            await self.command(WriteProjectIDRequest(project_id), "it was not written")
+        self.identity.set(project_id)
 
-class States:
-    """The state of a connection, for any number of readers."""
+    # --- loss and end -------------------------------------------------------------------------------------------
 
-    def __init__(self) -> None:
-        """Begin connected."""
-        self.now: ConnectionState = "connected"
-        self._readers: list[asyncio.Queue[ConnectionState]] = []
+    async def stop_reconnecting(self) -> None:
+        """Stop replacing lost connections. Raise RuntimeError if called from another event loop."""
+        self._check_loop()
+        if self._reconnector is not None:
+            await self._reconnector.stop()
 
-    def become(self, state: ConnectionState) -> None:
-        """Tell every reader of a change; nothing comes after `closed`."""
-        if self.now not in {state, "closed"}:
-            self.now = state
-            for reader in self._readers:
-                reader.put_nowait(state)
-
-    async def read(self) -> AsyncIterator[ConnectionState]:
-        """Yield the state as it is and then each change, up to `closed`."""
-        reader: asyncio.Queue[ConnectionState] = asyncio.Queue()
-        reader.put_nowait(self.now)
-        self._readers.append(reader)
+    async def close(self) -> None:
+        """Close the connection and free the port."""
+        self.connection.answers.on_end = self.on_end
         try:
-            state: ConnectionState | None = None
-            while state != "closed":
-                state = await reader.get()
-                yield state
+            await self.connection.close()
         finally:
-            self._readers.remove(reader)
+            self.on_end(lost(self.url, None))
+            self._states.change("closed")
+
+    def _check_loop(self) -> None:
+        """Raise RuntimeError in another event loop than that of the connection: waiting for its tasks would hang."""
+        if asyncio.get_running_loop() is not self._loop:
+            raise RuntimeError(
+                f"{escape(self.url)} was connected in another event loop, which has "
+                f"{'ended' if self._loop.is_closed() else 'it still'}"
+            )
+
+    def _connection_ended(self, error: ConnectionLost) -> None:
+        self._states.change("lost")
+        if self._reconnector is None or not self._reconnector.start():
+            self.on_end(error)
+
+    async def _open_again(self, reopen: Callable[[], Awaitable[Connection]]) -> Connection:
+        await self.connection.close()  # a connection that ended by silence still holds its port
+        return await reopen()
+
+    async def _resume(self, connection: Connection) -> None:
+        """Restore the session on a new connection, then use it. Raise whatever prevents that."""
+        connection.answers.on_end = self._connection_ended
+        # First this protocol, if a mode was ever set: a board that restarted in mode 0 would not answer the check.
+        if self._mode is not None:
+            await _set_mode(connection, 1)
+        # Before anything is changed: another board may be plugged in at this address. Its response also proves
+        # that nothing is still to come for an earlier connection.
+        await self.identity.check(connection)
+        # Before the swap: a caller who sees `connected` must find units and events as they were.
+        for restore in self._restorers:
+            await restore(connection)
+        self.connection = connection
+        # Last, because a board in mode 0 answers nothing any more.
+        if self._mode not in (None, 1):
+            await _set_mode(connection, self._mode)
+        if connection.answers.ended is not None:  # lost again meanwhile, when its end was not ours to handle
+            raise same(connection.answers.ended)
+        self.stats.reconnects += 1
+        self._states.change("connected")
 
 
-class Reconnector:
-    """Brings a board back whenever its link is lost."""
-
-    def __init__(
-        self, open_link: Callable[[], Awaitable[Connection]], resume: Callable[[Connection], Awaitable[None]]
-    ) -> None:
-        """`open_link` opens a new link to the same board; `resume` restores the session on it and uses it."""
-        self._open_link = open_link
-        self._resume = resume
-        self._task: asyncio.Task[None] | None = None
-        self._stopped = False
-
-    def start(self) -> bool:
-        """Begin to reconnect, unless that is under way; tell whether it is, which it is not after `stop`."""
-        if not self._stopped and (self._task is None or self._task.done()):
-            self._task = asyncio.get_running_loop().create_task(self._until_connected())
-        return not self._stopped
-
-    async def stop(self) -> None:
-        """Give up for good."""
-        self._stopped = True
-        if self._task is not None:
-            self._task.cancel()
-            await asyncio.wait((self._task,))
-
-    async def _until_connected(self) -> None:
-        pause = FIRST_PAUSE
-        while True:
-            await asyncio.sleep(pause)
-            pause = min(2 * pause, LONGEST_PAUSE)
-            try:
-                await self._resume_on(await self._open_link())
-            except ServolinkError:
-                pass  # not there yet, not to be opened yet, or another one
-            except Exception:
-                _logger.exception("a try to reconnect failed in a way that is none of ours; the next is in %g s", pause)
-            else:
-                return
-
-    async def _resume_on(self, link: Connection) -> None:
-        try:
-            await self._resume(link)
-        except BaseException:
-            await link.close()
-            raise
+async def _set_mode(connection: Connection, mode: int) -> None:
+    request = TransmissionModeSettingRequest(mode)
+    response = await connection.request(request)
+    if response.result != mode:
+        raise Rejected(f"the board was asked for mode {mode} and is in mode {response.result}", request)

@@ -36,7 +36,7 @@ def test_a_move_that_another_program_stops_has_failed(robot: Robot) -> None:
     robot.at(0.5, lambda: robot.meanwhile(lambda board: board.stop()))
     said = robot("move", "1=-90", "--duration", "1.5", "--start")
     assert (said.code, said.out) == (1, "")
-    assert "not at -90, 1 s after it should have arrived: it may have been stopped" in said.err
+    assert "not at -90, 1 s after it should have arrived: it may be stopped" in said.err
 
 
 @pytest.mark.parametrize("by", ["\x03", signal.SIGTERM])

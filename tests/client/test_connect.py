@@ -149,14 +149,14 @@ def test_a_board_that_cannot_be_opened_says_so_and_leaves_nothing_open() -> None
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"timeout": 0}, r"timeout: 0 is outside 0\.001\.\.3600"),
-        ({"timeout": float("inf")}, "timeout: inf is outside"),
-        ({"timeout": 10**5000}, "timeout: this int is outside"),
+        ({"timeout": 0}, r"timeout must be 0\.001\.\.3600 seconds, not 0"),
+        ({"timeout": float("inf")}, "timeout must be .* not inf"),
+        ({"timeout": 10**5000}, "timeout must be .* not this int"),
         ({"timeout": -1}, "timeout"),
-        ({"timeout": float("nan")}, "timeout: nan"),
-        ({"retries": -1}, r"retries: -1 is outside 0\.\.1000"),
-        ({"retries": 10**400}, "retries: 1000"),
-        ({"window": 0}, r"window: 0 is outside 1\.\.1000"),
+        ({"timeout": float("nan")}, "timeout must be .* not nan"),
+        ({"retries": -1}, r"retries must be 0\.\.1000, not -1"),
+        ({"retries": 10**400}, "retries must be .* not 1000"),
+        ({"window": 0}, r"window must be 1\.\.1000, not 0"),
         ({"byte_order": "middle"}, "byte order 'middle'"),
         ({"caption_encoding": "klingon"}, "klingon"),
         ({"speed_cap": 0}, "speed_cap"),
@@ -170,17 +170,17 @@ def test_options_that_make_no_sense_are_refused_at_once(options: dict[str, Any],
 
 @pytest.mark.parametrize("url", [Path("/dev/ttyACM0"), b"/dev/ttyACM0", 7])
 def test_what_is_no_address_and_no_transport_is_refused_at_once(url: Any) -> None:
-    with pytest.raises(TypeError, match="give an address as text, a transport or None"):
+    with pytest.raises(TypeError, match="url must be an address as text, a transport or None, not "):
         connect(url)
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"timeout": "1"}, "timeout: '1' is no number of seconds"),
-        ({"timeout": True}, "timeout: True is no number"),
-        ({"retries": 1.5}, r"retries: 1\.5 is no whole number"),
-        ({"window": float("inf")}, "window: inf is no whole number"),
+        ({"timeout": "1"}, "timeout must be a number of seconds, not '1'"),
+        ({"timeout": True}, "timeout must be a number of seconds, not True"),
+        ({"retries": 1.5}, r"retries must be a whole number, not 1\.5"),
+        ({"window": float("inf")}, "window must be a whole number, not inf"),
     ],
 )
 def test_options_of_the_wrong_kind_are_refused_at_once(options: dict[str, Any], words: str) -> None:

@@ -147,7 +147,7 @@ def test_a_board_that_is_lost_right_after_it_was_cleared_has_been_cleared(monkey
                 async with asyncio.timeout(60):
                     while ours.storage.project_id:
                         await asyncio.sleep(0)
-            while not clearing.done() and not board._identity._project_ids >= {0, 5}:
+            while not clearing.done() and not board._session.identity._project_ids >= {0, 5}:
                 await asyncio.sleep(0)
             socket.pull()
             await clearing
@@ -169,7 +169,7 @@ def test_a_board_that_refuses_an_id_has_the_one_it_had() -> None:
                 await board.write_project_id(6)
             fake.virtual.storage.project_id = 6
             with pytest.raises(NotFound, match="project id 6, not 0"):
-                await board._identity.check(board._link)
+                await board._session.identity.check(board._session.connection)
 
     run(main())
 
@@ -187,9 +187,9 @@ def test_an_answer_from_before_a_write_that_was_given_up_does_not_say_what_the_b
             await turns_of_the_loop(2)
             writing.cancel()
             assert await asking == 5
-            await board._identity.check(board._link)  # it has 6, and is still ours
-            board._identity.know(9)
+            await board._session.identity.check(board._session.connection)  # it has 6, and is still ours
+            board._session.identity.set(9)
             with pytest.raises(NotFound, match="has project id 6, not 9"):
-                await board._identity.check(board._link)
+                await board._session.identity.check(board._session.connection)
 
     run(main())

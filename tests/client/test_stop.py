@@ -251,7 +251,7 @@ def test_a_stop_that_is_not_confirmed_is_sent_again(doubt: QueryServoResponse) -
     [
         (lie(reported(1, 1)), r"servos \[2\] report that they may still move"),
         (lie(reported(0, 0)), r"servos \[2\] report .* or are not held"),
-        (lie(QueryServoResponse()), "none is reported"),
+        (lie(QueryServoResponse()), "no servo reports"),
         (LOST, "QueryServoRequest.* was not answered"),
     ],
 )

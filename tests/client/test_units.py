@@ -188,8 +188,8 @@ def test_a_board_that_comes_back_and_refuses_a_unit_is_not_resumed(fates: list[F
             await board.set_angle_unit("degree", 2)
             again.plan(SetAngleUnitRequest, *fates)
             with pytest.raises(Rejected, match=r"asked for angle unit \d; the board answered"):
-                await board._restore_units(link)
-            await board._restore_units(link)
+                await board._servos.units._restore(link)
+            await board._servos.units._restore(link)
 
     run(main())
 

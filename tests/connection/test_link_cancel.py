@@ -239,8 +239,8 @@ def test_calls_of_several_requests_cancelled_at_any_moment(name: str) -> None:
             await servo_board.move({2: 10}, duration=0.1)
             await asyncio.sleep(0.2)
             assert (await servo_board.servo(2)).angle == 10
-            assert not list(servo_board._link.lanes.pending())
-            assert servo_board._link._turns._active == 0
+            assert not list(servo_board._session.connection.lanes.pending())
+            assert servo_board._session.connection._turns._active == 0
             return running
 
     moments = [(number * LATENCY, turns) for number in range(8) for turns in range(0, 12, 2)]

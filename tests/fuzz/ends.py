@@ -80,7 +80,7 @@ async def _talk(chosen: list[Call], cursor: Cursor, *, window: int, together: bo
         stats = client.stats
         assert stats.bytes_received == board.said
         assert stats.frames_received >= stats.unsolicited + stats.mismatched + stats.undecodable + stats.events_received
-        assert len(client._link.answers._parser._held) <= _LARGEST_FRAME
+        assert len(client._session.connection.answers._parser._held) <= _LARGEST_FRAME
     await asyncio.sleep(0)
     left = asyncio.all_tasks() - {asyncio.current_task()}
     assert not left, f"tasks left behind: {left}"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
 from servolink.client.board import Board
+from servolink.client.servos import Servo
 from servolink.project.model import Project
 from servolink.protocol.editing import AddActionRequest
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
@@ -35,6 +36,10 @@ async def _two_events(board: Board) -> int:
     return events
 
 
+async def _followed(readings: AsyncIterator[tuple[Servo, ...]]) -> int:
+    return len([servos async for servos in readings])
+
+
 def calls(folder: Path) -> dict[str, Call]:
     """Return a call of each method of a board, by the method's name; files go into `folder`."""
     return {
@@ -46,6 +51,7 @@ def calls(folder: Path) -> dict[str, Call]:
         "set_servo": lambda board: board.set_servo(1, start=True, hold=True),
         "set_angle_unit": lambda board: board.set_angle_unit("adc", 1),
         "move": lambda board: board.move({1: 20, 2: -20}, speed=60, wait=True),
+        "follow": lambda board: _followed(board.follow({1: 2, 2: 3}, 0.2)),
         "run_action": lambda board: board.run_action(1),
         "stop": lambda board: board.stop(),
         "release": lambda board: board.release(),

@@ -1,0 +1,97 @@
+"""Restoring a lost connection, and the states that a connection goes through."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Literal
+
+from servolink.connection.connection import Connection
+from servolink.errors import ServolinkError
+
+_logger = logging.getLogger(__name__)
+
+ConnectionState = Literal["connected", "lost", "closed"]
+
+FIRST_PAUSE = 0.1
+"""Seconds from the loss of a connection to the first attempt; each further pause is twice as long."""
+LONGEST_PAUSE = 5.0
+
+
+class ConnectionStates:
+    """The state of a connection, for any number of readers."""
+
+    def __init__(self) -> None:
+        """Start in the state `connected`."""
+        self.now: ConnectionState = "connected"
+        self._readers: list[asyncio.Queue[ConnectionState]] = []
+
+    def change(self, state: ConnectionState) -> None:
+        """Pass a new state to every reader; `closed` is final."""
+        if self.now not in {state, "closed"}:
+            self.now = state
+            for reader in self._readers:
+                reader.put_nowait(state)
+
+    async def read(self) -> AsyncIterator[ConnectionState]:
+        """Yield the present state and then each change, up to `closed`."""
+        reader: asyncio.Queue[ConnectionState] = asyncio.Queue()
+        reader.put_nowait(self.now)
+        self._readers.append(reader)
+        try:
+            state: ConnectionState | None = None
+            while state != "closed":
+                state = await reader.get()
+                yield state
+        finally:
+            self._readers.remove(reader)
+
+
+class Reconnector:
+    """Reopens a board in the background, in growing intervals, until that succeeds."""
+
+    def __init__(
+        self, open_connection: Callable[[], Awaitable[Connection]], resume: Callable[[Connection], Awaitable[None]]
+    ) -> None:
+        """Connect with `open_connection`; `resume` then restores the session, or raises if that is impossible."""
+        self._open_connection = open_connection
+        self._resume = resume
+        self._task: asyncio.Task[None] | None = None
+        self._stopped = False
+
+    def start(self) -> bool:
+        """Start to reconnect unless that is under way. Return False after `stop`, when nothing is started."""
+        if not self._stopped and (self._task is None or self._task.done()):
+            self._task = asyncio.get_running_loop().create_task(self._until_connected())
+        return not self._stopped
+
+    async def stop(self) -> None:
+        """Cancel reconnecting, for good."""
+        self._stopped = True
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.wait((self._task,))
+
+    async def _until_connected(self) -> None:
+        pause = FIRST_PAUSE
+        while True:
+            await asyncio.sleep(pause)
+            pause = min(2 * pause, LONGEST_PAUSE)
+            try:
+                await self._resume_on(await self._open_connection())
+            except ServolinkError as error:
+                # Not plugged in yet, still busy, or another board: expected, so only a trace in the log.
+                _logger.debug("cannot reconnect yet, next attempt in %g s: %s", pause, error)
+            except Exception:
+                # A defect of ours or of a third-party transport. A board on a robot should come back all the same.
+                _logger.exception("unexpected error while reconnecting; next attempt in %g s", pause)
+            else:
+                return
+
+    async def _resume_on(self, connection: Connection) -> None:
+        try:
+            await self._resume(connection)
+        except BaseException:
+            await connection.close()  # or the next attempt finds the port busy
+            raise
