@@ -1,80 +1,70 @@
-"""Faster and slower."""
+"""Scale the durations of a project, and rename its records and servos."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Any
 
-import msgspec
+from msgspec.structs import replace
 
 from servolink.errors import ProjectError
 from servolink.escaping import escape, quote
 from servolink.project.model import Project
-from servolink.project.records import by_kind, by_servo, named, with_records
-from servolink.protocol.record_types import RecordType
-from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
+from servolink.project.records import MAX_INTERVAL, by_servo, by_type, name_of, with_caption, with_records
+from servolink.protocol.record_types import Record, type_of
+from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, ServoParameter, Step
 
-_LONGEST_STEP = 0x7FFF
-_LONGEST = 0x7FFF_FFFF
-_LARGEST = 1e9  # as a factor; with more nothing that takes time is short enough
-_DELAY = 1
+_MAX_STEP = 0x7FFF
+_MAX_FACTOR = 1e9  # already too long for any duration but 0
 
 
 def scale_project(
     project: Project, factor: float, action_ids: Collection[int] | None = None
 ) -> tuple[Project, list[str]]:
-    """Return `project` with its times multiplied by `factor`, and what was changed; 2 makes it half as fast.
+    """Return `project` with its durations multiplied by `factor`, and the list of changes; 2 halves the speed.
 
-    With `action_ids` only the times of these actions; else those of all actions, and the pauses and other times of
-    macros. What takes no time still takes none, and all else takes 10 ms at least. The macros that call an action are
-    as they were: `fix_project` makes their times right. ProjectError for a factor or an action that cannot be used.
+    With `action_ids`, only these actions are scaled, and `fix_project` corrects the durations of macros that run them.
+    Without, everything is, pauses included. A duration of 0 stays 0; every other one is at least 10 ms. Raise
+    ProjectError for a factor outside 0 to 1e9, a missing action, and a duration that becomes too long.
     """
-    if isinstance(factor, bool) or not isinstance(factor, (int, float)) or not 0 < factor <= _LARGEST:
-        raise ProjectError(f"the factor {quote(factor)} is not above 0 and at most {_LARGEST:,}")
+    if isinstance(factor, bool) or not isinstance(factor, (int, float)) or not 0 < factor <= _MAX_FACTOR:
+        raise ProjectError(f"the factor must be above 0 and at most {_MAX_FACTOR:,}, not {quote(factor)}")
     if missing := set(action_ids or ()) - {one.action_id for one in project.actions}:
         raise ProjectError(f"there is no action {min(missing)}")
-    said: list[str] = []
-
-    def noted(before: Any, after: Any) -> Any:
-        if before != after:
-            said.append(f"{named(before)}: its times multiplied by {factor:g}")
-        return after
-
     actions = [
-        one if action_ids is not None and one.action_id not in action_ids else noted(one, _action(one, factor))
+        _scaled_action(one, factor) if action_ids is None or one.action_id in action_ids else one
         for one in project.actions
     ]
-    macros = project.macros if action_ids is not None else [noted(one, _macro(one, factor)) for one in project.macros]
-    return msgspec.structs.replace(project, actions=tuple(actions), macros=tuple(macros)), said
+    macros = [_scaled_macro(one, factor) if action_ids is None else one for one in project.macros]
+    pairs = zip((*project.actions, *project.macros), (*actions, *macros), strict=True)
+    changes = [f"{name_of(before)}: durations multiplied by {factor:g}" for before, after in pairs if before != after]
+    return replace(project, actions=tuple(actions), macros=tuple(macros)), changes
 
 
-def _action(action: Action, factor: float) -> Action:
+def _scaled_action(action: Action, factor: float) -> Action:
     steps = tuple(
-        Step(step.servo_id, step.degree, _time(step.interval, factor, _LONGEST_STEP, f"{named(action)}, step {at}", 10))
+        Step(step.servo_id, step.degree, _scaled(step.interval, factor, _MAX_STEP, 10, f"{name_of(action)}, step {at}"))
         for at, step in enumerate(action.steps, 1)
     )
-    return msgspec.structs.replace(action, steps=steps)
+    return replace(action, steps=steps)
 
 
-def _macro(macro: Macro, factor: float) -> Macro:
-    return msgspec.structs.replace(
-        macro,
-        commands=tuple(
-            _command(one, factor, f"{named(macro)}, command {at}") for at, one in enumerate(macro.commands, 1)
-        ),
+def _scaled_macro(macro: Macro, factor: float) -> Macro:
+    commands = tuple(
+        _scaled_command(one, factor, f"{name_of(macro)}, command {at}") for at, one in enumerate(macro.commands, 1)
     )
+    return replace(macro, commands=commands)
 
 
-def _command(command: MacroCommand, factor: float, where: str) -> MacroCommand:
-    whole = _time(command.total_interval, factor, _LONGEST, where, 1)
-    if command.type != _DELAY:
-        return msgspec.structs.replace(command, total_interval=whole)
-    pause = _time(command.command_id, factor, _LONGEST, where, 1)
-    return msgspec.structs.replace(command, command_id=pause, total_interval=whole)
+def _scaled_command(command: MacroCommand, factor: float, where: str) -> MacroCommand:
+    total = _scaled(command.total_interval, factor, MAX_INTERVAL, 1, where)
+    if command.type != MacroCommandType.DELAY:
+        return replace(command, total_interval=total)
+    delay = _scaled(command.command_id, factor, MAX_INTERVAL, 1, where)
+    return replace(command, command_id=delay, total_interval=total)
 
 
-def _time(units: int, factor: float, most: int, where: str, milliseconds: int) -> int:
-    """Return so many units of `milliseconds` multiplied, whole, and at least one if it was any."""
+def _scaled(units: int, factor: float, most: int, milliseconds: int, where: str) -> int:
+    """Return `units`, of so many milliseconds each, times `factor`; a positive number stays at least 1."""
     if units <= 0:
         return units
     if units * factor > most:
@@ -83,24 +73,28 @@ def _time(units: int, factor: float, most: int, where: str, milliseconds: int) -
     return max(1, round(units * factor))
 
 
-def rename_record(project: Project, kind: RecordType[Any], record_id: int, caption: str) -> tuple[Project, list[str]]:
-    """Return `project` with another caption for a record, and what was changed; ProjectError if there is none."""
-    records = by_kind(project)
-    shelf = records[kind.field]
-    if (record := shelf.get(record_id)) is None:
-        raise ProjectError(f"there is no {kind.label} {record_id}")
-    if kind.caption_of(record) == caption:
+def rename_record(project: Project, record: Record, caption: str) -> tuple[Project, list[str]]:
+    """Return `project` with another caption for `record`, and the list of changes.
+
+    Raise ProjectError if `project` has no record of its type and id, or an id that is used twice.
+    """
+    kind = type_of(record)
+    records = by_type(project)
+    shelf, record_id = records[kind.field], kind.id_of(record)
+    if (before := shelf.get(record_id)) is None:
+        raise ProjectError(f"there is no {kind} {record_id}")
+    if kind.caption_of(before) == caption:
         return project, []
-    shelf[record_id] = msgspec.structs.replace(record, **{record.__struct_fields__[1]: caption})
-    return with_records(project, records), [f"{named(record)} is now '{escape(caption)}'"]
+    shelf[record_id] = with_caption(before, caption)
+    return with_records(project, records), [f"{name_of(before)} is now '{escape(caption)}'"]
 
 
 def rename_servo(project: Project, servo_id: int, caption: str) -> tuple[Project, list[str]]:
-    """Return `project` with another caption for a servo, which it need not have had, and what was changed."""
+    """Return `project` with another caption for a servo, with or without one before, and the list of changes."""
     parameters = by_servo(project)
     before = parameters.get(servo_id, ServoParameter(servo_id))
     if before.servo_caption == caption:
         return project, []
-    parameters[servo_id] = msgspec.structs.replace(before, servo_caption=caption)
-    said = f"servo {servo_id} '{escape(before.servo_caption)}' is now '{escape(caption)}'"
-    return msgspec.structs.replace(project, servo_parameters=tuple(parameters.values())), [said]
+    parameters[servo_id] = replace(before, servo_caption=caption)
+    change = f"servo {servo_id} '{escape(before.servo_caption)}' is now '{escape(caption)}'"
+    return replace(project, servo_parameters=tuple(parameters.values())), [change]

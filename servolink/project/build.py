@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Container, Mapping
 from typing import Any, TypeAlias
 
-import msgspec
+from msgspec.structs import replace
 
 from servolink.errors import ProjectError
 from servolink.project.model import Project
-from servolink.project.records import by_kind, by_servo, durations, free_id, named, with_id, with_records
+from servolink.project.records import by_servo, by_type, durations, free_id, name_of, with_id, with_records
 from servolink.project.validate import validate_project
 from servolink.protocol.record_types import RecordType, type_of
 from servolink.protocol.records import Action, JoystickTable, Macro, RecordRef, ServoParameter
 
 Part: TypeAlias = Action | Macro | JoystickTable | ServoParameter
 
-_DEEPEST = 100
-"""Macros that call macros; what can be played nests less deep."""
+_MAX_DEPTH = 100
+"""Levels of macros that run macros; boards play fewer."""
 
 
 def build_project(
@@ -51,17 +51,17 @@ def extend_project(
             records.append(part)
     for servo_id, caption in (captions or {}).items():
         before = parameters.get(servo_id, ServoParameter(servo_id))
-        parameters[servo_id] = msgspec.structs.replace(before, servo_caption=caption)
+        parameters[servo_id] = replace(before, servo_caption=caption)
     building = _Building(project)
     for record in records:
         building.expect(record)
     ids = [building.id_of(record) for record in records]
-    built = msgspec.structs.replace(
+    built = replace(
         building.project(),
         servo_parameters=tuple(parameters.values()),
         active_joystick_table=project.active_joystick_table if active is None else ids[0],
     )
-    built = _timed(built, {one.macro_id for one in project.macros})
+    built = _with_durations(built, {one.macro_id for one in project.macros})
     _refuse_new_errors(project, built)
     return built
 
@@ -75,44 +75,44 @@ def _refuse_new_errors(before: Project, built: Project) -> None:
 
 
 class _Building:
-    """Gives each record an id, once, and to those that call it as well."""
+    """Gives each record one id, and puts it into the references to it."""
 
     def __init__(self, project: Project) -> None:
         self._before = project
-        self._records = by_kind(project)
-        self._taken = {plural: set(records) for plural, records in self._records.items()}
-        self._known = {
-            plural: {
-                with_id(same, 0): record_id
+        self._records = by_type(project)
+        self._taken = {field: set(records) for field, records in self._records.items()}
+        self._known = {  # record without its id, with and without durations, to id
+            field: {
+                with_id(form, 0): record_id
                 for record_id, record in records.items()
-                for same in (record, _untimed(record))
+                for form in (record, _without_durations(record))
             }
-            for plural, records in self._records.items()
+            for field, records in self._records.items()
         }
-        self._ids: dict[int, int] = {}  # by the object's own identity; 0 until it is in the project
+        self._ids: dict[int, int] = {}  # by `id()` of the record; 0 until the record is in the project
 
     def project(self) -> Project:
         return with_records(self._before, self._records)
 
-    def expect(self, record: Any, above: int = 0) -> None:
-        """Reserve the ids that `record` and what it calls have, so that nothing else gets them."""
+    def expect(self, record: Any, depth: int = 0) -> None:
+        """Reserve the ids that `record` and its references have, so that no other record gets them."""
         if id(record) in self._ids:
             return
         kind = type_of(record)
-        if above > _DEEPEST:
-            raise ProjectError(f"{named(record)}: macros nest deeper than {_DEEPEST}")
+        if depth > _MAX_DEPTH:
+            raise ProjectError(f"{name_of(record)}: macros nest deeper than {_MAX_DEPTH}")
         self._ids[id(record)] = 0
         self._taken[kind.field].add(kind.id_of(record))
-        for _, called in type_of(record).references(record):
-            if isinstance(called, RecordRef):
-                self.expect(called.record, above + 1)
+        for _, reference in kind.references(record):
+            if isinstance(reference, RecordRef):
+                self.expect(reference.record, depth + 1)
 
     def id_of(self, record: Any) -> int:
-        """Put `record` into the project, after what it calls; return its id."""
+        """Add `record` to the project, after the records it refers to, and return its id."""
         if done := self._ids[id(record)]:
             return done
         kind = type_of(record)
-        plain = type_of(record).with_references(record, self._number)
+        plain = kind.with_references(record, self._plain_id)
         anonymous = with_id(plain, 0)
         known, taken = self._known[kind.field], self._taken[kind.field]
         record_id = kind.id_of(plain) or known.get(anonymous) or free_id(taken)
@@ -122,33 +122,32 @@ class _Building:
         self._ids[id(record)] = record_id
         return record_id
 
+    def _plain_id(self, kind: RecordType[Any], reference: int) -> int:
+        return self.id_of(reference.record) if isinstance(reference, RecordRef) else reference
+
     def _store(self, kind: RecordType[Any], record: Any) -> None:
         first = self._records[kind.field].setdefault(kind.id_of(record), record)
-        if record not in (first, _untimed(first)):
-            raise ProjectError(f"{named(first)} has the id of {named(record)}; give one of them no id")
-
-    def _number(self, kind: RecordType[Any], called: int) -> int:
-        return self.id_of(called.record) if isinstance(called, RecordRef) else called
+        if record not in (first, _without_durations(first)):
+            raise ProjectError(f"{name_of(first)} and {name_of(record)} have the same id; leave out one of the ids")
 
 
-def _untimed(record: Any) -> Any:
-    """Return `record` as `Macro.of` makes it, which knows no times."""
+def _without_durations(record: Any) -> Any:
+    """Return `record` as `Macro.of` makes it, without the durations of its commands."""
     if not isinstance(record, Macro):
         return record
-    commands = tuple(msgspec.structs.replace(command, total_interval=0) for command in record.commands)
-    return msgspec.structs.replace(record, commands=commands)
+    return replace(record, commands=tuple(replace(command, total_interval=0) for command in record.commands))
 
 
-def _timed(project: Project, old: Container[int]) -> Project:
-    """Return `project` with the times of its macros, but for those that are `old`, and times that were given."""
+def _with_durations(project: Project, old: Container[int]) -> Project:
+    """Return `project` with the durations that macros lack, except those whose ids are `old`."""
     found = durations(project)
 
-    def timed(macro: Macro) -> Macro:
+    def completed(macro: Macro) -> Macro:
         commands = tuple(
-            msgspec.structs.replace(command, total_interval=command.total_interval or time or 0)
-            for command, time in zip(macro.commands, found[macro.macro_id], strict=True)
+            replace(command, total_interval=command.total_interval or takes or 0)
+            for command, takes in zip(macro.commands, found[macro.macro_id], strict=True)
         )
-        return msgspec.structs.replace(macro, commands=commands)
+        return replace(macro, commands=commands)
 
-    macros = tuple(macro if macro.macro_id in old else timed(macro) for macro in project.macros)
-    return msgspec.structs.replace(project, macros=macros)
+    macros = tuple(macro if macro.macro_id in old else completed(macro) for macro in project.macros)
+    return replace(project, macros=macros)

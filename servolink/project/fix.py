@@ -1,4 +1,4 @@
-"""Repairs of what has one right answer."""
+"""Repair the problems of a project that have one right solution."""
 
 from __future__ import annotations
 
@@ -10,70 +10,74 @@ from typing import Any
 from msgspec.structs import replace
 
 from servolink.project.model import Project
-from servolink.project.records import named, wrong_times
-from servolink.project.validate import number_of, repeats
-from servolink.protocol.record_types import RECORD_TYPES
+from servolink.project.records import name_of, wrong_durations
+from servolink.project.validate import duplicates, number_of
+from servolink.protocol.record_types import ACTION, STORED_TYPES, TABLE
 from servolink.protocol.records import ServoParameter
 
 
 def fix_project(project: Project) -> tuple[Project, list[str]]:
-    """Return `project` with what `validate_project` calls fixable repaired, and the list of repairs.
+    """Return `project` without the problems that `validate_project` calls fixable, and the list of repairs.
 
-    Nothing is done where only its author can know, such as about a call of what is not there.
+    Problems whose solution only the author knows, such as references to missing records, stay.
     """
-    done: list[str] = []
-    for place in ("servo_parameters", *(kind.field for kind in RECORD_TYPES)):
-        records = _in_order(place, _once(getattr(project, place), _name, done), done)
-        project = replace(project, **{place: records})
-    for place, word in (("actions", "servo"), ("joystick_tables", "button")):
-        records = tuple(_with_parts_once(one, word, done) for one in getattr(project, place))
-        project = replace(project, **{place: _once(records, _name, done)})  # two may now be the same
-    return _with_times(_with_active_table(project, done), done), done
+    repairs: list[str] = []
+    for kind in STORED_TYPES:
+        records = _in_order(kind.field, _without_duplicates(getattr(project, kind.field), _name, repairs), repairs)
+        project = replace(project, **{kind.field: records})
+    for kind, word in ((ACTION, "servo"), (TABLE, "button")):
+        records = tuple(_with_unique_parts(one, word, repairs) for one in getattr(project, kind.field))
+        # Two records that differed in duplicate parts only may be identical now.
+        project = replace(project, **{kind.field: _without_duplicates(records, _name, repairs)})
+    return _with_durations(_with_active_table(project, repairs), repairs), repairs
 
 
 def _name(record: Any) -> str:
-    return f"servo {record.servo_id}" if isinstance(record, ServoParameter) else named(record)
+    return f"servo {record.servo_id}" if isinstance(record, ServoParameter) else name_of(record)
 
 
-def _once(parts: Sequence[Any], name: Callable[[Any], str], done: list[str]) -> tuple[Any, ...]:
-    """Leave out what is there twice with the same values."""
-    needless = {repeat.at for repeat in repeats(parts) if repeat.same}
-    done += [f"{name(parts[at])}: left out, it is there twice with the same values" for at in sorted(needless)]
+def _without_duplicates(parts: Sequence[Any], name: Callable[[Any], str], repairs: list[str]) -> tuple[Any, ...]:
+    needless = {one.at for one in duplicates(parts) if one.same}
+    repairs += [f"{name(parts[at])}: removed a copy with the same values" for at in sorted(needless)]
     return tuple(part for at, part in enumerate(parts) if at not in needless)
 
 
-def _with_parts_once(record: Any, word: str, done: list[str]) -> Any:
-    """Leave out steps or buttons, the last field of `record`, that are there twice with the same values."""
+def _with_unique_parts(record: Any, word: str, repairs: list[str]) -> Any:
+    """Remove duplicate steps or buttons, the last field of `record`."""
     name = record.__struct_fields__[-1]
-    parts = _once(getattr(record, name), lambda part: f"{named(record)}, {word} {number_of(part)}", done)
+    parts = _without_duplicates(
+        getattr(record, name), lambda part: f"{name_of(record)}, {word} {number_of(part)}", repairs
+    )
     return replace(record, **{name: parts})
 
 
-def _in_order(place: str, records: tuple[Any, ...], done: list[str]) -> tuple[Any, ...]:
+def _in_order(field: str, records: tuple[Any, ...], repairs: list[str]) -> tuple[Any, ...]:
     found = tuple(sorted(records, key=number_of))
     if found != records:
-        done.append(f"{place}: put in order of their ids")
+        repairs.append(f"{field}: sorted by id")
     return found
 
 
-def _with_active_table(project: Project, done: list[str]) -> Project:
-    tables = {table.table_id for table in project.joystick_tables}
+def _with_active_table(project: Project, repairs: list[str]) -> Project:
+    ids = TABLE.by_id(project)
     active = project.active_joystick_table
-    if active in (None, *tables) or len(tables) > 1:
+    if active is None or active in ids or len(ids) > 1:
         return project
-    instead = next(iter(tables), None)
-    what = "none, as there is no table" if instead is None else f"{instead}, the only table"
-    done.append(f"active_joystick_table: {active} is not there; it is now {what}")
+    instead = next(iter(ids), None)
+    what = "null, because there is no table" if instead is None else f"{instead}, the only table"
+    repairs.append(f"active_joystick_table: was {active}, which does not exist; is now {what}")
     return replace(project, active_joystick_table=instead)
 
 
-def _with_times(project: Project, done: list[str]) -> Project:
+def _with_durations(project: Project, repairs: list[str]) -> Project:
     macros = list(project.macros)
-    for at, wrong in groupby(wrong_times(project), key=itemgetter(0)):
+    for at, wrong in groupby(wrong_durations(project), key=itemgetter(0)):
         commands = list(macros[at].commands)
         for _, number, takes in wrong:
-            given = commands[number].total_interval
-            done.append(f"{named(macros[at])}, command {number + 1}: total_interval_ms is now {takes}, it was {given}")
+            stated = commands[number].total_interval
+            repairs.append(
+                f"{name_of(macros[at])}, command {number + 1}: total_interval_ms was {stated}, is now {takes}"
+            )
             commands[number] = replace(commands[number], total_interval=takes)
         macros[at] = replace(macros[at], commands=tuple(commands))
     return replace(project, macros=tuple(macros))

@@ -1,129 +1,134 @@
-"""Two projects in one."""
+"""Merge two projects into one."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import msgspec
+from msgspec.structs import replace
 
 from servolink.errors import ProjectError
 from servolink.escaping import escape
-from servolink.project.model import Project, telling
-from servolink.project.records import by_kind, by_servo, free_id, named, with_id, with_records
+from servolink.project.model import Project, without_neutral
+from servolink.project.records import by_servo, by_type, free_id, name_of, with_id, with_records
 from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType, type_of
+from servolink.protocol.records import ServoParameter
 
 
 def merge_projects(one: Project, other: Project) -> tuple[Project, list[str]]:
-    """Return `one` with all that `other` has besides, and what was done; ProjectError for ids that are used twice.
+    """Return `one` with everything that only `other` has, and the list of changes.
 
-    What is the same in both is there once. A record of `other` whose id means something else in `one` gets a new id,
-    and whoever calls it calls the new one. Where there can be only one (project id, servo parameters, active table),
-    that of `one` stays. ProjectError also for calls of what is not there, which the other project could seem to mean.
+    Identical records are kept once. A record of `other` whose id means another record in `one` gets a new id, and
+    references to it follow. `one` decides where there can be only one: project id, parameters of a servo, active
+    table. Raise ProjectError for an id used twice within a project, and for references to missing records, which could
+    come to mean a record of the other project.
     """
     for project in (one, other):
-        _refuse_lost_calls(project)
+        _refuse_dangling_references(project)
     merging = _Merging(one, other)
     for kind in RECORD_TYPES:
-        merging.settle(kind)
+        merging.assign_ids(kind)
     merging.add()
-    said = merging.said
-    parameters = _parameters(one, other, said)
+    changes = merging.changes
+    parameters = _parameters(one, other, changes)
     project_id = one.project_id or other.project_id
     if other.project_id not in (0, project_id):
-        said.append(f"project id {project_id} stays, {other.project_id} goes")
+        changes.append(f"project id {project_id} stays; {other.project_id} is dropped")
     active = one.active_joystick_table
     if active is None and other.active_joystick_table is not None:
         active = merging.id_of(TABLE, other.active_joystick_table)
     elif other.active_joystick_table is not None and active != merging.id_of(TABLE, other.active_joystick_table):
-        said.append(f"joystick table {active} stays the active one")
-    project = msgspec.structs.replace(
+        changes.append(f"joystick table {active} stays active")
+    project = replace(
         with_records(one, merging.records),
         project_id=project_id,
         servo_parameters=parameters,
         active_joystick_table=active,
     )
-    return project, said
+    return project, changes
 
 
-def _refuse_lost_calls(project: Project) -> None:
-    shelves = by_kind(project)
+def _refuse_dangling_references(project: Project) -> None:
+    shelves = by_type(project)
     for shelf in shelves.values():
         for record in shelf.values():
-            for kind, called in type_of(record).references(record):
-                if called and called not in shelves[kind.field]:
+            for kind, number in type_of(record).references(record):
+                if number and number not in shelves[kind.field]:
                     raise ProjectError(
-                        f"{named(record)} calls {kind.label} {called}, which is not there: correct it first"
+                        f"{name_of(record)} refers to {kind} {number}, which does not exist; correct it first"
                     )
 
 
 class _Merging:
+    """Assigns ids to the records of the other project, and adds those that are new."""
+
     def __init__(self, one: Project, other: Project) -> None:
-        self.said: list[str] = []
-        self.records = by_kind(one)
+        self.changes: list[str] = []
+        self.records = by_type(one)
+        # Record without its id to id; of several alike the lowest one, as in an earlier merge of the same projects.
         self._known = {
-            # Of several that are alike the one with the lowest id: so it was, too, when they were merged before.
-            plural: {with_id(records[record_id], 0): record_id for record_id in sorted(records, reverse=True)}
-            for plural, records in self.records.items()
+            field: {with_id(records[record_id], 0): record_id for record_id in sorted(records, reverse=True)}
+            for field, records in self.records.items()
         }
-        self._others = by_kind(other)
-        self._taken = {plural: {*self.records[plural], *others} for plural, others in self._others.items()}
-        self._ids: dict[tuple[str, int], int] = {}  # of those that are to have another one
+        self._others = by_type(other)
+        self._taken = {field: {*self.records[field], *others} for field, others in self._others.items()}
+        self._new_ids: dict[tuple[str, int], int] = {}
 
     def id_of(self, kind: RecordType[Any], record_id: int) -> int:
-        """Return the id that a record of the other project is to have."""
-        return self._ids.get((kind.field, record_id), record_id)
+        """Return the id that a record of the other project gets."""
+        return self._new_ids.get((kind.field, record_id), record_id)
 
-    def settle(self, kind: RecordType[Any]) -> None:
-        """Find the ids of all records of one kind, when those of what they call are known."""
-        unsettled = True
-        while unsettled:  # a macro that calls one that gets another id has changed itself, and so on
-            unsettled = False
+    def assign_ids(self, kind: RecordType[Any]) -> None:
+        """Assign ids to the other project's records of one type, after the types that they refer to.
+
+        Repeated until nothing changes: a macro that runs a macro with a new id differs now, and may need one too.
+        """
+        changed = True
+        while changed:
+            changed = False
             for record_id in self._others[kind.field]:
-                unsettled |= self._settle_one(kind, record_id)
+                changed |= self._assign_id(kind, record_id)
+
+    def _assign_id(self, kind: RecordType[Any], record_id: int) -> bool:
+        """Return whether a record needed another id than it had."""
+        now = self.id_of(kind, record_id)
+        record = self._renumbered(kind, self._others[kind.field][record_id], now)
+        if self.records[kind.field].get(now, record) == record:
+            return False
+        key = (kind.field, record_id)
+        alike = self._known[kind.field].get(with_id(record, 0))
+        if alike is not None and key not in self._new_ids:
+            self._new_ids[key] = alike
+        else:
+            self._new_ids[key] = free_id(self._taken[kind.field])
+            self._taken[kind.field].add(self._new_ids[key])
+        return True
 
     def add(self) -> None:
-        """Put into `records` what is not there yet."""
+        """Add the records of the other project that `records` does not contain."""
         for kind in RECORD_TYPES:
             shelf = self.records[kind.field]
             for record_id, record in self._others[kind.field].items():
                 new_id = self.id_of(kind, record_id)
                 if new_id not in shelf:
-                    shelf[new_id] = self._under(kind, record, new_id)
-                    self.said.append(f"{named(record)} added" + (f" as {new_id}" if new_id != record_id else ""))
+                    shelf[new_id] = self._renumbered(kind, record, new_id)
+                    self.changes.append(f"{name_of(record)} added" + (f" as {new_id}" if new_id != record_id else ""))
                 elif new_id != record_id:
-                    self.said.append(f"{named(record)} is {named(shelf[new_id])}")
+                    self.changes.append(f"{name_of(record)} is {name_of(shelf[new_id])}")
 
-    def _settle_one(self, kind: RecordType[Any], record_id: int) -> bool:
-        """Return whether a record needed another id."""
-        shelf = self.records[kind.field]
-        now = self.id_of(kind, record_id)
-        record = self._under(kind, self._others[kind.field][record_id], now)
-        if shelf.get(now, record) == record:
-            return False
-        moved = (kind.field, record_id) in self._ids
-        alike = self._known[kind.field].get(with_id(record, 0))
-        if alike is not None and not moved:
-            self._ids[kind.field, record_id] = alike
-        else:
-            new_id = free_id(self._taken[kind.field])
-            self._taken[kind.field].add(new_id)
-            self._ids[kind.field, record_id] = new_id
-        return True
-
-    def _under(self, kind: RecordType[Any], record: Any, record_id: int) -> Any:
-        return with_id(type_of(record).with_references(record, self.id_of), record_id)
+    def _renumbered(self, kind: RecordType[Any], record: Any, record_id: int) -> Any:
+        return with_id(kind.with_references(record, self.id_of), record_id)
 
 
-def _parameters(one: Project, other: Project, said: list[str]) -> tuple[Any, ...]:
+def _parameters(one: Project, other: Project, changes: list[str]) -> tuple[ServoParameter, ...]:
     parameters = by_servo(one)
-    for theirs in telling(by_servo(other).values()):
+    for theirs in without_neutral(by_servo(other).values()):
         ours = parameters.get(theirs.servo_id)
-        if ours is None or not telling([ours]):
+        if ours is None or not without_neutral([ours]):
             parameters[theirs.servo_id] = theirs
-            said.append(f"servo {theirs.servo_id} '{escape(theirs.servo_caption)}' added")
+            changes.append(f"servo {theirs.servo_id} '{escape(theirs.servo_caption)}' added")
         elif ours != theirs:
-            said.append(
+            changes.append(
                 f"servo {ours.servo_id} stays '{escape(ours.servo_caption)}' with a correction of "
-                f"{ours.adjusted_degree}; '{escape(theirs.servo_caption)}' with {theirs.adjusted_degree} goes"
+                f"{ours.adjusted_degree}; '{escape(theirs.servo_caption)}' with {theirs.adjusted_degree} is dropped"
             )
     return tuple(parameters.values())

@@ -1,4 +1,4 @@
-"""Project: everything that a board stores (document, 4.2 and 4.3)."""
+"""Project: everything that a board stores (4.2, 4.3)."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ class Project(Struct, frozen=True, forbid_unknown_fields=True):
     actions: tuple[Action, ...] = ()
     macros: tuple[Macro, ...] = ()
     joystick_tables: tuple[JoystickTable, ...] = ()
-    active_joystick_table: Annotated[I32 | None, Meta(description="none: whichever the board takes")] = None
+    active_joystick_table: Annotated[I32 | None, Meta(description="null: the board chooses")] = None
 
     def sorted(self) -> Project:
-        """Return the same project in order of ids, without parameters that only say what a servo has anyway."""
+        """Return the project with its records in order of their ids, without parameters equal to a servo's defaults."""
         return msgspec.structs.replace(
             self,
-            servo_parameters=tuple(sorted(telling(self.servo_parameters), key=lambda one: one.servo_id)),
+            servo_parameters=tuple(sorted(without_neutral(self.servo_parameters), key=lambda one: one.servo_id)),
             actions=tuple(sorted(self.actions, key=lambda one: one.action_id)),
             macros=tuple(sorted(self.macros, key=lambda one: one.macro_id)),
             joystick_tables=tuple(sorted(self.joystick_tables, key=lambda one: one.table_id)),
         )
 
 
-def telling(parameters: Iterable[ServoParameter]) -> list[ServoParameter]:
-    """Return the parameters that differ from those of a servo without any: no caption, no correction.
+def without_neutral(parameters: Iterable[ServoParameter]) -> list[ServoParameter]:
+    """Return the parameters that have a caption or a correction.
 
-    The protocol cannot delete parameters, it can only write neutral ones, so both are the same.
+    The protocol cannot delete parameters, only write neutral ones, so neutral and missing ones mean the same.
     """
     return [one for one in parameters if one.adjusted_degree or one.servo_caption]

@@ -1,4 +1,4 @@
-"""What actions, macros and joystick tables have to do with each other: ids, and who calls whom."""
+"""Look up the records of a project, and compute their sizes and durations."""
 
 from __future__ import annotations
 
@@ -10,76 +10,107 @@ from graphlib import CycleError, TopologicalSorter
 from itertools import chain, count
 from typing import Any
 
-import msgspec
+from msgspec.structs import replace
 
 from servolink.errors import ProjectError
 from servolink.escaping import escape
-from servolink.project.model import Project, telling
+from servolink.project.model import Project, without_neutral
 from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, Record, RecordType, stored_size, type_of
-from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter
+from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, ServoParameter
+
+MAX_INTERVAL = 0x7FFF_FFFF
+"""The most milliseconds that `total_interval` can hold, nearly 25 days."""
 
 
-def named(record: Any) -> str:
-    """Return what a record is called in texts: `action 3 'Wave'`."""
+def name_of(record: Any) -> str:
+    """Return the name of a record in texts, such as `action 3 'Wave'`, safe to show."""
     kind = type_of(record)
     return f"{kind.label} {kind.id_of(record)} '{escape(kind.caption_of(record))}'"
 
 
-def by_kind(project: Project) -> dict[str, dict[int, Any]]:
-    """Return the records of a project, by the field that they are in and their id; ProjectError for an id twice."""
+def by_type(project: Project) -> dict[str, dict[int, Any]]:
+    """Return the records of a project by field and id. Raise ProjectError for an id that is used twice."""
     for kind in RECORD_TYPES:
-        _refuse_twice(kind.label, [kind.id_of(record) for record in getattr(project, kind.field)])
+        _refuse_duplicates(kind.label, [kind.id_of(record) for record in getattr(project, kind.field)])
     return {kind.field: kind.by_id(project) for kind in RECORD_TYPES}
 
 
 def by_servo(project: Project) -> dict[int, ServoParameter]:
-    """Return the parameters of servos, by servo; ProjectError for a servo that has them twice."""
-    _refuse_twice("servo", [one.servo_id for one in project.servo_parameters])
+    """Return the parameters by servo id. Raise ProjectError for a servo that has them twice."""
+    _refuse_duplicates("servo parameter", [one.servo_id for one in project.servo_parameters])
     return {one.servo_id: one for one in project.servo_parameters}
 
 
-def _refuse_twice(word: str, ids: list[int]) -> None:
-    """Refuse what an edit would lose."""
-    if twice := [number for number, times in Counter(ids).items() if times > 1]:
-        raise ProjectError(f"{word} {twice[0]} is there twice: which one is meant cannot be known")
+def _refuse_duplicates(label: str, ids: list[int]) -> None:
+    """Raise ProjectError for an id that is used twice: an edit by id would lose one of the two."""
+    if duplicates := [number for number, times in Counter(ids).items() if times > 1]:
+        raise ProjectError(f"{label} {duplicates[0]} exists twice; remove one, or give it another id")
 
 
 def with_records(project: Project, records: Mapping[str, Mapping[int, Any]]) -> Project:
-    """Return `project` with other records, given as `by_kind` gives them."""
-    return msgspec.structs.replace(project, **{plural: tuple(shelf.values()) for plural, shelf in records.items()})
+    """Return `project` with other records, in the form of `by_type`."""
+    return replace(project, **{field: tuple(shelf.values()) for field, shelf in records.items()})
 
 
 def free_id(taken: Container[int]) -> int:
-    """Return the lowest id that is not taken; 0 means "there is none" everywhere."""
+    """Return the lowest free id. It is at least 1, because 0 means "none" everywhere."""
     return next(number for number in count(1) if number not in taken)
 
 
 def with_id(record: Any, record_id: int) -> Any:
-    """Return `record` under another id."""
-    return msgspec.structs.replace(record, **{record.__struct_fields__[0]: record_id})
+    """Return `record` with another id."""
+    return replace(record, **{record.__struct_fields__[0]: record_id})
+
+
+def with_caption(record: Any, caption: str) -> Any:
+    """Return `record` with another caption."""
+    return replace(record, **{record.__struct_fields__[1]: caption})
+
+
+def with_dependencies(project: Project, records: Iterable[Record]) -> list[Record]:
+    """Return `records` and all records that they run, directly or not, each once. Missing ones are left out.
+
+    Raise ProjectError for an id that is used twice in `project`.
+    """
+    shelves = by_type(project)
+    waiting, found = list(records), dict[tuple[str, int], Record]()
+    while waiting:
+        record = waiting.pop()
+        kind = type_of(record)
+        if (key := (kind.field, kind.id_of(record))) in found:
+            continue
+        found[key] = record
+        waiting += [
+            shelves[target.field][number]
+            for target, number in kind.references(record)
+            if number in shelves[target.field]
+        ]
+    return list(found.values())
+
+
+def servos_used(project: Project, record: Record) -> set[int]:
+    """Return the ids of the servos that `record` moves, directly or through what it runs."""
+    actions = (one for one in with_dependencies(project, [record]) if isinstance(one, Action))
+    return {step.servo_id for action in actions for step in action.steps}
 
 
 def total_size(project: Project) -> int:
-    """Return the bytes of everything in `project` that is stored, ids and the choice of a table left out."""
-    records: Iterable[Record | ServoParameter] = chain(
-        telling(project.servo_parameters), project.actions, project.macros, project.joystick_tables
+    """Return the bytes that the records and servo parameters of `project` take on a board."""
+    stored: Iterable[Record | ServoParameter] = chain(
+        without_neutral(project.servo_parameters), project.actions, project.macros, project.joystick_tables
     )
-    return sum(stored_size(record) for record in records)
-
-
-LONGEST = 0x7FFF_FFFF
-"""Milliseconds that `total_interval` can say, nearly 25 days."""
+    return sum(map(stored_size, stored))
 
 
 def dependency_order(macros: Mapping[int, Macro]) -> list[int]:
-    """Return the ids of macros, each behind those that it calls; without those that never end."""
+    """Return the ids of macros, each after those of the macros that it runs. Endless macros are left out."""
     sorter = TopologicalSorter(
         {
             macro_id: {called for kind, called in MACRO.references(macro) if kind is MACRO and called in macros}
             for macro_id, macro in macros.items()
         }
     )
-    with suppress(CycleError):  # what leads to no cycle is given all the same
+    with suppress(CycleError):  # the sorter still returns every macro that does not lead into a cycle
         sorter.prepare()
     found: list[int] = []
     while ready := sorter.get_ready():
@@ -89,54 +120,65 @@ def dependency_order(macros: Mapping[int, Macro]) -> list[int]:
 
 
 def durations(project: Project) -> dict[int, tuple[int | None, ...]]:
-    """Return, by macro, how many milliseconds each command takes with its ratio and loops: its `total_interval`.
+    """Return, by macro id, the milliseconds of each command with its ratio and loops: its `total_interval`.
 
-    None: it cannot be known, because it calls what is not there or never ends, or is longer than `LONGEST`.
+    None stands for a duration that is unknown because the command runs a missing or endless record, or that is longer
+    than MAX_INTERVAL.
     """
     actions, macros = ACTION.by_id(project), MACRO.by_id(project)
     found: dict[int, tuple[int | None, ...]] = {
         macro_id: (None,) * len(macro.commands) for macro_id, macro in macros.items()
     }
-    whole: dict[int, int | None] = {}
+    totals: dict[int, int | None] = {}
     for macro_id in dependency_order(macros):
-        each = tuple(_time(command, actions, whole) for command in macros[macro_id].commands)
+        each = tuple(_duration(command, actions, totals) for command in macros[macro_id].commands)
         found[macro_id] = each
         known = [time for time in each if time is not None]
-        whole[macro_id] = sum(known) if len(known) == len(each) else None
+        totals[macro_id] = sum(known) if len(known) == len(each) else None
     return found
 
 
-def wrong_times(project: Project) -> Iterator[tuple[int, int, int]]:
-    """Yield which macro and which of its commands, both from 0, says another time than it takes, and what it takes.
+def macro_seconds(project: Project) -> dict[int, float | None]:
+    """Return the duration of each macro in seconds, by id; None if it is unknown, as for `durations`."""
+    return {
+        macro_id: None if None in each else sum(time or 0 for time in each) / 1000
+        for macro_id, each in durations(project).items()
+    }
 
-    Another is one that is more than 10 ms and more than 1 % off: programs differ in how they round.
+
+def wrong_durations(project: Project) -> Iterator[tuple[int, int, int]]:
+    """Yield index of the macro, index of the command and right duration where `total_interval` is wrong.
+
+    Up to 10 ms or 1 % are accepted: programs differ in how they round.
     """
     found, macros = durations(project), MACRO.by_id(project)
     for at, macro in enumerate(project.macros):
         if macros[macro.macro_id] is not macro:
-            continue  # its id is there twice, so nobody knows which one is called
+            continue  # its id is used twice, so it is unknown which of the two runs
         for number, (command, takes) in enumerate(zip(macro.commands, found[macro.macro_id], strict=True)):
             if takes is not None and abs(command.total_interval - takes) > max(10, takes // 100):
                 yield at, number, takes
 
 
-def _time(command: MacroCommand, actions: Mapping[int, Action], macros: Mapping[int, int | None]) -> int | None:
-    once = _once(command, actions, macros)
+def _duration(command: MacroCommand, actions: Mapping[int, Action], macros: Mapping[int, int | None]) -> int | None:
+    once = _duration_once(command, actions, macros)
     if once is None or once < 0 or command.loop < 0 or command.ratio <= 0:
         return None
     half_up = (once * command.loop * 200 + command.ratio) // (2 * command.ratio)
-    return half_up if half_up <= LONGEST else None
+    return half_up if half_up <= MAX_INTERVAL else None
 
 
-def _once(command: MacroCommand, actions: Mapping[int, Action], macros: Mapping[int, int | None]) -> int | None:
-    """Return the milliseconds at full speed."""
+def _duration_once(
+    command: MacroCommand, actions: Mapping[int, Action], macros: Mapping[int, int | None]
+) -> int | None:
+    """Return the milliseconds of one loop at full speed."""
     match command.type:
-        case 0:
+        case MacroCommandType.ACTION:
             action = actions.get(command.command_id)
             return None if action is None else 10 * max((step.interval for step in action.steps), default=0)
-        case 1:
+        case MacroCommandType.DELAY:
             return command.command_id
-        case 2:
+        case MacroCommandType.MACRO:
             return macros.get(command.command_id)
         case _:
             return None
@@ -146,9 +188,9 @@ _NUMBERED = re.compile(r"(?:([a-z]+):)?([0-9]{1,10})", re.ASCII)
 
 
 def find(project: Project, name: str, kinds: Iterable[RecordType[Any]]) -> Any:
-    """Return the record that `name` means: a caption, an id, or an id behind its kind, as in `action:3`.
+    """Return the record with this name: a caption, an id, or type and id as in `action:3`.
 
-    ProjectError if there is none, or more than one.
+    Case counts only where captions differ in nothing else. Raise ProjectError if no record matches, or several do.
     """
     kinds = tuple(kinds)
     numbered = _NUMBERED.fullmatch(name)
@@ -157,14 +199,20 @@ def find(project: Project, name: str, kinds: Iterable[RecordType[Any]]) -> Any:
     found = [
         record
         for kind, record in records
-        if kind.caption_of(record) == name or (kind.id_of(record) == number and word in ("", kind.label.split()[-1]))
+        if kind.caption_of(record) == name or (kind.id_of(record) == number and word in ("", _short_label(kind)))
     ]
     if not found:
         found = [record for kind, record in records if kind.caption_of(record).casefold() == name.casefold()]
     if len(found) == 1:
         return found[0]
+    labels = " or ".join(kind.label for kind in kinds)
     if found:
-        raise ProjectError(f"'{escape(name)}' may be {' or '.join(map(named, found))}: write it as in action:3")
-    words = " or ".join(kind.label for kind in kinds)
-    there = ", ".join(named(record) for _, record in records[:10]) + (", ..." if len(records) > 10 else "")
-    raise ProjectError(f"there is no {words} '{escape(name)}'; there is {there or 'none at all'}")
+        ids = " or ".join(f"{_short_label(type_of(one))}:{type_of(one).id_of(one)}" for one in found)
+        raise ProjectError(f"'{name}' may be {' or '.join(map(name_of, found))}; write {ids}")
+    existing = ", ".join(name_of(record) for _, record in records[:10]) + (", ..." if len(records) > 10 else "")
+    raise ProjectError(f"there is no {labels} '{name}'; " + (f"there is {existing}" if existing else "there is none"))
+
+
+def _short_label(kind: RecordType[Any]) -> str:
+    """Return the word that stands before the colon: `action`, `macro` or `table`."""
+    return kind.label.split()[-1]

@@ -1,4 +1,4 @@
-"""How fast actions and macros ask servos to be."""
+"""Compute how fast actions and macros turn servos."""
 
 from __future__ import annotations
 
@@ -8,95 +8,103 @@ from dataclasses import dataclass, field
 
 from msgspec import Struct
 
+from servolink.motion import degrees_per_second
 from servolink.project.model import Project
-from servolink.project.records import dependency_order, named
+from servolink.project.records import dependency_order, name_of
 from servolink.protocol.record_types import ACTION, MACRO
-from servolink.protocol.records import Action, Macro, MacroCommand
+from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
 
 
 class ServoMove(Struct, frozen=True):
-    """One servo's way from the pose before to that of a step."""
+    """A turn of one servo, from the pose before a step to the angle of the step.
+
+    Angles are in degrees. Servos that are set to raw ADC must not be looked at.
+    """
 
     path: str
-    """Of the step, such as `actions[3].steps[6]`, or of the macro's command that leads to it."""
+    """The place of the step, such as `actions[3].steps[6]`, or of the macro command that leads to it."""
     action: Action
     at: int
-    """Which of the action's steps, from 0."""
+    """Index of the step in the action."""
     start: int
-    """Degrees, as all that follows: servos set to raw ADC are not for this."""
     seconds: float
-    """With the ratio of the macro's command."""
+    """The duration, with the ratio of the macro command."""
 
     @property
-    def servo_id(self) -> int:
-        """The servo that turns."""
-        return self.action.steps[self.at].servo_id
+    def step(self) -> Step:
+        """The step of the action."""
+        return self.action.steps[self.at]
+
+    @property
+    def degrees(self) -> int:
+        """The angle between start and end, never negative."""
+        return abs(self.step.degree - self.start)
 
     @property
     def degrees_per_second(self) -> float:
-        """The speed; infinite if there is a way and no time."""
-        way = abs(self.action.steps[self.at].degree - self.start)
-        if not way:
-            return 0.0
-        return way / self.seconds if self.seconds > 0 else math.inf
+        """The speed: 0 if there is nothing to turn, infinite if there is no time."""
+        return degrees_per_second(self.degrees, self.seconds)
 
     def __str__(self) -> str:
-        """Return such as "step 7 asks servo 3 for 310 degrees/s"."""
+        """Return a text such as "step 7 asks servo 3 for 310 degrees/s"."""
         speed = self.degrees_per_second
-        wish = "to be there in no time" if math.isinf(speed) else f"for {speed:.3g} degrees/s"
-        step = f"step {self.at + 1} asks servo {self.servo_id} {wish}"
-        return step if self.path.startswith(ACTION.field) else f"{named(self.action)}, {step}"
+        request = "to turn in no time" if math.isinf(speed) else f"for {speed:.3g} degrees/s"
+        text = f"step {self.at + 1} asks servo {self.step.servo_id} {request}"
+        return text if self.path.startswith(ACTION.field) else f"{name_of(self.action)}, {text}"
 
 
 @dataclass
 class _Effect:
-    """What an action or a macro does to the pose that it finds."""
+    """The effect of an action or a macro on the pose before it."""
 
     first: dict[int, tuple[Action, int, float]] = field(default_factory=dict)
-    """By servo: the action and its step that moves it first, and the seconds for that."""
+    """By servo id: the action and the index of its step that first moves the servo, and the seconds for that."""
     last: dict[int, int] = field(default_factory=dict)
-    """By servo: the degree at which it leaves it."""
+    """By servo id: the angle at the end."""
 
 
 def servo_moves(project: Project, start: Mapping[int, int] | None = None) -> Iterator[ServoMove]:
-    """Yield each way for which the pose before is known: of macros, and of what begins from the pose `start`.
+    """Yield each turn for which the pose before is known: within macros, and from the pose `start`.
 
-    A macro that is called is looked at by itself, at full speed, and again where it begins and where it repeats.
+    `start` holds degrees by servo id. A macro that another one runs is looked at twice: alone, at full speed, and
+    where the other one begins or repeats it.
     """
     before = start or {}
     actions, macros = ACTION.by_id(project), MACRO.by_id(project)
-    effects = {action_id: _of_action(action) for action_id, action in actions.items()}
+    effects = {action_id: _effect_of(action) for action_id, action in actions.items()}
     for at, action in enumerate(project.actions):
-        for servo_id, (_, step, seconds) in _of_action(action).first.items():
+        for servo_id, (_, step, seconds) in _effect_of(action).first.items():
             if servo_id in before:
                 yield ServoMove(f"actions[{at}].steps[{step}]", action, step, before[servo_id], seconds)
     places = {macro.macro_id: f"macros[{at}]" for at, macro in enumerate(project.macros)}
-    of_macros: dict[int, _Effect] = {}
+    macro_effects: dict[int, _Effect] = {}
     for macro_id in dependency_order(macros):
-        of_macros[macro_id] = _Effect()
-        called = [_called(command, effects, of_macros) for command in macros[macro_id].commands]
-        yield from _of_macro(places[macro_id], macros[macro_id], called, before, of_macros[macro_id])
+        macro_effects[macro_id] = _Effect()
+        called = [_called(command, effects, macro_effects) for command in macros[macro_id].commands]
+        yield from _moves_of_macro(places[macro_id], macros[macro_id], called, before, macro_effects[macro_id])
 
 
-def _of_action(action: Action) -> _Effect:
-    """Return the effect of an action, in which the last of several steps for one servo counts."""
+def _effect_of(action: Action) -> _Effect:
+    """Return the effect of an action. Of several steps for one servo, the last one counts."""
     return _Effect(
-        {step.servo_id: (action, at, max(step.interval, 0) / 100) for at, step in enumerate(action.steps)},
+        {step.servo_id: (action, at, max(step.seconds, 0)) for at, step in enumerate(action.steps)},
         {step.servo_id: step.degree for step in action.steps},
     )
 
 
 def _called(command: MacroCommand, actions: Mapping[int, _Effect], macros: Mapping[int, _Effect]) -> _Effect:
-    known = {0: actions, 2: macros}.get(command.type, {})
-    return known.get(command.command_id, _Effect()) if command.ratio > 0 else _Effect()
+    """Return the effect of the record that a command runs, an empty one for a delay or a missing record."""
+    effects: dict[int, Mapping[int, _Effect]] = {MacroCommandType.ACTION: actions, MacroCommandType.MACRO: macros}
+    called = effects.get(command.type, {})
+    return called.get(command.command_id, _Effect()) if command.ratio > 0 else _Effect()
 
 
-def _of_macro(
+def _moves_of_macro(
     place: str, macro: Macro, called: list[_Effect], before: Mapping[int, int], whole: _Effect
 ) -> Iterator[ServoMove]:
-    """Yield the ways between the commands of a macro, and put the effect of all of them into `whole`."""
+    """Yield the turns where the commands of a macro meet, and store the effect of all of them in `whole`."""
     for at, (command, effect) in enumerate(zip(macro.commands, called, strict=True)):
-        for _ in range(min(command.loop, 2)):  # all further loops find what the second finds
+        for _ in range(min(command.loop, 2)):  # every later loop starts from the same pose as the second
             for servo_id, (action, step, seconds) in effect.first.items():
                 slowed = seconds * 100 / command.ratio
                 whole.first.setdefault(servo_id, (action, step, slowed))

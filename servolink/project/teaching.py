@@ -1,4 +1,4 @@
-"""A lesson: the poses of a limb that somebody moves by hand, and the actions and the macro that come of them."""
+"""Record poses of limbs that are moved by hand, and make actions and a macro of them."""
 
 from __future__ import annotations
 
@@ -8,33 +8,32 @@ from collections.abc import Mapping
 from msgspec import Struct
 
 from servolink.errors import ProjectError
-from servolink.escaping import escape
 from servolink.project.model import Project
+from servolink.protocol.record_types import ACTION, MACRO
 from servolink.protocol.records import Action, Macro
 
 SHORTEST, LONGEST = 0.1, 327.67
-"""Seconds that a pose may take: the first that looks like a movement, the last that the protocol has."""
+"""Seconds for a pose: the least that looks like a movement, and the most that the protocol can express."""
 
 
 class Pose(Struct, frozen=True):
-    """Where servos are to be."""
+    """A pose, and the time from the pose before it."""
 
     degrees: dict[int, int]
-    """By servo id."""
+    """Angles by servo id."""
     seconds: float
-    """From the pose before."""
 
 
 class PoseRecorder:
-    """Takes poses, each with the time that it took to get there."""
+    """Records poses, each with the time it took to reach it."""
 
     def __init__(
         self, caption: str, start: Mapping[int, int], now: float, *, speed_cap: float, seconds: float | None = None
     ) -> None:
-        """Begin at `start`, degrees by servo id, at the time `now`.
+        """Start at the pose `start`, degrees by servo id, at the time `now`.
 
-        Each pose takes the time since the one before, or `seconds` if given, but never less than its longest way
-        takes at `speed_cap` degrees per second.
+        A pose gets the time since the one before, or `seconds`; in any case enough time to stay below `speed_cap`
+        degrees per second.
         """
         self.caption = caption
         self.poses: list[Pose] = []
@@ -44,24 +43,25 @@ class PoseRecorder:
         self._speed_cap = speed_cap
 
     def take(self, degrees: Mapping[int, int], now: float) -> Pose:
-        """Add the pose that the servos are in."""
+        """Record the pose that the servos are in."""
         before = self.poses[-1].degrees if self.poses else self._start
-        way = max((abs(angle - before[servo_id]) for servo_id, angle in degrees.items()), default=0)
-        wish = now - self._times[-1] if self._seconds is None else self._seconds
-        seconds = min(max(wish, way / self._speed_cap, SHORTEST), LONGEST)
+        distance = max((abs(angle - before[servo_id]) for servo_id, angle in degrees.items()), default=0)
+        wanted = now - self._times[-1] if self._seconds is None else self._seconds
+        seconds = min(max(wanted, distance / self._speed_cap, SHORTEST), LONGEST)
+        # Rounded up to what the protocol can express; rounded first, so that 0.07 s does not become 0.08 s.
         pose = Pose(dict(degrees), min(math.ceil(round(seconds * 100, 6)) / 100, LONGEST))
         self.poses.append(pose)
         self._times.append(now)
         return pose
 
     def undo(self) -> None:
-        """Forget the last pose, if there is one."""
+        """Remove the last pose. No effect without one."""
         if self.poses:
             self.poses.pop()
             self._times.pop()
 
     def record(self) -> Action | Macro:
-        """Return the action of a single pose, or the macro that plays an action for each pose."""
+        """Return the action of a single pose, or the macro that runs an action for each pose."""
         if len(self.poses) == 1:
             return self._action(self.caption, self.poses[0])
         actions = [self._action(f"{self.caption} {at}", pose) for at, pose in enumerate(self.poses, 1)]
@@ -73,12 +73,9 @@ class PoseRecorder:
 
 
 def refuse_taken(project: Project, caption: str) -> None:
-    """Raise ProjectError if an action or a macro has this caption, or one that its poses would have."""
-    for word, captions in (
-        ("action", [action.action_caption for action in project.actions]),
-        ("macro", [macro.macro_caption for macro in project.macros]),
-    ):
-        for taken in captions:
+    """Raise ProjectError if an action or a macro has this caption, or an action the caption of one of its poses."""
+    for kind in (ACTION, MACRO):
+        for taken in (kind.caption_of(record) for record in kind.by_id(project).values()):
             name, _, number = taken.rpartition(" ")
-            if taken == caption or (word == "action" and name == caption and number.isdecimal()):
-                raise ProjectError(f"there is {word} '{escape(taken)}' already; take another name")
+            if taken == caption or (kind is ACTION and name == caption and number.isdecimal()):
+                raise ProjectError(f"there is already {kind} '{taken}'; choose another name")

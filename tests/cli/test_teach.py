@@ -76,7 +76,7 @@ def test_only_the_button_that_was_named_counts_and_a_file_is_added_to(robot: Rob
     assert [action.action_caption for action in load_project(file).actions] == ["Nod"]
     again = robot("teach", "Nod", "--file", str(file), "--yes")
     assert again.code == 1
-    assert "there is action 'Nod' already; take another name" in again.err
+    assert "there is already action 'Nod'; choose another name" in again.err
     assert are_held(robot)
 
 
@@ -106,7 +106,7 @@ def test_a_taken_name_is_refused_without_a_question(tmp_path: Path) -> None:
     save_project(file, Project(actions=(Action(1, "Wave"),)))
     said = in_terminal("-b", "virtual://", "teach", "Wave", "--file", str(file))
     assert said.code == 1
-    assert "there is action 'Wave' already" in said.out
+    assert "there is already action 'Wave'" in said.out
     assert "[y/N]" not in said.out
 
 

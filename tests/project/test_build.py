@@ -115,9 +115,9 @@ def test_numbers_without_objects_are_left_alone() -> None:
 
 
 def test_two_with_one_number_are_refused() -> None:
-    with pytest.raises(ProjectError, match="action 1 'A' has the id of action 1 'B'"):
+    with pytest.raises(ProjectError, match="action 1 'A' and action 1 'B' have the same id"):
         build_project(Action.pose("A", {1: 1}, action_id=1), Action.pose("B", {1: 1}, action_id=1))
-    with pytest.raises(ProjectError, match="action 1 'Up' has the id of"):
+    with pytest.raises(ProjectError, match="action 1 'Up' and action 1 'B' have the same id"):
         extend_project(build_project(UP), Action.pose("B", {1: 1}, action_id=1))
 
 
@@ -149,11 +149,11 @@ def test_buttons_start_macros_only(started: Any) -> None:
     ("part", "text"),
     [
         (Action.pose("Up", {1: 40000}), r"actions\[0\].steps\[0\].degree: 40000 is outside -32768..32767"),
-        (Action.pose("Up", {1: 1.5}), "1.5 is no integer"),  # type: ignore[dict-item]
+        (Action.pose("Up", {1: 1.5}), "must be an integer, not 1.5"),  # type: ignore[dict-item]
         (Action.pose("Up", {300: 1}), "300 is outside"),
         (Action.pose("x" * 33, {}), "33"),
         (Action.pose("\x1b", {}), "control characters"),
-        (Action.pose(3, {}), "3 is no text"),  # type: ignore[arg-type]
+        (Action.pose(3, {}), "must be text, not 3"),  # type: ignore[arg-type]
         (Macro.of("M", MacroCommand.of(UP, ratio=0)), "ratio_percent: 0 is outside 1..100"),
         (JoystickTable.of("T", Button.of(-1)), "-1 is outside"),
     ],

@@ -47,12 +47,15 @@ def test_a_sound_project_has_no_problems_on_a_board_that_it_fits() -> None:
 @pytest.mark.parametrize(
     ("project", "expected"),
     [
-        (Project(actions=(Action(0),)), ["!actions[0].action_id: 0 is no id: boards say it for what is not there"]),
-        (Project(actions=(Action(-3),)), ["actions[0].action_id: -3 is negative; take an id from 1 on, as boards do"]),
+        (
+            Project(actions=(Action(0),)),
+            ["!actions[0].action_id: a record cannot have the id 0, which boards return for missing records"],
+        ),
+        (Project(actions=(Action(-3),)), ["actions[0].action_id: -3 is negative; boards use ids from 1 on"]),
         (Project(actions=(Action(2), Action(2, "b"))), ["!actions[1].action_id: 2 is also the id of actions[0]"]),
         (
             Project(macros=(Macro(2), Macro(2))),
-            ["!macros[1].macro_id: 2 is also the id of macros[0], which is the same"],
+            ["!macros[1].macro_id: 2 is also the id of macros[0], which is identical"],
         ),
         (
             Project(servo_parameters=(ServoParameter(0, 1), ServoParameter(0, 2))),
@@ -60,7 +63,7 @@ def test_a_sound_project_has_no_problems_on_a_board_that_it_fits() -> None:
         ),
         (
             Project(UNFINISHED[5]),
-            ["!project_id: 2046820357 means that an import is under way; take another id, such as 1"],
+            ["!project_id: 2046820357 means that an import is under way; choose another id, such as 1"],
         ),
         (Project(2**31), ["!project_id: 2147483648 is outside -2147483648..2147483647"]),
         (
@@ -69,7 +72,7 @@ def test_a_sound_project_has_no_problems_on_a_board_that_it_fits() -> None:
         ),
         (
             Project(servo_parameters=(ServoParameter(255, 1),)),
-            ["!servo_parameters[0].servo_id: 255 means all servos and is none"],
+            ["!servo_parameters[0].servo_id: 255 stands for all servos, not for one"],
         ),
         (
             Project(actions=(Action(1, "", (STEP, STEP)),)),
@@ -77,7 +80,7 @@ def test_a_sound_project_has_no_problems_on_a_board_that_it_fits() -> None:
         ),
         (
             Project(actions=(Action(1, "", (STEP, Step(2, 0, 0), Step(1, 0, 0))),)),
-            ["actions[0].steps[2].servo_id: 1 is also in actions[0].steps[0], and boards differ in which they take"],
+            ["actions[0].steps[2].servo_id: 1 is also in actions[0].steps[0], and boards differ in which one they use"],
         ),
         (
             pad(Button(4, "", 1), Button(4, "", 1)),
@@ -100,7 +103,7 @@ def test_a_sound_project_has_no_problems_on_a_board_that_it_fits() -> None:
         (macro(MacroCommand(9, 2)), ["macros[0].commands[0].macro_id: there is no macro 9"]),
         (
             macro(MacroCommand(5, 1, total_interval=5), MacroCommand(1, 2)),
-            ["!macros[0].commands[1].macro_id: macro 1 'm' calls itself, so it never ends"],
+            ["!macros[0].commands[1].macro_id: macro 1 'm' runs itself, so it never ends"],
         ),
         (macro(MacroCommand(5, 7)), ["!macros[0].commands[0].type: must be one of action, delay, macro, not 'other'"]),
         (macro(MacroCommand(-5, 1)), ["!macros[0].commands[0].delay_ms: -5 is outside 0..2147483647"]),
@@ -167,24 +170,24 @@ def test_each_problem_is_said_with_its_place(project: Project, expected: list[st
     [
         (
             {1: [2], 2: [1]},
-            ["!macros[0].commands[0].macro_id: macro 1 '' calls itself (1 -> 2 -> 1), so it never ends"],
+            ["!macros[0].commands[0].macro_id: macro 1 '' runs itself (1 -> 2 -> 1), so it never ends"],
         ),
         (
             {5: [4], 4: [3, 2], 3: [], 2: [4]},
-            ["!macros[1].commands[1].macro_id: macro 4 '' calls itself (4 -> 2 -> 4), so it never ends"],
+            ["!macros[1].commands[1].macro_id: macro 4 '' runs itself (4 -> 2 -> 4), so it never ends"],
         ),
         (
             {1: [1], 2: [3], 3: [2], 4: [1, 2]},
             [
-                "!macros[0].commands[0].macro_id: macro 1 '' calls itself, so it never ends",
-                "!macros[1].commands[0].macro_id: macro 2 '' calls itself (2 -> 3 -> 2), so it never ends",
+                "!macros[0].commands[0].macro_id: macro 1 '' runs itself, so it never ends",
+                "!macros[1].commands[0].macro_id: macro 2 '' runs itself (2 -> 3 -> 2), so it never ends",
             ],
         ),
         (
             {number: [number % 1000 + 1] for number in range(1, 1001)},
             [
                 (
-                    "!macros[0].commands[0].macro_id: macro 1 '' calls itself "
+                    "!macros[0].commands[0].macro_id: macro 1 '' runs itself "
                     "(1 -> 2 -> 3 -> 4 -> 5 -> 6 -> ... -> 1), so it never ends"
                 )
             ],
@@ -201,7 +204,7 @@ def test_an_endless_macro_that_others_call_is_found_whichever_is_called_first() 
     """Each walk ends in a cycle, and every macro that never ends is on a walk."""
     calls = {1: [2], 2: [3], 3: [2], 4: [3, 4]}
     macros = (Macro(one, "", tuple(MacroCommand(other, 2) for other in called)) for one, called in calls.items())
-    assert len(said(Project(macros=tuple(macros)))) == 1  # 4 calls itself too: said when this is put right
+    assert len(said(Project(macros=tuple(macros)))) == 1  # 4 runs itself too: said when this is put right
 
 
 def test_servos_are_looked_up_if_it_is_known_which_there_are() -> None:
@@ -221,7 +224,7 @@ def test_speeds_are_looked_at_if_there_is_a_cap() -> None:
 def test_memory_is_looked_at_if_it_is_known() -> None:
     size = 35 + 48 + 62 + 50 + 136
     assert said(SOUND, memory=size) == []
-    assert said(SOUND, memory=size - 1) == ["!all of it takes 331 bytes; the board has 330"]
+    assert said(SOUND, memory=size - 1) == ["!the project takes 331 bytes; the board has 330"]
 
 
 def test_captions_are_measured_in_the_encoding_of_the_board() -> None:
@@ -302,7 +305,7 @@ def test_without_an_error_the_encoder_and_the_file_take_everything(project: Proj
 
 @given(said_projects())
 def test_what_the_encoder_refuses_is_an_error(project: Project) -> None:
-    found = validate_project(project, servo_ids=(), speed_cap=0, memory=0, start=dict.fromkeys(range(256), 0))
+    found = validate_project(project, servo_ids=(), speed_cap=1e-9, memory=0, start=dict.fromkeys(range(256), 0))
     assert any(problem.severity == "error" for problem in found) or not unencodable(project)
     assert all(within(project, problem) for problem in found)
 

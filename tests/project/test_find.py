@@ -38,7 +38,7 @@ TWO = Project(actions=(Action(3, "Wave"), Action(4, "wave")), macros=(Macro(3, "
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("Wave", "'Wave' may be action 3 'Wave' or macro 3 'Wave': write it as in action:3"),
+        ("Wave", "'Wave' may be action 3 'Wave' or macro 3 'Wave'; write action:3 or macro:3"),
         ("3", "'3' may be action 3 'Wave' or macro 3 'Wave'"),
         ("4", "'4' may be action 4 'wave' or macro 5 '4'"),
         ("WAVE", "may be action 3 'Wave' or action 4 'wave' or macro 3 'Wave'"),
@@ -64,7 +64,7 @@ def test_exactly_that_caption_comes_first() -> None:
 
 @pytest.mark.parametrize("kind", [ACTION, MACRO, TABLE], ids=str)
 def test_of_nothing_nothing_is_found(kind: RecordType[Any]) -> None:
-    with pytest.raises(ProjectError, match="there is none at all"):
+    with pytest.raises(ProjectError, match="there is none"):
         find(Project(), "1", (kind,))
     many = Project(actions=tuple(Action(number) for number in range(1, 40)))
     with pytest.raises(ProjectError, match=r"action 10 '', \.\.\.$"):

@@ -25,9 +25,9 @@ def test_times_of_macros_are_put_right() -> None:
         [3000],
     ]
     assert done == [
-        "macro 1 'a', command 1: total_interval_ms is now 1000, it was 0",
-        "macro 1 'a', command 2: total_interval_ms is now 6000, it was 77",
-        "macro 2 'b', command 1: total_interval_ms is now 3000, it was 9000",
+        "macro 1 'a', command 1: total_interval_ms was 0, is now 1000",
+        "macro 1 'a', command 2: total_interval_ms was 77, is now 6000",
+        "macro 2 'b', command 1: total_interval_ms was 9000, is now 3000",
     ]
 
 
@@ -42,10 +42,10 @@ def test_what_is_there_twice_with_the_same_values_is_left_out() -> None:
         0, (ServoParameter(3, 1),), (WAVE, Action(2, "b", (STEP,))), (), (JoystickTable(1, "pad", (Button(4),)),)
     )
     assert done == [
-        "servo 3: left out, it is there twice with the same values",
-        "action 1 'wave': left out, it is there twice with the same values",
-        "action 2 'b', servo 1: left out, it is there twice with the same values",
-        *["joystick table 1 'pad', button 4: left out, it is there twice with the same values"] * 2,
+        "servo 3: removed a copy with the same values",
+        "action 1 'wave': removed a copy with the same values",
+        "action 2 'b', servo 1: removed a copy with the same values",
+        *["joystick table 1 'pad', button 4: removed a copy with the same values"] * 2,
     ]
 
 
@@ -65,16 +65,16 @@ def test_records_are_put_in_order_and_their_steps_are_not() -> None:
     steps = (Step(2, 0, 0), Step(1, 0, 0))
     project, done = fix_project(Project(0, (ServoParameter(2), ServoParameter(1)), (Action(2, "", steps), Action(1))))
     assert project == Project(0, (ServoParameter(1), ServoParameter(2)), (Action(1), Action(2, "", steps)))
-    assert done == ["servo_parameters: put in order of their ids", "actions: put in order of their ids"]
+    assert done == ["servo_parameters: sorted by id", "actions: sorted by id"]
 
 
 def test_an_active_table_that_is_not_there_is_the_only_one_or_none() -> None:
     one = Project(joystick_tables=(JoystickTable(4),), active_joystick_table=9)
     assert fix_project(one)[0].active_joystick_table == 4
-    assert fix_project(one)[1] == ["active_joystick_table: 9 is not there; it is now 4, the only table"]
+    assert fix_project(one)[1] == ["active_joystick_table: was 9, which does not exist; is now 4, the only table"]
     project, done = fix_project(Project(active_joystick_table=9))
     assert project == Project()
-    assert done == ["active_joystick_table: 9 is not there; it is now none, as there is no table"]
+    assert done == ["active_joystick_table: was 9, which does not exist; is now null, because there is no table"]
 
 
 def test_a_sound_project_is_left_alone() -> None:

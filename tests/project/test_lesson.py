@@ -69,7 +69,7 @@ def test_what_is_undone_leaves_no_trace() -> None:
     ],
 )
 def test_a_name_is_not_taken_twice(project: Project) -> None:
-    with pytest.raises(ProjectError, match=r"there is (action|macro) 'Wave.*' already; take another name"):
+    with pytest.raises(ProjectError, match=r"there is already (action|macro) 'Wave.*'; choose another name"):
         refuse_taken(project, "Wave")
 
 

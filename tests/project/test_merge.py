@@ -55,7 +55,7 @@ def test_what_means_something_else_gets_a_new_id_and_its_callers_follow() -> Non
         "macro 4 'Greet' added as 1",
         "macro 6 'Twice' added",
         "joystick table 7 'Other' added as 1",
-        "joystick table 7 stays the active one",
+        "joystick table 7 stays active",
     ]
 
 
@@ -121,19 +121,19 @@ def test_of_what_can_be_there_once_the_first_stays() -> None:
     assert project.project_id == 1
     assert project.servo_parameters == (ServoParameter(1, 0, "knee"), ServoParameter(2, 1), ServoParameter(4, 9))
     assert said == [
-        "servo 1 stays 'knee' with a correction of 0; 'Knie' with 4 goes",
+        "servo 1 stays 'knee' with a correction of 0; 'Knie' with 4 is dropped",
         "servo 2 '' added",
         "servo 4 '' added",
-        "project id 1 stays, 2 goes",
+        "project id 1 stays; 2 is dropped",
     ]
     assert merge_projects(Project(), other)[0].project_id == 2
 
 
 @pytest.mark.parametrize("first", [Project(), HUMANOID])
 def test_ids_that_are_used_twice_are_refused(first: Project) -> None:
-    with pytest.raises(ProjectError, match="macro 4 is there twice"):
+    with pytest.raises(ProjectError, match="macro 4 exists twice"):
         merge_projects(first, Project(macros=(WAVE, WAVE)))
-    with pytest.raises(ProjectError, match="servo 3 is there twice"):
+    with pytest.raises(ProjectError, match="servo parameter 3 exists twice"):
         merge_projects(first, Project(servo_parameters=(ServoParameter(3, 1), ServoParameter(3, 2))))
 
 
@@ -147,7 +147,7 @@ def test_ids_that_are_used_twice_are_refused(first: Project) -> None:
 )
 def test_a_call_of_nothing_does_not_call_something_by_chance(lost: Project) -> None:
     for one, other in [(HUMANOID, lost), (lost, HUMANOID)]:
-        with pytest.raises(ProjectError, match=r"calls (action|macro) \d, which is not there: correct it first"):
+        with pytest.raises(ProjectError, match=r"refers to (action|macro) \d, which does not exist; correct it first"):
             merge_projects(one, other)
 
 

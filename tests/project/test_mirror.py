@@ -68,7 +68,7 @@ def test_the_image_of_the_image_is_there_already() -> None:
     project, _ = mirror_project(HUMANOID, [RAISE], ARMS)
     again, said = mirror_project(project, [project.actions[-1]], ARMS)
     assert again == project
-    assert said == ["action 3 'Raise right arm' has its image already: action 1 'Raise left arm'"]
+    assert said == ["action 3 'Raise right arm' already has an image: action 1 'Raise left arm'"]
 
 
 def test_servos_with_the_same_sign_keep_their_angle() -> None:
@@ -107,22 +107,22 @@ def test_a_macro_is_mirrored_with_what_it_calls() -> None:
 
 def test_an_angle_without_an_opposite_is_refused() -> None:
     lowest = Action(9, "Lowest", (Step(1, -0x8000, 5),))
-    with pytest.raises(ProjectError, match="servo 1: -32768 has no opposite"):
+    with pytest.raises(ProjectError, match="servo 1: the opposite of -32768 does not fit a step"):
         mirror_project(extend_project(HUMANOID, lowest), [lowest], ARMS)
 
 
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [
-        ((), "no servo in it has a caption that says left or right.*1=2,3=4"),
+        ((), "no servo in it has a caption with left or right.*1=2,3=4"),
         (
             (ServoParameter(1, 0, "left"),),
-            "servo 1 is called 'left', and no servo is called 'right'; give the pairs, as in 1=2",
+            "servo 1 has the caption 'left', and no servo has the caption 'right'; give the pairs, as in 1=2",
         ),
-        ((ServoParameter(1, 0, "left"), ServoParameter(2, 0, "Left")), "2 servos are called 'left'"),
+        ((ServoParameter(1, 0, "left"), ServoParameter(2, 0, "Left")), "2 servos have the caption 'left'"),
         (
             (ServoParameter(1, 0, "left"), ServoParameter(2, 0, "right"), ServoParameter(3, 0, "RIGHT")),
-            "and 2 servos are called 'right'",
+            "and 2 servos have the caption 'right'",
         ),
     ],
 )
@@ -151,5 +151,5 @@ def test_a_call_of_nothing_is_named() -> None:
 
 
 def test_nothing_is_lost_where_an_id_is_used_twice() -> None:
-    with pytest.raises(ProjectError, match="action 1 is there twice"):
+    with pytest.raises(ProjectError, match="action 1 exists twice"):
         mirror_project(Project(actions=(RAISE, RAISE)), [RAISE], ARMS)

@@ -64,4 +64,4 @@ def test_nothing_is_looked_at_without_limits() -> None:
 
 def test_a_step_that_takes_no_time_is_too_fast() -> None:
     jump = Action(1, "Jump", (Step(1, 10, 0),))
-    assert "to be there in no time" in preflight(Project(actions=(jump,)), speed_cap=1e9, start={1: 0})[0].text
+    assert "to turn in no time" in preflight(Project(actions=(jump,)), speed_cap=1e9, start={1: 0})[0].text

@@ -25,7 +25,7 @@ def test_everything_takes_twice_as_long() -> None:
         Macro(5, "Show", (MacroCommand(4, 2, total_interval=4600), MacroCommand(2, total_interval=600))),
     )
     assert (project.joystick_tables, project.servo_parameters) == ((PAD,), HUMANOID.servo_parameters)
-    assert said[0] == "action 1 'Raise left arm': its times multiplied by 2"
+    assert said[0] == "action 1 'Raise left arm': durations multiplied by 2"
     assert len(said) == 4
 
 
@@ -52,7 +52,7 @@ def test_a_factor_of_one_changes_nothing() -> None:
 
 @pytest.mark.parametrize("factor", [0, -1, math.inf, math.nan, True, "2", 10**400, 1e300])
 def test_what_is_no_factor_is_refused(factor: float) -> None:
-    with pytest.raises(ProjectError, match="is not above 0"):
+    with pytest.raises(ProjectError, match="must be above 0 and at most"):
         scale_project(HUMANOID, factor)
 
 

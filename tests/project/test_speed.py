@@ -14,9 +14,11 @@ ACTIONS = (UP, DOWN)
 
 
 def found(*macros: Macro, start: dict[int, int] | None = None) -> list[tuple[str, int, int, float]]:
-    """Return place, servo, degree before and speed of each turn."""
+    """Return place, servo, degree before and speed of each move."""
     project = Project(actions=ACTIONS, macros=macros)
-    return [(turn.path, turn.servo_id, turn.start, turn.degrees_per_second) for turn in servo_moves(project, start)]
+    return [
+        (move.path, move.step.servo_id, move.start, move.degrees_per_second) for move in servo_moves(project, start)
+    ]
 
 
 def test_nothing_is_known_of_an_action_alone_unless_it_is_known_where_it_starts() -> None:
@@ -54,15 +56,14 @@ def test_ratios_multiply() -> None:
 
 def test_the_last_of_two_steps_for_one_servo_counts() -> None:
     twice = Action(3, "", (Step(1, 0, 1), Step(1, 10, 100)))
-    (turn,) = servo_moves(Project(actions=(twice,)), {1: 0})
-    assert (turn.path, turn.degrees_per_second) == ("actions[0].steps[1]", 10.0)
+    (move,) = servo_moves(Project(actions=(twice,)), {1: 0})
+    assert (move.path, move.degrees_per_second) == ("actions[0].steps[1]", 10.0)
 
 
 def test_what_takes_no_time_is_infinitely_fast_if_there_is_a_way() -> None:
     jump = Action(3, "", (Step(1, 10, 0), Step(2, 0, 0), Step(3, 10, -1)))
-    speeds = {
-        turn.servo_id: turn.degrees_per_second for turn in servo_moves(Project(actions=(jump,)), {1: 0, 2: 0, 3: 0})
-    }
+    moves = servo_moves(Project(actions=(jump,)), {1: 0, 2: 0, 3: 0})
+    speeds = {move.step.servo_id: move.degrees_per_second for move in moves}
     assert speeds == {1: math.inf, 2: 0.0, 3: math.inf}
 
 
@@ -80,7 +81,7 @@ def test_what_is_not_played_has_no_speed() -> None:
 
 def test_a_turn_says_what_it_asks_for() -> None:
     assert str(ServoMove("actions[0].steps[0]", UP, 0, 245, 0.5)) == "step 1 asks servo 1 for 310 degrees/s"
-    assert str(ServoMove("actions[0].steps[1]", UP, 1, 0, 0)) == "step 2 asks servo 2 to be there in no time"
+    assert str(ServoMove("actions[0].steps[1]", UP, 1, 0, 0)) == "step 2 asks servo 2 to turn in no time"
     said = "action 1 'up', step 1 asks servo 1 for 180 degrees/s"
     assert str(ServoMove("macros[0].commands[1]", UP, 0, 0, 0.5)) == said
 

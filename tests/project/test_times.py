@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from servolink.project.model import Project
-from servolink.project.records import LONGEST, dependency_order, durations
+from servolink.project.records import MAX_INTERVAL, dependency_order, durations
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import HEADER_SIZE
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
@@ -58,8 +58,8 @@ def played(project: Project, macro_id: int) -> float:
         (MacroCommand(1, 0, 0), None),
         (MacroCommand(1, 0, 100, -1), None),
         (MacroCommand(-5, 1), None),
-        (MacroCommand(LONGEST, 1), LONGEST),
-        (MacroCommand(LONGEST, 1, 99), None),
+        (MacroCommand(MAX_INTERVAL, 1), MAX_INTERVAL),
+        (MacroCommand(MAX_INTERVAL, 1, 99), None),
     ],
 )
 def test_a_command_takes_the_time_of_what_it_does_with_ratio_and_loops(

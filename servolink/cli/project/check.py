@@ -17,6 +17,7 @@ from servolink.project.project_file import save_project
 from servolink.project.records import find
 from servolink.project.validate import Diagnostic, validate_project
 from servolink.protocol.record_types import ACTION, MACRO
+from servolink.protocol.servos import ALL_SERVOS
 
 _IDS = re.compile(r"([0-9]{1,3})(?:-([0-9]{1,3}))?", re.ASCII)
 _STYLES = {"error": "red", "warning": "yellow"}
@@ -124,7 +125,7 @@ def run_preflight(args: argparse.Namespace) -> int:
     def examine(project: Project) -> int:
         record = find(project, args.record, (ACTION, MACRO)) if args.record else None
         pose = find(project, args.start, (ACTION,)) if args.start else None
-        limits = dict.fromkeys(range(0x100), for_all) if for_all else {}
+        limits = dict.fromkeys(range(ALL_SERVOS), for_all) if for_all else {}
         found = preflight(
             project,
             None if record is None else [record],

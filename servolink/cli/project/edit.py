@@ -21,8 +21,6 @@ from servolink.project.records import find
 from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES
 from servolink.protocol.records import Action
 
-_TABLE = {"table": "joystick table"}
-
 
 def configure_scale_time(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project scale-time`."""
@@ -88,8 +86,8 @@ def _merged(args: argparse.Namespace, project: Project) -> tuple[Project, list[s
 def _renamed(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
     if args.kind == "servo":
         return rename_servo(project, args.id, args.caption)
-    kind = next(kind for kind in RECORD_TYPES if kind.label == _TABLE.get(args.kind, args.kind))
-    return rename_record(project, kind, args.id, args.caption)
+    kind = next(kind for kind in RECORD_TYPES if kind.label.endswith(args.kind))
+    return rename_record(project, kind.record_class(args.id), args.caption)
 
 
 _PAIR = re.compile(r"([0-9]{1,3})=([0-9]{1,3})", re.ASCII)

@@ -12,7 +12,7 @@ from servolink.cli.output import Table, is_terminal, plain_lines, print_json, pr
 from servolink.cli.project.source import add_source, is_address, with_project
 from servolink.errors import ProjectError
 from servolink.project.model import Project
-from servolink.project.records import by_kind, by_servo, find, named
+from servolink.project.records import by_servo, by_type, find, name_of
 from servolink.protocol.record_types import ACTION, MACRO, type_of
 from servolink.protocol.records import Action, Macro
 from servolink.protocol.servos import ServoState
@@ -45,7 +45,7 @@ def _play(args: argparse.Namespace, project: Project, *, with_bars: bool) -> int
     try:
         timeline = _rehearsal(project).play(record)
     except ProjectError as error:
-        raise ProjectError(f"{named(record)}: {error}; `servolink project check` says more") from error
+        raise ProjectError(f"{name_of(record)}: {error}; `servolink project check` says more") from error
     if with_bars:
         from servolink.cli.session import run_interruptible
 
@@ -62,7 +62,7 @@ def _play(args: argparse.Namespace, project: Project, *, with_bars: bool) -> int
 
 
 def _rehearsal(project: Project) -> DryRun:
-    by_kind(project)  # ids that are used twice play one of two
+    by_type(project)  # ids that are used twice play one of two
     servo_ids = {step.servo_id for action in project.actions for step in action.steps}
     servo_ids |= {one.servo_id for one in project.servo_parameters}
     return DryRun(project.actions, project.macros, sorted(servo_ids))
@@ -98,7 +98,7 @@ def _servo(state: ServoState) -> Servo:
 def _print(project: Project, record: Action | Macro, timeline: Timeline) -> None:
     captions = {servo_id: one.servo_caption for servo_id, one in by_servo(project).items()}
     whole = "" if timeline.is_whole else ", and goes on: this is its beginning"
-    print_text(f"{named(record)} takes {timeline.seconds:g} s{whole}", "bold")
+    print_text(f"{name_of(record)} takes {timeline.seconds:g} s{whole}", "bold")
     if not timeline.moves:
         print_text("no servo moves")
         return

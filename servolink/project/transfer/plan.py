@@ -10,7 +10,7 @@ from typing import Any
 from msgspec import Struct
 
 from servolink.errors import EncodeError, ProjectError
-from servolink.project.model import Project, is_unfinished, telling
+from servolink.project.model import Project, is_unfinished, without_neutral
 from servolink.project.transfer.read import BoardConnection, Content, read_content
 from servolink.project.transfer.results import Change, Plan, ProgressCallback
 from servolink.project.validate import validate_project
@@ -145,7 +145,7 @@ def _additions(kind: RecordType[Any], content: Content, target: Project) -> list
 
 def _parameters(content: Content, target: Project) -> list[Write]:
     """Write all parameters if one differs: a board may take them for the whole list, or each for itself."""
-    there = telling(content.servo_parameters)
+    there = without_neutral(content.servo_parameters)
     if sorted(there, key=lambda one: one.servo_id) == list(target.servo_parameters):
         return []
     kept = {one.servo_id for one in target.servo_parameters}

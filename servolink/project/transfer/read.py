@@ -14,7 +14,7 @@ from typing import Any, Protocol, TypeVar
 
 from servolink.errors import ConnectionLost, DecodeError, ProjectError
 from servolink.escaping import escape
-from servolink.project.model import Project, telling
+from servolink.project.model import Project, without_neutral
 from servolink.project.records import total_size
 from servolink.project.transfer.results import Phase, Progress, ProgressCallback
 from servolink.protocol.codec import Codec
@@ -161,12 +161,12 @@ class Content:
 
     def is_empty(self) -> bool:
         """Tell whether nothing is stored but, perhaps, the project id."""
-        return not any(self.records.values()) and not telling(self.servo_parameters)
+        return not any(self.records.values()) and not without_neutral(self.servo_parameters)
 
     def growth(self, project: Project) -> int:
         """Return how many bytes `project` takes more than what is there and goes."""
         records = [entry.record for entries in self.records.values() for entry in entries if entry.record is not None]
-        kept = {one.servo_id for one in telling(project.servo_parameters)}
+        kept = {one.servo_id for one in without_neutral(project.servo_parameters)}
         neutral = [one for one in self.servo_parameters if one.servo_id not in kept]
         stored = sum(map(stored_size, (*self.servo_parameters, *records)))
         return total_size(project) + sum(map(stored_size, neutral)) - stored
