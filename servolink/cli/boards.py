@@ -45,7 +45,7 @@ def run_list(args: argparse.Namespace) -> int:
         if args.json:
             described = [asdict(device) | {"name": names.get(device.url)} for device in devices]
             for one, result in zip(described, responses, strict=False):
-                one |= {"answer": result.answer and asdict(result.answer), "problem": result.problem}
+                one |= {"response": result.response and asdict(result.response), "problem": result.problem}
             print_json({"boards": described})
         elif devices:
             print_table(_table(devices, names, responses))
@@ -86,10 +86,10 @@ def _table(devices: Sequence[DeviceInfo], names: Mapping[str, str], responses: S
 
 
 def _response(result: ProbeResult) -> str:
-    if result.answer is None:
+    if result.response is None:
         return "" if result.problem else "none"
-    mode = "" if result.answer.transmission_mode == 1 else ", was in the old transmission mode"
-    return f"project id {result.answer.project_id or 'none'}, {result.answer.byte_order} byte order{mode}"
+    mode = "" if result.response.transmission_mode == 1 else ", was in the old transmission mode"
+    return f"project id {result.response.project_id or 'none'}, {result.response.byte_order} byte order{mode}"
 
 
 def configure_use(parser: argparse.ArgumentParser) -> None:

@@ -71,12 +71,12 @@ def _described(report: Report) -> dict[str, Any]:
     return {
         "boards": [asdict(candidate) for candidate in report.candidates],
         "examined": report.urls,
-        "answer": report.answer and asdict(report.answer),
+        "response": report.response and asdict(report.response),
         "line": report.line
         and {
             "received_bytes": report.line.received_bytes,
             "noise_bytes": report.line.noise_bytes,
-            "asked": report.line.asked,
+            "requests": report.line.requests,
             "unanswered": report.line.unanswered,
             "late": report.line.late,
             "round_trip_seconds": {f"p{percent}": report.line.percentile(percent) for percent in _PERCENTILES},
@@ -90,16 +90,18 @@ def _print(report: Report) -> None:
     for number, finding in enumerate(report.findings, 1):
         print_text("")
         print_text(f"{number}. {finding.check}", "bold")
-        print_table(Table((), [("seen", finding.seen), ("means", finding.means), *_steps(finding.do)]))
+        print_table(
+            Table((), [("observation", finding.observation), ("meaning", finding.meaning), *_steps(finding.remedy)])
+        )
     if not report.findings:
         print_text("nothing is wrong")
 
 
 def _facts(report: Report) -> list[tuple[str, str]]:
     facts = [("examined", ", ".join(report.urls) or "nothing: no board is here")]
-    if answer := report.answer:
-        project = f"project id {answer.project_id or 'none'}"
-        facts.append(("answer", f"{project}, {answer.byte_order} byte order, {answer.seconds * 1000:.1f} ms"))
+    if response := report.response:
+        project = f"project id {response.project_id or 'none'}"
+        facts.append(("response", f"{project}, {response.byte_order} byte order, {response.seconds * 1000:.1f} ms"))
     if line := report.line:
         facts.append(("noise", f"{line.noise_bytes} of {line.received_bytes} bytes"))
         times = [f"p{percent} {time * 1000:.1f} ms" for percent in _PERCENTILES if (time := line.percentile(percent))]
@@ -107,5 +109,5 @@ def _facts(report: Report) -> list[tuple[str, str]]:
     return facts
 
 
-def _steps(do: str) -> list[tuple[str, str]]:
-    return [("" if number else "do", step) for number, step in enumerate(do.splitlines())]
+def _steps(remedy: str) -> list[tuple[str, str]]:
+    return [("" if number else "remedy", step) for number, step in enumerate(remedy.splitlines())]

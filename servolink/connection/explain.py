@@ -27,7 +27,10 @@ def timed_out(packet: Packet, url: str, tries: int, waited: float, stats: Stats)
     elif skipped:
         causes = "bytes come but no frame: the byte order or baud rate may be wrong, or this is another device"
     else:
-        causes = "nothing came at all: is the board on, is this its port, is it a data cable, is the baud rate right"
+        causes = (
+            "nothing came at all: is the board on, is this its port, is it a data cable, are baud rate and byte order "
+            "right? `servolink doctor` finds out"
+        )
     noise = f"; {skipped} received bytes were part of no frame" if skipped else ""
     return RequestTimeout(f"{asked} {how}: {causes}{noise}", packet)
 

@@ -27,8 +27,8 @@ _UNASKED_FOR = bytes(265)  # ends a frame that the wrong byte order made to seem
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    """How a board answered."""
+class ProbeResponse:
+    """How a board responded."""
 
     byte_order: ByteOrder
     transmission_mode: int
@@ -39,14 +39,14 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class ProbeResult:
-    """What came of asking."""
+    """The result of probing a device."""
 
-    answer: Answer | None
+    response: ProbeResponse | None
     unasked_bytes: int
-    """How many came before anything was asked."""
+    """Bytes that came before anything was sent."""
     received_bytes: int
     problem: str = ""
-    """Why it could not be asked."""
+    """Why it could not be queried; empty if it could."""
 
 
 async def probe(url: str) -> ProbeResult:
@@ -71,7 +71,7 @@ async def probe(url: str) -> ProbeResult:
         await transport.close()
 
 
-async def _ask(transport: Transport, ear: _Ear, unasked: int) -> Answer | None:
+async def _ask(transport: Transport, ear: _Ear, unasked: int) -> ProbeResponse | None:
     for byte_order in BYTE_ORDERS * _ROUNDS:
         if answer := await _project_id(transport, ear, byte_order, _NEW):
             return answer
@@ -84,7 +84,7 @@ async def _ask(transport: Transport, ear: _Ear, unasked: int) -> Answer | None:
     return None
 
 
-async def _project_id(transport: Transport, ear: _Ear, byte_order: ByteOrder, mode: int) -> Answer | None:
+async def _project_id(transport: Transport, ear: _Ear, byte_order: ByteOrder, mode: int) -> ProbeResponse | None:
     loop = asyncio.get_running_loop()
     codec = Codec(byte_order)
     begun = loop.time()
@@ -96,7 +96,7 @@ async def _project_id(transport: Transport, ear: _Ear, byte_order: ByteOrder, mo
     response = heard.result()
     if not isinstance(response, QueryProjectIDResponse):
         return None
-    return Answer(byte_order, mode, response.project_id, loop.time() - begun)
+    return ProbeResponse(byte_order, mode, response.project_id, loop.time() - begun)
 
 
 @dataclass(slots=True)

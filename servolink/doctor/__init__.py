@@ -1,4 +1,4 @@
-"""What the doctor says about one cause."""
+"""Find out why a board does not work, or works badly."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ class Finding:
     """One reason why a board does not work, or works badly."""
 
     check: str
-    """Which check found it, as one or two words that do not change."""
-    seen: str
-    means: str
-    do: str
-    """What to type or do, in as many lines as there are steps."""
+    """Which check found it, in one or two words that never change."""
+    observation: str
+    meaning: str
+    remedy: str
+    """Commands to type or things to do, one step a line."""

@@ -1,4 +1,4 @@
-"""Programs of the system that take or disturb serial ports: brltty and ModemManager."""
+"""Surroundings that disturb a board: other programs, adapters, libraries and the kind of system."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from servolink.escaping import escape
 
 
 def check_modem_manager(facts: SystemFacts, url: str) -> Iterator[Finding]:
-    """Find ModemManager if it has not been told to keep away from the port."""
+    """Find ModemManager if no rule keeps it away from the port."""
     device = device_of(url)
     if not device or usb_device(facts, url) is None or not _is_running(facts, "ModemManager"):
         return
@@ -21,26 +21,26 @@ def check_modem_manager(facts: SystemFacts, url: str) -> Iterator[Finding]:
         yield Finding(
             "ModemManager",
             f"ModemManager is running, and nothing keeps it away from {escape(device)}",
-            "it may take a newly plugged port for a modem: for up to 20 s the port is busy and gets bytes from it",
-            f"{INSTALL}\nwithout a modem, simply: sudo systemctl disable --now ModemManager",
+            "it may mistake a newly plugged port for a modem: for up to 20 s the port is busy and gets bytes from it",
+            f"{INSTALL}\nor, if you have no modem: sudo systemctl disable --now ModemManager",
         )
 
 
 def check_brltty(facts: SystemFacts) -> Iterator[Finding]:
-    """Find USB adapters without a port while brltty, for Braille displays, is there to take them."""
+    """Find USB adapters without a port if brltty, for Braille displays, is installed and may have taken them."""
     rule = rule_named(facts, "brltty")
     if not rule and not _is_running(facts, "brltty"):
         return
     for device in usb_devices(facts):
         chip = ADAPTERS.get((device.vendor_id, device.product_id))
         if chip and not _has_port(facts, device):
-            mask = f"\nwith one, let it keep away: sudo ln -s /dev/null /etc/udev/rules.d/{PurePosixPath(rule).name}"
+            mask = f"\nif you have one: sudo ln -s /dev/null /etc/udev/rules.d/{PurePosixPath(rule).name}"
             yield Finding(
                 "brltty",
                 f"a {chip} adapter ({device.vendor_id:04x}:{device.product_id:04x}) is plugged in and has no serial "
                 "port, and brltty is installed",
-                "brltty takes such adapters for Braille displays; their port appears for a second and is gone",
-                "without a Braille display: sudo apt remove brltty"
+                "brltty mistakes such adapters for Braille displays; their port appears for a second and vanishes",
+                "if you have no Braille display: sudo apt remove brltty"
                 + (mask if rule else "")
                 + "\nunplug the board and plug it in again",
             )
@@ -59,11 +59,11 @@ def _has_port(facts: SystemFacts, device: UsbDevice) -> bool:
     )
 
 
-_SERVERS_OF_TERMINALS = {"/dev/ptmx", "/dev/pts/ptmx"}
+_PTY_MASTERS = {"/dev/ptmx", "/dev/pts/ptmx"}
 
 
 def check_holders(facts: SystemFacts, url: str) -> Iterator[Finding]:
-    """Find programs that have the device of `url` open, as far as this user may see them."""
+    """Find programs that have the device of `url` open; those of other users can be seen only by root."""
     nodes = {path for path in device_nodes(facts, url) if not device_of(url) or _is_terminal(facts, path)}
     if not nodes:
         return
@@ -73,64 +73,64 @@ def check_holders(facts: SystemFacts, url: str) -> Iterator[Finding]:
                 yield Finding(
                     "in use",
                     f"process {process.pid} ({process.name or 'unknown'}) has {escape(path)} open",
-                    "two programs on one port take each other's bytes, and most ports let in only one",
-                    f"close it, or: kill {process.pid}",
+                    "two programs on one port take each other's bytes, and most ports admit only one",
+                    f"close that program, or: kill {process.pid}",
                 )
 
 
 def _is_terminal(facts: SystemFacts, path: str) -> bool:
-    """Tell whether `path` may be a serial port: nobody need close what every program has open, such as /dev/null."""
+    """Return whether `path` may be a serial port, unlike for example /dev/null, which every program has open."""
     terminals = facts.names("/sys/class/tty")
     return not terminals or path.startswith("/dev/pts/") or PurePosixPath(path).name in terminals
 
 
 def _serves(process: Process, path: str) -> bool:
-    """Tell whether `process` is the other end of a pseudo-terminal: it may hold both, as our virtual board does."""
-    return path.startswith("/dev/pts/") and bool(process.files & _SERVERS_OF_TERMINALS)
+    """Return whether `process` serves a pseudo-terminal: it may hold both ends, as our virtual board does."""
+    return path.startswith("/dev/pts/") and bool(process.files & _PTY_MASTERS)
 
 
-CHECK = "latency timer"
-_MEANS = "an FTDI adapter holds short answers back until its latency timer, usually 16 ms, has run out"
+LATENCY_TIMER = "latency timer"
+_HELD_BACK = "an FTDI adapter holds short responses back until its latency timer, usually 16 ms, has expired"
 _LONGEST = 2  # milliseconds that nobody notices
-_NEAR_16_MS = (0.0135, 0.0185)  # seconds; the timer itself, and the short way there and back
-_FEWEST = 10  # round trips from which something can be said
+_NEAR_16_MS = (0.0135, 0.0185)  # seconds: the timer itself, and the short way there and back
+_FEWEST = 10  # round trips that allow a conclusion
 
 
 def check_latency_timer(facts: SystemFacts, url: str) -> Iterator[Finding]:
-    """Find a latency timer that is set as it comes from the factory."""
+    """Find a latency timer that is longer than needed, as it is by default."""
     name = PurePosixPath(facts.real(device_of(url))).name
     path = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
     timer = facts.text(path)
     if timer.isdecimal() and int(timer) > _LONGEST:
-        yield Finding(CHECK, f"{path} is {timer} ms", _MEANS, _cure(facts, name))
+        yield Finding(LATENCY_TIMER, f"{path} is {timer} ms", _HELD_BACK, _remedy(facts, name))
 
 
 def check_round_trips(facts: SystemFacts, url: str, round_trips: Sequence[float]) -> Iterator[Finding]:
-    """Find round trips, in seconds, that cluster where the timer puts them."""
+    """Find round trips (in seconds) that cluster at the default of the latency timer."""
     low, high = _NEAR_16_MS
     near = [seconds for seconds in round_trips if low <= seconds <= high]
     if len(round_trips) >= _FEWEST and len(near) * 2 >= len(round_trips):
         name = PurePosixPath(facts.real(device_of(url))).name
-        seen = f"{len(near)} of {len(round_trips)} answers took {low * 1000:g} to {high * 1000:g} ms"
-        yield Finding(CHECK, seen, f"this is what it looks like when {_MEANS}", _cure(facts, name))
+        seen = f"{len(near)} of {len(round_trips)} responses took {low * 1000:g} to {high * 1000:g} ms"
+        yield Finding(LATENCY_TIMER, seen, f"this is typical when {_HELD_BACK}", _remedy(facts, name))
 
 
-def _cure(facts: SystemFacts, name: str) -> str:
+def _remedy(facts: SystemFacts, name: str) -> str:
     if facts.platform == "win32":
         return f"Device Manager, Ports, {name}, Properties, Port Settings, Advanced: Latency Timer 1 ms"
     if facts.platform == "linux" and name.startswith("ttyUSB"):
         return (
             f"until it is unplugged: echo 1 | sudo tee /sys/bus/usb-serial/devices/{name}/latency_timer\n"
-            "for good: the rule that `servolink doctor --print-udev` prints"
+            "for good: install the rule that `servolink doctor --print-udev` prints"
         )
-    return "set the latency timer of the adapter to 1 ms where it is plugged in"
+    return "set the latency timer of the adapter to 1 ms on the machine where it is plugged in"
 
 
 _COMPILED = (".so", ".pyd")  # hidapi's modules are; those of the other package are not
 
 
 def check_hid(facts: SystemFacts) -> Iterator[Finding]:
-    """Find a missing hidapi, and the other package whose module is called `hid` too."""
+    """Find a missing hidapi, or the other package whose module is also called `hid`."""
     names = ("hidraw", "hid") if facts.platform == "linux" else ("hid",)
     origins = [facts.module(name) for name in names]
     if any(origin.endswith(_COMPILED) for origin in origins):
@@ -139,13 +139,13 @@ def check_hid(facts: SystemFacts) -> Iterator[Finding]:
         yield Finding(
             "hid package",
             f"`import hid` finds {next(filter(None, origins))}",
-            "this is the package hid, which has the same name in Python as hidapi and is something else",
+            "this is the package hid, another library whose module has the same name as that of hidapi",
             f"{facts.python} -m pip uninstall hid\n{facts.python} -m pip install --force-reinstall hidapi",
         )
     else:
         yield Finding(
             "hid package",
-            "there is no module hid",
+            "Python finds no module hid",
             "boards cannot be reached through HID",
             f"{facts.python} -m pip install hidapi",
         )
@@ -156,47 +156,47 @@ def check_libusb(facts: SystemFacts) -> Iterator[Finding]:
     if not facts.module("usb") or not facts.libusb():
         yield Finding(
             "libusb",
-            "pyusb finds no libusb" if facts.module("usb") else "there is no module usb",
+            "pyusb finds no libusb" if facts.module("usb") else "Python finds no module usb",
             "boards cannot be reached through USB bulk transfers",
             f"{facts.python} -m pip install --force-reinstall pyusb libusb-package",
         )
 
 
 def check_surroundings(facts: SystemFacts) -> Iterator[Finding]:
-    """Find what hides devices that are plugged in; meant for when none is seen."""
+    """Find reasons why a device that is plugged in may be invisible."""
     if "microsoft" in facts.text("/proc/version").lower():
         yield Finding(
             "WSL",
             "this is Linux inside Windows (WSL)",
-            "USB devices stay with Windows until they are handed over, after each plugging in",
+            "USB devices stay with Windows until they are handed over, each time they are plugged in",
             "in PowerShell as administrator: usbipd list\nusbipd bind --busid BUSID\nusbipd attach --wsl --busid BUSID",
         )
     if container := _container(facts):
         yield Finding(
             "container",
             f"this runs in a container ({container})",
-            "devices of the machine are not in it unless they are passed in when it is started",
+            "it sees only those devices of the machine that were passed in when it was started",
             "docker run --device=/dev/ttyACM0 ...\nfor HID and USB: --device=/dev/hidraw0, --device=/dev/bus/usb",
         )
     if sandbox := _sandbox(facts):
         yield Finding(
             "sandbox",
-            f"this Python is packed as {sandbox}",
-            f"{sandbox} hides devices from the programs in it",
-            "run servolink with the Python of the system, in an environment of its own: python3 -m venv",
+            f"this Python is packaged as {sandbox}",
+            f"{sandbox} hides devices from programs in it",
+            "run servolink with the system's Python, in a virtual environment: python3 -m venv",
         )
 
 
 def check_address(facts: SystemFacts, url: str) -> Iterator[Finding]:
-    """Find addresses that are meant for something else on this system."""
+    """Find an address that has another purpose on this system."""
     device = device_of(url)
     if facts.platform == "darwin" and device.startswith("/dev/tty."):
         right = escape(device.replace("/dev/tty.", "/dev/cu.", 1))
         yield Finding(
             "macOS port",
             f"the address names {escape(device)}",
-            "opening a tty. port waits for a carrier signal, which boards do not give; its cu. twin does not",
-            f"--url serial://{right}",
+            "a tty. port waits for a carrier signal, which boards do not give; the cu. port of the same name does not",
+            f"use the other port: --url serial://{right}",
         )
 
 

@@ -1,4 +1,4 @@
-"""The whole examination: what is here, what keeps it from being opened, whether it answers, and how well."""
+"""The whole examination: which boards are here, what keeps them from being opened, and how well one responds."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import asyncio
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from servolink.connection.probe import Answer, ProbeResult, probe
+from servolink.connection.probe import ProbeResponse, ProbeResult, probe
 from servolink.discovery.names import resolve_url
 from servolink.discovery.search import boards, find_devices
 from servolink.doctor import Finding
-from servolink.doctor.environment import CHECK as LATENCY
 from servolink.doctor.environment import (
+    LATENCY_TIMER,
     check_address,
     check_brltty,
     check_hid,
@@ -42,13 +42,13 @@ _OF_A_DEVICE: tuple[Callable[[SystemFacts, str], Iterator[Finding]], ...] = (
 
 @dataclass(slots=True)
 class Report:
-    """What the doctor found out; `findings` are in the order in which they are best seen to."""
+    """The result of an examination; `findings` are in the order in which to deal with them."""
 
     candidates: list[DeviceInfo]
-    """What is here and may be a board."""
+    """The devices here that may be boards."""
     urls: list[str] = field(default_factory=list)
-    """What was examined."""
-    answer: Answer | None = None
+    """The addresses that were examined."""
+    response: ProbeResponse | None = None
     line: Line | None = None
     findings: list[Finding] = field(default_factory=list)
 
@@ -59,9 +59,9 @@ class Report:
 
 
 async def examine(facts: SystemFacts, board: str | None, byte_order: ByteOrder = "little") -> Report:
-    """Examine `board`, an address or a name, or without one what is here; it is asked when it is the only one.
+    """Examine `board`, an address or a name, or all boards here; only a single board is opened and queried.
 
-    TransportUnavailable if `board` is no address.
+    Raise InvalidAddress if `board` is neither an address nor a name.
     """
     found = await asyncio.to_thread(find_devices)
     report = Report(found.devices)
@@ -73,7 +73,7 @@ async def examine(facts: SystemFacts, board: str | None, byte_order: ByteOrder =
     report.findings += await asyncio.to_thread(_before_opening, facts, report.urls)
     report.findings += map(_hidden, found.failures)
     if len(report.urls) == 1:
-        await _ask(facts, report, byte_order)
+        await _query(facts, report, byte_order)
     elif report.urls:
         report.findings.append(_several(report.urls))
     else:
@@ -96,23 +96,23 @@ def _before_opening(facts: SystemFacts, urls: list[str]) -> list[Finding]:
 
 
 def _is_missing(facts: SystemFacts, url: str) -> bool:
-    """Tell whether `url` is that of a device whose file is not there."""
+    """Return whether `url` leads to a device whose file does not exist."""
     if Address.parse(url).scheme not in {"serial", "hid", "usb"}:
         return False
     return not any(facts.node(path) for path in device_nodes(facts, url))
 
 
-async def _ask(facts: SystemFacts, report: Report, byte_order: ByteOrder) -> None:
+async def _query(facts: SystemFacts, report: Report, byte_order: ByteOrder) -> None:
     url = report.urls[0]
-    heard = await probe(url)
-    report.answer = heard.answer
-    if heard.problem:
-        report.findings += _not_opened(facts, report, heard)
-    elif heard.answer is None:
-        report.findings.append(_silent(url, heard))
+    result = await probe(url)
+    report.response = result.response
+    if result.problem:
+        report.findings += _not_opened(facts, report, result.problem)
+    elif result.response is None:
+        report.findings.append(_silent(url, result))
     else:
-        report.findings += _differences(url, heard.answer, byte_order)
-        await _measure(facts, report, heard.answer.byte_order)
+        report.findings += _differences(url, result.response, byte_order)
+        await _measure(facts, report, result.response.byte_order)
 
 
 async def _measure(facts: SystemFacts, report: Report, byte_order: ByteOrder) -> None:
@@ -121,16 +121,16 @@ async def _measure(facts: SystemFacts, report: Report, byte_order: ByteOrder) ->
         report.line = line = await measure(url, byte_order)
     except TransportError as error:
         report.findings.append(
-            Finding("opening", str(error), "it opened once and not again", "run servolink doctor again")
+            Finding("opening", str(error), "it could be opened once, but not a second time", "servolink doctor")
         )
         return
     report.findings += check_line(line)
-    if not any(finding.check == LATENCY for finding in report.findings):
+    if not any(finding.check == LATENCY_TIMER for finding in report.findings):
         report.findings += check_round_trips(facts, url, line.round_trips)
 
 
-def _not_opened(facts: SystemFacts, report: Report, heard: ProbeResult) -> Iterator[Finding]:
-    """Say why it cannot be opened, unless that has been found out by looking."""
+def _not_opened(facts: SystemFacts, report: Report, problem: str) -> Iterator[Finding]:
+    """Report why it cannot be opened, unless another check has found the reason."""
     if any(finding.check in {"permissions", "in use", "hid package", "libusb"} for finding in report.findings):
         return
     url = report.urls[0]
@@ -138,29 +138,30 @@ def _not_opened(facts: SystemFacts, report: Report, heard: ProbeResult) -> Itera
     nodes = [path for path in device_nodes(facts, url) if facts.node(path)]
     yield Finding(
         "opening" if is_here or nodes else "absent",
-        heard.problem,
+        problem,
         "the board cannot be opened" if is_here or nodes else "no board can be reached at this address",
-        "what the line above says; who has it: sudo lsof " + escape(nodes[0])
+        f"do what the observation says\nto see who has it open: sudo lsof {escape(nodes[0])}"
         if nodes
-        else "what the line above says; servolink list shows which boards are here",
+        else "do what the observation says\nto see which boards are here: servolink list",
     )
 
 
-def _silent(url: str, heard: ProbeResult) -> Finding:
-    asked = "it was asked in both byte orders and both transmission modes"
-    if heard.received_bytes:
-        unasked = f", {heard.unasked_bytes} of them unasked," if heard.unasked_bytes else ""
+def _silent(url: str, result: ProbeResult) -> Finding:
+    tried = "it was queried in both byte orders and both transmission modes"
+    try_all = "to query every device here: servolink list --probe"
+    if result.received_bytes:
+        unasked = f", {result.unasked_bytes} of them unasked," if result.unasked_bytes else ""
         return Finding(
-            "no answer",
-            f"{escape(url)} sent {heard.received_bytes} bytes{unasked} that make no answer; {asked}",
+            "no response",
+            f"{escape(url)} sent {result.received_bytes} bytes{unasked} but no response; {tried}",
             "the baud rate is wrong, or this is another kind of device",
-            f'servolink doctor "{escape(_with_baudrate(url))}"\nservolink list --probe asks everything that is here',
+            f'servolink doctor "{escape(_with_baudrate(url))}"\n{try_all}',
         )
     return Finding(
-        "no answer",
-        f"{escape(url)} opens and is silent; {asked}",
-        "the board is off, the cable has no data lines, or this is another device's port",
-        "switch the board on and try another cable\nservolink list --probe asks everything that is here",
+        "no response",
+        f"{escape(url)} opens and is silent; {tried}",
+        "the board is off, the cable has no data lines, or this is the port of another device",
+        f"switch the board on and try another cable\n{try_all}",
     )
 
 
@@ -168,21 +169,21 @@ def _with_baudrate(url: str) -> str:
     return url.partition("?")[0] + ("?baudrate=9600" if Address.parse(url).scheme == "serial" else "")
 
 
-def _differences(url: str, answer: Answer, byte_order: ByteOrder) -> Iterator[Finding]:
-    if answer.byte_order != byte_order:
+def _differences(url: str, response: ProbeResponse, byte_order: ByteOrder) -> Iterator[Finding]:
+    if response.byte_order != byte_order:
         yield Finding(
             "byte order",
-            f"the board answers with the {answer.byte_order} end first, and is asked with the {byte_order} one first",
-            "it takes each number for another one and does not answer",
-            f"servolink --byte-order {answer.byte_order} --url {escape(url)} info\n"
-            f'in Python: servolink.connect(..., byte_order="{answer.byte_order}")',
+            f"the board uses {response.byte_order} byte order, and {byte_order} byte order is set",
+            "neither side understands the numbers of the other, so requests have no response",
+            f"servolink --byte-order {response.byte_order} --url {escape(url)} info\n"
+            f'in Python: servolink.connect(..., byte_order="{response.byte_order}")',
         )
-    if answer.transmission_mode != 1:
+    if response.transmission_mode != 1:
         yield Finding(
             "transmission mode",
-            "the board answered only after it was put into the new transmission mode",
-            "it was in the old one, which servolink does not speak; it is in the new one now, maybe until switched off",
-            "try again what did not work\nin Python, with an answer or without: await board.set_transmission_mode(1)",
+            "the board responded only after it was set to the new transmission mode",
+            "it was in the old mode, which servolink does not support; the new mode may last until it is switched off",
+            "try your command again\nin Python: await board.set_transmission_mode(1)",
         )
 
 
@@ -190,8 +191,8 @@ def _hidden(failure: TransportError) -> Finding:
     return Finding(
         "plug-in",
         str(failure),
-        "the devices that only this plug-in finds are hidden from servolink list and from doctor",
-        "update the package or remove it: pip uninstall PACKAGE",
+        "servolink list and doctor miss the devices that only this plug-in finds",
+        "update the package, or remove it: pip uninstall PACKAGE",
     )
 
 
@@ -199,7 +200,7 @@ def _several(urls: list[str]) -> Finding:
     return Finding(
         "several",
         f"{len(urls)} boards are here: {', '.join(map(escape, urls))}",
-        "none was asked, as only you know which is meant",
+        "none was queried, as only you know which one you mean",
         "\n".join(f"servolink doctor {escape(url)}" for url in urls),
     )
 
@@ -207,8 +208,8 @@ def _several(urls: list[str]) -> Finding:
 def _nothing() -> Finding:
     return Finding(
         "absent",
-        "no serial port, HID or USB device that can be a board is here, and no virtual one",
+        "no serial port, HID or USB device here can be a board, and no virtual board is served",
         "the board is off or not plugged in, its cable has no data lines, or it is reached over the network",
-        "switch it on and try another cable\nfor one in the network: servolink doctor tcp://HOST:PORT\n"
+        "switch it on and try another cable\nover the network: servolink doctor tcp://HOST:PORT\n"
         "without a board: servolink virtual",
     )

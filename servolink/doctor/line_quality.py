@@ -1,4 +1,4 @@
-"""How good the line is: what comes damaged, and how long answers take."""
+"""Quality of the line: damaged bytes, missing responses and round trips."""
 
 from __future__ import annotations
 
@@ -12,41 +12,41 @@ from servolink.protocol.frame import ByteOrder
 from servolink.protocol.parser import PADDING
 from servolink.protocol.settings import QueryMemorySizeRequest
 
-QUESTIONS = 60
-"""Of the shortest kind; nothing on the board changes."""
+REQUESTS = 60
+"""Number of queries sent; they change nothing on the board."""
 
-_PATIENCE = 0.5  # seconds for each answer
+_PATIENCE = 0.5  # seconds for each response
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """What was seen while the board was asked QUESTIONS times, or until the connection ended."""
+    """Counts of REQUESTS queries, or fewer if the connection ended early."""
 
     received_bytes: int
     noise_bytes: int
-    """Those that were part of no frame; the zeros that fill HID reports are not counted."""
-    asked: int
+    """Bytes outside frames, without the zeros that fill HID reports."""
+    requests: int
     unanswered: int
     late: int
-    """Answers that came after their time."""
+    """Responses that came after their time."""
     round_trips: Sequence[float]
-    """Seconds, in the order of their questions."""
+    """Seconds, in the order of the queries."""
     ended: str = ""
-    """What ended the connection before all was asked."""
+    """Why the connection ended early; empty if it did not."""
 
     def percentile(self, percent: int) -> float | None:
-        """Return the time that `percent` of the answers kept; None if there were none."""
+        """Return the time within which `percent` of the responses came; None if there were none."""
         ordered = sorted(self.round_trips)
         return ordered[min(len(ordered) - 1, len(ordered) * percent // 100)] if ordered else None
 
 
 async def measure(url: str, byte_order: ByteOrder) -> Line:
-    """Ask the board at `url`, again and again; OpenError if it cannot be opened."""
-    asked = unanswered = 0
+    """Query the board at `url` repeatedly; OpenError if it cannot be opened."""
+    requests = unanswered = 0
     ended = ""
     async with connect(url, byte_order=byte_order, timeout=_PATIENCE, retries=0, angle_unit=None) as board:
         try:
-            for asked in range(1, QUESTIONS + 1):  # noqa: B007 - how far it came is told
+            for requests in range(1, REQUESTS + 1):  # noqa: B007 - the result says how many there were
                 try:
                     await board.request(QueryMemorySizeRequest())
                 except RequestTimeout:
@@ -56,33 +56,35 @@ async def measure(url: str, byte_order: ByteOrder) -> Line:
         stats = board.stats
         noise = sum(count for reason, count in stats.skipped.items() if reason != PADDING)
         return Line(
-            stats.bytes_received, noise, asked, unanswered, stats.late_responses, tuple(stats.round_trips), ended
+            stats.bytes_received, noise, requests, unanswered, stats.late_responses, tuple(stats.round_trips), ended
         )
 
 
 def check_line(line: Line) -> Iterator[Finding]:
-    """Find noise, missing answers and a connection that did not last."""
+    """Find noise, missing responses and a connection that ended early."""
     if line.noise_bytes:
         share = 100 * line.noise_bytes / line.received_bytes
         yield Finding(
             "noise",
-            f"{line.noise_bytes} of {line.received_bytes} received bytes ({share:.1f} %) were part of no frame",
-            "the line damages bytes, or something else speaks on it",
-            "try a shorter cable, another port without a hub, and another power supply for the servos; "
-            "close other programs that use the port; run servolink doctor again",
+            f"{line.noise_bytes} of {line.received_bytes} received bytes ({share:.1f} %) were outside frames",
+            "the line damages bytes, or another device or program sends on it",
+            "try a shorter cable, another port without a hub, and a separate power supply for the servos\n"
+            "close other programs that use the port\nservolink doctor",
         )
     if line.unanswered or line.late:
         yield Finding(
-            "answers",
-            f"{line.unanswered} of {line.asked} questions were not answered in {_PATIENCE:g} s"
-            + (f", and {line.late} answers came late" if line.late else ""),
-            "questions or answers get lost on the line" if line.noise_bytes else "the board is busy, or bytes get lost",
-            "see to the noise first" if line.noise_bytes else "stop what the board is doing; check cable and power",
+            "responses",
+            f"{line.unanswered} of {line.requests} queries had no response in {_PATIENCE:g} s"
+            + (f", and {line.late} responses came late" if line.late else ""),
+            "frames are lost on the line" if line.noise_bytes else "the board is busy, or bytes are lost",
+            "remove the noise first"
+            if line.noise_bytes
+            else "stop macros and motions of the board\ncheck cable and power",
         )
     if line.ended:
         yield Finding(
             "connection",
-            f"it ended after {line.asked} of {QUESTIONS} questions: {line.ended}",
-            "the board has answered before, so the line is bad, or the board or its power is",
-            "check cable, plugs and power; run servolink doctor again",
+            f"it ended after {line.requests} of {REQUESTS} queries: {line.ended}",
+            "the board responded before, so the cable is loose or the board lost power",
+            "check cable, plugs and power\nservolink doctor",
         )

@@ -1,4 +1,4 @@
-"""Whether the device may be opened by this user, and who could change that."""
+"""Permission to open a device, and the udev rules that give it."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ ADAPTERS = {
     (0x1A86, 0x55D4): "CH9102",
     (0x1A86, 0x7523): "CH340",
 }
-"""USB ids of chips that are sold as adapters and built into all kinds of devices."""
+"""USB ids of adapter chips, which are built into all kinds of devices."""
 SERIAL_GROUPS = ("dialout", "uucp")
-"""The groups to which distributions give serial ports."""
+"""The groups that own serial ports, depending on the distribution."""
 
 _FOLDERS = ("/etc/udev/rules.d", "/run/udev/rules.d", "/usr/lib/udev/rules.d", "/lib/udev/rules.d")
-_TOO_LATE = "73-seat-late.rules"  # where the system itself acts on the tag `uaccess`
-_PLAIN = re.compile(r"[A-Za-z0-9._:-]{1,126}", re.ASCII)  # nothing that means something in a rule
+_TOO_LATE = "73-seat-late.rules"  # the system's own file that acts on the tag `uaccess`
+_PLAIN = re.compile(r"[A-Za-z0-9._:-]{1,126}", re.ASCII)  # no character has a meaning in a rule
 _HEAD = f"""\
-# {RULES}: who may use the servo board.
+# {RULES}: permission to use the servo board.
 # To install it:
 #   servolink doctor --print-udev | sudo tee {RULES}
 #   sudo udevadm control --reload && sudo udevadm trigger
 # then unplug the board and plug it in again.
 #
-# `uaccess` gives it to whoever sits at this machine; the group to those who come over the network or to services.
-# ModemManager is told to keep away: it would write to the board when it is plugged in.
+# `uaccess` lets users at this machine open it; the group, users who come over the network, and services.
+# ModemManager is told to ignore it: otherwise it would write to the board when it is plugged in.
 """
 
 
@@ -54,12 +54,12 @@ def rules(facts: SystemFacts, devices: Iterable[UsbDevice]) -> str:
 
 
 def is_installed(facts: SystemFacts) -> bool:
-    """Tell whether our rules are there."""
+    """Return whether the rules are installed."""
     return bool(facts.text(RULES))
 
 
 def check_order(facts: SystemFacts, device: UsbDevice | None) -> Iterator[Finding]:
-    """Find rules for `device` that come too late for their tag."""
+    """Find rules for `device` that are read too late for their tag."""
     if device is None:
         return
     for folder in _FOLDERS[:2]:
@@ -70,7 +70,7 @@ def check_order(facts: SystemFacts, device: UsbDevice | None) -> Iterator[Findin
                 yield Finding(
                     "udev",
                     f"{path} tags this board with uaccess",
-                    f"it has no effect: the system acts on that tag in {_TOO_LATE}, which comes before it",
+                    f"it has no effect: the system acts on that tag in {_TOO_LATE}, which is read earlier",
                     f"sudo mv {path} {RULES}\nsudo udevadm control --reload && sudo udevadm trigger",
                 )
 
@@ -82,7 +82,7 @@ def rule_named(facts: SystemFacts, word: str) -> str:
 
 
 def _rules_for(device: UsbDevice, access: str) -> str:
-    """Return the rules for one device; never the words of its own that could change their meaning."""
+    """Return the rules for one device, without any text of its own that could change their meaning."""
     chip = ADAPTERS.get((device.vendor_id, device.product_id))
     number = device.serial_number if _PLAIN.fullmatch(device.serial_number) else ""
     ids = f'ATTRS{{idVendor}}=="{device.vendor_id:04x}", ATTRS{{idProduct}}=="{device.product_id:04x}"'
@@ -91,10 +91,10 @@ def _rules_for(device: UsbDevice, access: str) -> str:
     mark = ""
     if chip and number:
         ids += f', ATTRS{{serial}}=="{number}"'
-        lines.append(f"# {chip} adapters are in many devices: this is the one with serial number {number}.")
+        lines.append(f"# Many devices contain {chip} adapters: this is the one with serial number {number}.")
     elif chip:
-        lines.append(f"# {chip} adapters are in many devices, and this one has no serial number to tell it by.")
-        lines.append("# Remove the # before the lines below to let all of them be used.")
+        lines.append(f"# Many devices contain {chip} adapters, and this one has no serial number of its own.")
+        lines.append("# Remove the # from the lines below to permit all of them.")
         mark = "#"
     lines.append(f'{mark}SUBSYSTEM=="tty", {ids}, {access}, ENV{{ID_MM_DEVICE_IGNORE}}="1"')
     lines.append(f'{mark}SUBSYSTEM=="hidraw", {ids}, {access}')
@@ -103,22 +103,22 @@ def _rules_for(device: UsbDevice, access: str) -> str:
         f'{mark}SUBSYSTEM=="usb", ENV{{DEVTYPE}}=="usb_device", {own}, {access}, ENV{{ID_MM_DEVICE_IGNORE}}="1"'
     )
     if chip == "FTDI":
-        lines.append("# Answers after 1 ms instead of 16.")
+        lines.append("# Responses after 1 ms instead of 16.")
         lines.append(
             f'{mark}ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", {ids}, ATTR{{latency_timer}}="1"'
         )
     return "\n".join(lines) + "\n"
 
 
-_GROUP_MAY = 0o060
+_GROUP_READS_AND_WRITES = 0o060
 
 
 def check_permissions(facts: SystemFacts, url: str) -> Iterator[Finding]:
-    """Find device files of `url` that this user may not use."""
+    """Find device files of `url` that this user may not open."""
     refused = False
     for path in device_nodes(facts, url):
         node = facts.node(path)
-        if node is not None and not node.usable:
+        if node is not None and not node.is_accessible:
             refused = True
             yield _refused(facts, url, path, node)
     if refused:
@@ -126,39 +126,41 @@ def check_permissions(facts: SystemFacts, url: str) -> Iterator[Finding]:
 
 
 def _refused(facts: SystemFacts, url: str, path: str, node: Node) -> Finding:
-    seen = (
+    observation = (
         f"{escape(path)} belongs to {node.owner}:{node.group} with mode {node.mode:04o}; "
         f"{facts.user or 'this user'} is in {', '.join(sorted(facts.groups)) or 'no group'}"
     )
-    if node.mode & _GROUP_MAY != _GROUP_MAY or node.group in {"root", "0", "wheel"}:
-        return _for_nobody(facts, url, path, seen)
+    if node.mode & _GROUP_READS_AND_WRITES != _GROUP_READS_AND_WRITES or node.group in {"root", "0", "wheel"}:
+        return _for_nobody(facts, url, path, observation)
     if facts.user in (facts.members(node.group) or ()):
         return Finding(
             "permissions",
-            seen,
+            observation,
             f"{facts.user} has been added to {node.group}, but this session began before that",
             f"log out and in again, or for this terminal: newgrp {node.group}",
         )
     return Finding(
         "permissions",
-        seen,
-        f"only members of {node.group} may use it",
+        observation,
+        f"only members of {node.group} may open it",
         f"sudo usermod -aG {node.group} {facts.user or '$USER'}\nlog out and in again"
         + (f"\na service instead: SupplementaryGroups={node.group} in its unit" if _is_remote(facts) else ""),
     )
 
 
-def _for_nobody(facts: SystemFacts, url: str, path: str, seen: str) -> Finding:
-    means = "nobody but its owner may use it"
+def _for_nobody(facts: SystemFacts, url: str, path: str, observation: str) -> Finding:
+    meaning = "only its owner may open it"
     if usb_device(facts, url) is None:
-        return Finding("permissions", seen, means, f"run as its owner, or let him give it: chmod g+rw {escape(path)}")
+        return Finding(
+            "permissions", observation, meaning, f"run as its owner, or ask the owner: chmod g+rw {escape(path)}"
+        )
     if not is_installed(facts):
-        return Finding("permissions", seen, f"{means}, and no udev rule gives it to you", INSTALL)
+        return Finding("permissions", observation, f"{meaning}, and no udev rule permits you to", INSTALL)
     if _is_remote(facts):
-        means += "; the udev rule gives it to whoever sits at this machine, and this session comes over the network"
+        meaning += "; the udev rule is for users at this machine, and this session comes over the network"
     else:
-        means += "; the udev rule is there, but was not in force when the board was plugged in, or names another board"
-    return Finding("permissions", seen, means, INSTALL)
+        meaning += "; the udev rule is there, but was installed after the board was plugged in, or names another board"
+    return Finding("permissions", observation, meaning, INSTALL)
 
 
 def _is_remote(facts: SystemFacts) -> bool:

@@ -1,4 +1,4 @@
-"""What the doctor knows of the system: one object, so that the facts of any other system can stand in its place."""
+"""Facts of the system, in one object, so that tests can replace them by those of another system."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ _LONGEST = 65536  # characters that are read of one file
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """Who may use a device file."""
+    """Owner and permissions of a device file."""
 
     owner: str
     group: str
     mode: int
     """Its permission bits."""
-    usable: bool
+    is_accessible: bool
     """Whether this process may read and write it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """A running program, as far as it lets itself be seen."""
+    """A running program."""
 
     pid: int
     name: str
     files: frozenset[str]
-    """The paths that it has open; none if it belongs to somebody else."""
+    """The paths that it has open; empty if it belongs to another user."""
 
 
 class SystemFacts:
-    """Facts of this system, read when asked; what cannot be read is empty, and nothing raises."""
+    """Facts of this system, read on demand; a fact that cannot be read is empty, and nothing raises."""
 
     def __init__(self, root: Path = Path("/"), platform: str = sys.platform) -> None:
         """Read files below `root`."""
@@ -52,7 +52,7 @@ class SystemFacts:
         self.platform = platform
         self.environment: Mapping[str, str] = os.environ
         self.python = sys.executable
-        """What to type to run this Python."""
+        """The command that runs this Python."""
         self.pid = os.getpid()
 
     @property
@@ -68,7 +68,7 @@ class SystemFacts:
         return frozenset(_group_name(number) for number in {os.getegid(), *os.getgroups()})
 
     def members(self, group: str) -> list[str] | None:
-        """Return who is in `group` from the next login on; None if there is no such group."""
+        """Return the members of `group`, counted from their next login on; None if there is no such group."""
         if sys.platform == "win32":
             return None
         try:
@@ -77,7 +77,7 @@ class SystemFacts:
             return None
 
     def text(self, path: str) -> str:
-        """Return the text of a file without the space around it."""
+        """Return the text of a file without surrounding space; empty if it cannot be read."""
         try:
             with self._here(path).open(encoding="utf-8", errors="replace") as file:
                 return file.read(_LONGEST).strip()
@@ -85,14 +85,14 @@ class SystemFacts:
             return ""
 
     def names(self, folder: str) -> list[str]:
-        """Return what is in a folder."""
+        """Return the sorted names in a folder; empty if it cannot be read."""
         try:
             return sorted(path.name for path in self._here(folder).iterdir())
         except (OSError, ValueError):
             return []
 
     def link(self, path: str) -> str:
-        """Return what a symbolic link says."""
+        """Return the target of a symbolic link; empty if it is none."""
         try:
             return str(self._here(path).readlink())
         except (OSError, ValueError):
@@ -107,7 +107,7 @@ class SystemFacts:
         return f"/{below.as_posix()}"
 
     def node(self, path: str) -> Node | None:
-        """Return who may use a device file; None if there is no such file."""
+        """Return owner and permissions of a device file; None if there is no such file."""
         try:
             status = self._here(path).stat()
         except (OSError, ValueError):
@@ -116,7 +116,7 @@ class SystemFacts:
             owner=_user_name(status.st_uid),
             group=_group_name(status.st_gid),
             mode=stat.S_IMODE(status.st_mode),
-            usable=is_accessible(str(self._here(path))),
+            is_accessible=is_accessible(str(self._here(path))),
         )
 
     def processes(self) -> Iterator[Process]:
@@ -128,7 +128,7 @@ class SystemFacts:
                 yield Process(int(name), escape(self.text(f"{folder}/comm")), files)
 
     def module(self, name: str) -> str:
-        """Return the file from which Python would import a module; empty if it would not."""
+        """Return the file from which Python would import a module; empty if it finds none."""
         try:
             found = importlib.util.find_spec(name)
         except (ImportError, ValueError):
@@ -136,7 +136,7 @@ class SystemFacts:
         return (found.origin or "") if found else ""
 
     def libusb(self) -> bool:
-        """Tell whether pyusb finds a libusb."""
+        """Return whether pyusb finds a libusb."""
         try:
             import libusb_package
 
@@ -183,7 +183,7 @@ class UsbDevice:
 
     @property
     def identity(self) -> PortIdentity:
-        """By which addresses name it."""
+        """The identity by which addresses name it."""
         return PortIdentity(self.vendor_id, self.product_id, self.serial_number)
 
 
@@ -213,7 +213,7 @@ def device_nodes(facts: SystemFacts, url: str) -> list[str]:
 
 
 def usb_device(facts: SystemFacts, url: str) -> UsbDevice | None:
-    """Return the USB device that `url` leads to, if it is one."""
+    """Return the USB device that `url` leads to; None if it is not on USB or not plugged in."""
     if device := device_of(url):
         return _usb_parent(facts, f"/sys/class/tty/{PurePosixPath(facts.real(device)).name}/device")
     if Address.parse(url).scheme in {"hid", "usb"}:
@@ -222,7 +222,7 @@ def usb_device(facts: SystemFacts, url: str) -> UsbDevice | None:
 
 
 def usb_devices(facts: SystemFacts) -> Iterator[UsbDevice]:
-    """Yield what is plugged in."""
+    """Yield the USB devices that are plugged in."""
     for name in facts.names(USB_DEVICES):
         if (device := _described(facts, facts.real(f"{USB_DEVICES}/{name}"))) is not None:
             yield device

@@ -6,7 +6,7 @@ import pytest
 
 from servolink.connection import probe as probing
 from servolink.connection.probe import PATIENCE, ProbeResult, probe
-from servolink.doctor.line_quality import QUESTIONS, Line, check_line, measure
+from servolink.doctor.line_quality import REQUESTS, Line, check_line, measure
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Receiver, Transport
@@ -33,7 +33,7 @@ def test_a_board_is_found_in_any_order_and_mode(
     board = VirtualBoard(4, codec=Codec(byte_order))
     board.mode = mode
     board.storage.project_id = 77
-    answer = heard_from(board, monkeypatch).answer
+    answer = heard_from(board, monkeypatch).response
     assert answer is not None
     assert (answer.byte_order, answer.transmission_mode, answer.project_id) == (byte_order, mode, 77)
     assert answer.seconds < PATIENCE
@@ -46,7 +46,7 @@ def test_a_line_that_loses_everything_is_silent(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_line_that_ends_meanwhile_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
     heard = heard_from(VirtualBoard(4), monkeypatch, Faults(unplug=5))
-    assert heard.answer is None
+    assert heard.response is None
     assert "unplugged" in heard.problem
 
 
@@ -76,24 +76,24 @@ async def _heard_nowhere() -> ProbeResult:
 
 
 def test_a_clean_line_is_no_finding() -> None:
-    assert list(check_line(Line(1020, 0, QUESTIONS, 0, 0, [0.001] * QUESTIONS))) == []
+    assert list(check_line(Line(1020, 0, REQUESTS, 0, 0, [0.001] * REQUESTS))) == []
 
 
 def test_noise_and_missing_answers_are_counted() -> None:
-    noise, answers = check_line(Line(1000, 25, QUESTIONS, 3, 2, [0.001] * 57))
-    assert noise.seen == "25 of 1000 received bytes (2.5 %) were part of no frame"
-    assert answers.seen == f"3 of {QUESTIONS} questions were not answered in 0.5 s, and 2 answers came late"
-    assert "noise first" in answers.do
-    (answers,) = check_line(Line(1000, 0, QUESTIONS, 3, 0, [0.001] * 57))
-    assert "busy" in answers.means
+    noise, answers = check_line(Line(1000, 25, REQUESTS, 3, 2, [0.001] * 57))
+    assert noise.observation == "25 of 1000 received bytes (2.5 %) were outside frames"
+    assert answers.observation == f"3 of {REQUESTS} queries had no response in 0.5 s, and 2 responses came late"
+    assert "remove the noise first" in answers.remedy
+    (answers,) = check_line(Line(1000, 0, REQUESTS, 3, 0, [0.001] * 57))
+    assert "busy" in answers.meaning
 
 
 def test_a_line_that_does_not_last_is_measured_until_its_end() -> None:
     line = run(_measured("virtual://?unplug=400"))
-    assert 0 < line.asked < QUESTIONS
-    assert len(line.round_trips) == line.asked - 1
+    assert 0 < line.requests < REQUESTS
+    assert len(line.round_trips) == line.requests - 1
     (ended,) = check_line(line)
-    assert (ended.check, "unplugged" in ended.seen) == ("connection", True)
+    assert (ended.check, "unplugged" in ended.observation) == ("connection", True)
 
 
 async def _measured(url: str) -> Line:

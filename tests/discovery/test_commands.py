@@ -96,10 +96,10 @@ def test_list_names_boards(here: Callable[..., None], capsys: pytest.CaptureFixt
 
 def test_list_asks_each_only_with_probe(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
     here(BOARD, DeviceInfo("serial:///dev/nowhere"))
-    assert "answer" not in call(capsys, "list", "--json").json["boards"][0]
+    assert "response" not in call(capsys, "list", "--json").json["boards"][0]
     answered, absent = call(capsys, "list", "--probe", "--json").json["boards"]
-    assert answered["answer"]["byte_order"] == "little"
-    assert (absent["answer"], "there is no /dev/nowhere" in absent["problem"]) == (None, True)
+    assert answered["response"]["byte_order"] == "little"
+    assert (absent["response"], "there is no /dev/nowhere" in absent["problem"]) == (None, True)
     assert "project id none, little byte order" in call(capsys, "list", "--probe").out
 
 
@@ -169,7 +169,7 @@ def test_somebody_at_a_terminal_is_asked(two_served: list[str]) -> None:
 
 def test_served_boards_are_found_and_asked(two_served: list[str]) -> None:
     boards = program("list", "--probe", "--json").json["boards"]
-    served = {board["url"]: board["answer"]["project_id"] for board in boards if board["url"] in two_served}
+    served = {board["url"]: board["response"]["project_id"] for board in boards if board["url"] in two_served}
     assert served == dict.fromkeys(two_served, 0)
     assert asyncio.run(_discovered()) >= set(two_served)
 

@@ -87,7 +87,7 @@ def test_a_board_in_good_health(line: str, examined: Examined, capsys: pytest.Ca
     with served(line) as url:
         code, report = examined(url)
         assert (code, report["findings"], report["examined"]) == (0, [], [url])
-        assert report["answer"]["project_id"] == 0
+        assert report["response"]["project_id"] == 0
         assert (report["line"]["noise_bytes"], report["line"]["unanswered"]) == (0, 0)
         assert report["line"]["round_trip_seconds"]["p50"] > 0
         said = call(capsys, "doctor", url)
@@ -103,17 +103,17 @@ def test_the_only_board_needs_no_address(tmp_path: Path, examined: Examined, mon
             assert (code, report["examined"]) == (0, [url])
         with served("--tcp", "127.0.0.1:0") as other:
             code, report = examined()
-            assert (code, report["answer"]) == (1, None)
+            assert (code, report["response"]) == (1, None)
             several = report["findings"][-1]
             assert several["check"] == "several"
-            assert {f"servolink doctor {board}" for board in (url, other)} <= set(several["do"].splitlines())
+            assert {f"servolink doctor {board}" for board in (url, other)} <= set(several["remedy"].splitlines())
 
 
 def test_the_wrong_byte_order(robot: Robot, examined: Examined) -> None:
     robot.board = VirtualBoard(codec=Codec("big"))
     code, report = examined("virtual://")
-    assert (code, report["answer"]["byte_order"], checks(report)) == (1, "big", ["byte order"])
-    assert "servolink --byte-order big --url virtual:// info" in report["findings"][0]["do"]
+    assert (code, report["response"]["byte_order"], checks(report)) == (1, "big", ["byte order"])
+    assert "servolink --byte-order big --url virtual:// info" in report["findings"][0]["remedy"]
     assert examined("--byte-order", "big", "virtual://")[0] == 0
 
 
@@ -123,7 +123,9 @@ def test_noise(robot: Robot, examined: Examined) -> None:
     assert code == 1
     assert checks(report)[0] == "noise"
     assert report["line"]["noise_bytes"] > 0
-    assert f"{report['line']['noise_bytes']} of {report['line']['received_bytes']}" in report["findings"][0]["seen"]
+    assert (
+        f"{report['line']['noise_bytes']} of {report['line']['received_bytes']}" in report["findings"][0]["observation"]
+    )
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="only Linux shows who has a file open")
@@ -137,7 +139,7 @@ def test_a_port_that_another_program_has() -> None:
         finally:
             os.close(holding)
     # This process holds the other end too, which is how a pseudo-terminal is served, so it is not the one to name.
-    assert (said.code, said.json["answer"], checks(said.json)) == (1, None, ["opening"])
+    assert (said.code, said.json["response"], checks(said.json)) == (1, None, ["opening"])
 
 
 HOLD = """
@@ -159,9 +161,9 @@ def test_the_program_that_has_the_port_is_named(examined: Examined) -> None:
         code, report = examined(name)
     assert (code, checks(report)) == (1, ["in use"])
     finding = report["findings"][0]
-    assert f"process {holder.pid} (" in finding["seen"]
-    assert finding["seen"].endswith(f"has {name} open")
-    assert f"kill {holder.pid}" in finding["do"]
+    assert f"process {holder.pid} (" in finding["observation"]
+    assert finding["observation"].endswith(f"has {name} open")
+    assert f"kill {holder.pid}" in finding["remedy"]
 
 
 @pytest.mark.skipif(sys.platform == "win32" or os.geteuid() != 0, reason="only root can become somebody else")
@@ -172,14 +174,14 @@ def test_a_port_that_this_user_may_not_open() -> None:
         said = as_user(nobody, "doctor", "--json", name)
         assert (said.code, said.err) == (1, "")
         assert checks(said.json) == ["permissions"]
-        assert f"{name} belongs to root:" in said.json["findings"][0]["seen"]
-        assert "nobody is in nogroup" in said.json["findings"][0]["seen"]
+        assert f"{name} belongs to root:" in said.json["findings"][0]["observation"]
+        assert "nobody is in nogroup" in said.json["findings"][0]["observation"]
 
         group = next(group for group in grp.getgrall() if group.gr_gid not in (0, nobody.pw_gid))
         os.chown(name, 0, group.gr_gid)
         os.chmod(name, 0o660)  # noqa: PTH101
         finding = as_user(nobody, "doctor", "--json", name).json["findings"][0]
-        assert f"sudo usermod -aG {group.gr_name} nobody" in finding["do"]
+        assert f"sudo usermod -aG {group.gr_name} nobody" in finding["remedy"]
 
 
 SWITCH = """
@@ -212,7 +214,7 @@ def test_the_wrong_hid_package(tmp_path: Path) -> None:
     said = program("doctor", "hid://1234:5678", "--json", PYTHONPATH=f"{tmp_path}{os.pathsep}{ROOT}")
     (finding,) = [finding for finding in said.json["findings"] if finding["check"] == "hid package"]
     assert said.code == 1
-    assert finding["do"].splitlines() == [
+    assert finding["remedy"].splitlines() == [
         f"{sys.executable} -m pip uninstall hid",
         f"{sys.executable} -m pip install --force-reinstall hidapi",
     ]
@@ -227,8 +229,8 @@ def test_no_libusb(tmp_path: Path) -> None:
 def test_a_silent_device(robot: Robot, examined: Examined) -> None:
     robot.faults = Faults(drop=1.0)
     code, report = examined("virtual://")
-    assert (code, report["answer"], checks(report)) == (1, None, ["no answer"])
-    assert "is silent" in report["findings"][0]["seen"]
+    assert (code, report["response"], checks(report)) == (1, None, ["no response"])
+    assert "is silent" in report["findings"][0]["observation"]
 
 
 class Printer(WrappedTransport):
@@ -246,14 +248,14 @@ class Printer(WrappedTransport):
 def test_a_device_that_speaks_something_else(examined: Examined, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(transport, "from_address", lambda address: Printer(VirtualTransport(VirtualBoard())))
     code, report = examined("virtual://")
-    assert (code, checks(report)) == (1, ["no answer"])
-    assert "sent 15 bytes, 15 of them unasked, that make no answer" in report["findings"][0]["seen"]
+    assert (code, checks(report)) == (1, ["no response"])
+    assert "sent 15 bytes, 15 of them unasked, but no response" in report["findings"][0]["observation"]
 
 
 @pytest.mark.parametrize("url", ["serial:///dev/nowhere", "tcp://127.0.0.1:1", "hid://1234:5678"])
 def test_no_board_is_3(url: str, examined: Examined) -> None:
     code, report = examined(url)
-    assert (code, report["answer"]) == (3, None)
+    assert (code, report["response"]) == (3, None)
     assert checks(report)[-1] == "absent"
 
 
@@ -269,5 +271,5 @@ def test_what_a_person_reads_has_numbered_findings(examined: Examined, capsys: p
     lines = said.out.splitlines()
     assert lines[0] == "examined  serial:///dev/nowhere"
     assert any(line.endswith(". absent") for line in lines)
-    assert {line.split(" ")[0] for line in lines} >= {"seen", "means", "do"}
+    assert {line.split(" ")[0] for line in lines} >= {"observation", "meaning", "remedy"}
     assert examined("serial:///dev/nowhere")[1]["examined"] == ["serial:///dev/nowhere"]
