@@ -155,5 +155,12 @@ COMMANDS = {
     "bench": Command(
         DEVELOPERS, "bench:configure", "measure round trips to the board", ("bench", "bench --requests 20 --json")
     ),
+    "completion": Command(
+        DEVELOPERS,
+        "completion:configure",
+        "print a script that completes commands in bash, zsh or fish",
+        ("completion bash", "completion fish"),
+        takes_board=False,
+    ),
 }
 """Command name to command, in the order of the help."""

@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from servolink.cli.output import flush_stdout, logged, lost_output, open_missing_stderr, print_error, silence
 from servolink.cli.parser import build_parser
-from servolink.errors import ServolinkError, TransportError
+from servolink.errors import InvalidAddress, ServolinkError, TransportError
 from servolink.escaping import escape
 
 OK, FAILED, USAGE, NO_BOARD, INTERRUPTED = 0, 1, 2, 3, 130
@@ -71,6 +71,8 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
 
 def _explained(error: Exception) -> tuple[Exception | str, int]:
     """Return what to say about an error, and the exit code."""
+    if isinstance(error, InvalidAddress):
+        return error, USAGE
     if isinstance(error, TransportError):
         return error, NO_BOARD
     if isinstance(error, ServolinkError):

@@ -181,11 +181,18 @@ def test_what_the_board_or_the_limits_refuse_is_1(
     assert re.fullmatch(r"servolink: .+\n", said.err)
 
 
-@pytest.mark.parametrize("url", ["serial:///nowhere/at/all", "tcp://127.0.0.1:1", "gopher://x", "no address"])
+@pytest.mark.parametrize("url", ["serial:///nowhere/at/all", "tcp://127.0.0.1:1"])
 @pytest.mark.parametrize("command", ["info", "stop"])
 def test_a_board_that_cannot_be_had_is_3(url: str, command: str, capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, "--url", url, command, "--json")
     assert (said.code, said.out) == (3, "")
+    assert re.fullmatch(r"servolink: .+\n", said.err)
+
+
+@pytest.mark.parametrize("url", ["gopher://x", "no address", "unknown-name", "virtual://?servos=x"])
+def test_an_address_that_is_written_wrongly_is_2(url: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "--url", url, "info", "--json")
+    assert (said.code, said.out) == (2, "")
     assert re.fullmatch(r"servolink: .+\n", said.err)
 
 
@@ -261,7 +268,7 @@ def test_a_file_that_was_written_is_not_lost_with_the_output(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("to", ["/dev/full", "&-"])
-@pytest.mark.parametrize(("command", "code"), [("--json info --url foo", 3), ("nothing", 2)])
+@pytest.mark.parametrize(("command", "code"), [("--json info --url tcp://127.0.0.1:1", 3), ("nothing", 2)])
 def test_errors_that_nobody_can_read_keep_their_code(command: str, code: int, to: str) -> None:
     ran = in_shell(f"servolink {command} 2>{to}")
     assert (ran.returncode, ran.stdout, ran.stderr) == (code, "", "")

@@ -129,7 +129,7 @@ def test_use_lists_and_forgets_names(here: Callable[..., None], capsys: pytest.C
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code"), [(("COM3", "virtual://"), 2), (("a b", "virtual://"), 2), (("toy", "no address"), 3)]
+    ("arguments", "code"), [(("COM3", "virtual://"), 2), (("a b", "virtual://"), 2), (("toy", "no address"), 2)]
 )
 def test_use_refuses_what_would_not_be_found_again(
     arguments: tuple[str, str], code: int, here: Callable[..., None], capsys: pytest.CaptureFixture[str]

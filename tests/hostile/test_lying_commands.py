@@ -49,6 +49,7 @@ EXEMPT = {
     "backups": "reads files",
     "decode": "reads files",
     "encode": "reads files",
+    "completion": "opens nothing",
     "virtual": "is a board",
     "teach": "goes on until somebody ends it, and then until the servos are held",
 }

@@ -91,6 +91,7 @@ TYPED = (
     "virtual --tcp 127.0.0.1:0 --state /dev/null/nowhere/x{}",
     "bench --requests {}",
     "demo {}",
+    "completion {}",
 )
 
 
@@ -131,5 +132,5 @@ def test_what_was_typed_is_shown_as_text(pattern: str, kind: str, caplog: pytest
 def test_the_environment_is_shown_as_text(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SERVOLINK_URL", _ALL)
     said = in_pipe("info")
-    assert said.code == NO_BOARD
+    assert said.code == USAGE
     assert not controls(said.out + said.err)

@@ -103,5 +103,8 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
 }
 """The trials of each command, in their order; each command has them for itself, in a world of its own."""
 
-EXEMPT = {"demo": "reads nothing but its own virtual board, on which it stores its own captions"}
+EXEMPT = {
+    "demo": "reads nothing but its own virtual board, on which it stores its own captions",
+    "completion": "reads nothing",
+}
 """The other commands, and why they have no trials here."""
