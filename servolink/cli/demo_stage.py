@@ -1,241 +1,157 @@
-"""How the demo is shown: as text that a person follows, or as one JSON object for each step."""
+"""The display of the demo: text for a person, or one JSON object for each step; and its faulty line."""
 
 from __future__ import annotations
 
 import asyncio
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-from servolink.cli.live import Draw, follow, live_bars
-from servolink.cli.output import Table, is_terminal, print_json, print_table, print_text
-from servolink.client.board import Board
+from servolink.cli.live import Draw, live_bars
+from servolink.cli.output import Table, console, is_terminal, print_json, print_table, print_text
 from servolink.client.servos import Servo
 from servolink.transports.base import Transport
 from servolink.transports.lifecycle import WrappedTransport
-from servolink.virtual.board import VirtualBoard
 
 _SAMPLE = 0.5  # seconds between the lines that stand for a moving picture
 _READING = 0.5  # seconds to read what a step has shown
+_INDENT = "   "
 
 
 @dataclass
 class Outcome:
-    """What a step came to: what was measured, and what had to be true."""
+    """The result of a step: what was measured, and what had to be true."""
 
     measured: dict[str, Any] = field(default_factory=dict)
     checks: dict[str, bool] = field(default_factory=dict)
 
     @property
     def ok(self) -> bool:
-        """Whether everything was as it had to be."""
+        """Whether all checks passed."""
         return all(self.checks.values())
 
 
-class Stage(Protocol):
-    """Where the steps are shown."""
+class Stage:
+    """Shows the steps as text, or as JSON, which has only their outcomes; `fast` leaves no time to read."""
 
-    def begin(self, title: str) -> None:
-        """Announce a step."""
-
-    def say(self, text: str) -> None:
-        """Tell what happens."""
-
-    def table(self, table: Table) -> None:
-        """Show a table."""
-
-    def motion(self) -> Any:
-        """Return a context manager that gives a Draw for servos on their way."""
-
-    async def finish(self, name: str, outcome: Outcome) -> None:
-        """Show what a step came to."""
-
-    def end(self, described: dict[str, Any]) -> None:
-        """Show the end: `ok`, `failed`, `seconds`, `next`."""
-
-
-class TextStage:
-    """Shows the steps to a person; `fast` leaves no time to read."""
-
-    def __init__(self, *, fast: bool) -> None:
-        """Begin with the first step."""
+    def __init__(self, *, as_json: bool, fast: bool) -> None:
+        """Start before the first step."""
+        self._as_json = as_json
         self._fast = fast
         self._number = 0
 
     def begin(self, title: str) -> None:
         """Announce a step."""
         self._number += 1
-        print_text("")
-        print_text(f"{self._number}. {title}", "bold")
+        self._print("")
+        self._print(f"{self._number}. {title}", "bold")
 
     def say(self, text: str) -> None:
-        """Tell what happens."""
-        print_text(f"   {text}")
+        """Show what happens in a step."""
+        self._print(_INDENT + text)
 
     def table(self, table: Table) -> None:
         """Show a table."""
-        print_table(table)
+        if not self._as_json:
+            print_table(table)
 
     @contextmanager
     def motion(self) -> Iterator[Draw]:
-        """Draw bars on a terminal, else write a line now and then."""
-        if is_terminal():
+        """Show moving servos: bars on a terminal, elsewhere a line now and then."""
+        if self._as_json:
+            yield lambda elapsed, servos: None
+        elif is_terminal():
             with live_bars() as draw:
                 yield draw
-            return
-        print_text("   time, then the angle of each servo")
-        samples = _Samples()
-        yield samples.draw
-        samples.end()
+        else:
+            self.say("time, then the angle of each servo")
+            last: list[tuple[float, Sequence[Servo]]] = []
+            written = -_SAMPLE
+
+            def draw(elapsed: float, servos: Sequence[Servo]) -> None:
+                nonlocal written
+                last[:] = [(elapsed, servos)]
+                if elapsed >= written + _SAMPLE:
+                    written = elapsed
+                    _print_angles(*last.pop())
+
+            yield draw
+            if last:
+                _print_angles(*last.pop())
 
     async def finish(self, name: str, outcome: Outcome) -> None:
-        """Show the checks and leave time to read."""
+        """Show the outcome of a step and leave time to read."""
+        if self._as_json:
+            print_json({"step": name, "ok": outcome.ok, "checks": outcome.checks, "measured": outcome.measured})
+            return
         for claim, true in outcome.checks.items():
-            print_text(f"   {'ok' if true else 'FAILED'}: {claim}", "green" if true else "bold red")
+            self._print(f"{_INDENT}{'ok' if true else 'FAILED'}: {claim}", "green" if true else "bold red")
         if not self._fast:
             await asyncio.sleep(_READING)
 
-    def end(self, described: dict[str, Any]) -> None:
-        """Say how it went and what to try next."""
-        print_text("")
-        if described["ok"]:
-            print_text(
-                f"All of it worked, in {described['seconds']:.1f} s. Try next, the first in a terminal of its own:"
-            )
-        else:
-            print_text(f"FAILED: {', '.join(described['failed'])}. To look closer, the first in a terminal of its own:")
-        for command in described["next"]:
-            print_text(f"   {command}")
+    def end(self, result: dict[str, Any]) -> None:
+        """Show how it went and what to try next: `ok`, `failed`, `seconds`, `next`."""
+        if self._as_json:
+            print_json({"step": "end", **result})
+            return
+        told, next_time = f"All of it worked, in {result['seconds']:.1f} s.", "Try next"
+        if not result["ok"]:
+            told, next_time = f"FAILED: {', '.join(result['failed'])}.", "To look closer"
+        self._print("")
+        self._print(f"{told} {next_time}, the first in a terminal of its own:")
+        for command in result["next"]:
+            self._print(_INDENT + command, continued=" \\")
+
+    def _print(self, text: str, style: str = "", *, continued: str = "") -> None:
+        """Print text; on a terminal, lines are broken between words, at `continued` in a way that can be pasted."""
+        if self._as_json:
+            return
+        lines = [text]
+        if is_terminal() and len(text) > console().width:
+            wrapper = textwrap.TextWrapper(console().width - len(continued), break_on_hyphens=False)
+            wrapper.break_long_words = False  # a path in two could not be copied
+            wrapper.subsequent_indent = " " * (len(text) - len(text.lstrip()) + len(continued))
+            lines = wrapper.wrap(text)
+            lines[:-1] = [line + continued for line in lines[:-1]]
+        for line in lines:
+            print_text(line, style)
 
 
-class _Samples:
-    """Angles over time, as lines."""
-
-    def __init__(self) -> None:
-        self._next = 0.0
-        self._last: tuple[float, Sequence[Servo]] | None = None
-
-    def draw(self, elapsed: float, servos: Sequence[Servo]) -> None:
-        self._last = (elapsed, servos)
-        if elapsed >= self._next:
-            self._write()
-            self._next += _SAMPLE
-
-    def end(self) -> None:
-        if self._last is not None:
-            self._write()
-
-    def _write(self) -> None:
-        if self._last is not None:
-            elapsed, servos = self._last
-            self._last = None
-            print_text(f"   {elapsed:4.1f} s " + "".join(f"{int(servo.angle):5}" for servo in servos))
-
-
-class JsonStage:
-    """Prints one object for each step and one at the end."""
-
-    def begin(self, title: str) -> None:
-        """Announce nothing."""
-
-    def say(self, text: str) -> None:
-        """Say nothing."""
-
-    def table(self, table: Table) -> None:
-        """Show nothing."""
-
-    @contextmanager
-    def motion(self) -> Iterator[Draw]:
-        """Draw nothing."""
-        yield lambda elapsed, servos: None
-
-    async def finish(self, name: str, outcome: Outcome) -> None:
-        """Print the step."""
-        print_json({"step": name, "ok": outcome.ok, "checks": outcome.checks, "measured": outcome.measured})
-
-    def end(self, described: dict[str, Any]) -> None:
-        """Print the end."""
-        print_json({"step": "end", **described})
-
-
-@dataclass
-class Scene:
-    """Who plays, and where."""
-
-    board: Board
-    """The client's, with `virtual` behind `line`."""
-    virtual: VirtualBoard
-    line: FaultyLine
-    second: VirtualBoard
-    """Another one, at `second_url`."""
-    second_url: str
-    stage: Stage
-    folder: Path
-    """Where files are written."""
-    pace: float
-    """1.0 for movements that a person can follow, less for faster ones."""
-
-    def interval(self, seconds: float) -> int:
-        """Return a time in the protocol's units of 10 ms."""
-        return max(1, round(seconds * self.pace * 100))
-
-    async def watch(self, targets: dict[int, int], seconds: float) -> float:
-        """Show the servos until they are at `targets`; return how long that took."""
-        start = asyncio.get_running_loop().time()
-        with self.stage.motion() as draw:
-            await follow(self.board, targets, seconds, draw)
-        return round(asyncio.get_running_loop().time() - start, 3)
-
-    def counters(self) -> dict[str, int]:
-        """Return what the client has counted of the faults on the line."""
-        stats = self.board.stats
-        return {
-            "skipped_bytes": sum(stats.skipped.values()),
-            "timeouts": stats.timeouts,
-            "late_responses": stats.late_responses,
-            "fences": stats.fences,
-            "retries": stats.retries,
-        }
-
-    def counted(self, before: dict[str, int]) -> dict[str, int]:
-        """Return, and show, what was counted since `before`."""
-        now = self.counters()
-        since = {name: now[name] - before[name] for name in now}
-        self.stage.say(", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in since.items()))
-        return since
+def _print_angles(elapsed: float, servos: Sequence[Servo]) -> None:
+    print_text(f"{_INDENT}{elapsed:4.1f} s " + "".join(f"{int(servo.angle):5}" for servo in servos))
 
 
 class FaultyLine(WrappedTransport):
-    """A line that is perfect until it is told to damage or to delay the next reply, or is pulled out."""
+    """A line without faults until it is told to damage or to delay the next response, or is pulled out."""
 
     def __init__(self, inner: Transport) -> None:
         """Wrap `inner`."""
         super().__init__(inner)
         self.damaged = 0
-        """Replies of which a byte was changed."""
+        """The number of responses of which a bit was changed."""
         self.delayed = 0
-        """Replies that were held back."""
+        """The number of responses that were held back."""
         self._damage = False
         self._delay = 0.0
         self._held: list[bytes] = []
         self._timer: asyncio.TimerHandle | None = None
 
     def damage_next(self) -> None:
-        """Change one bit in the middle of what comes next."""
+        """Change one bit in the middle of the next chunk."""
         self._damage = True
 
     def delay_next(self, seconds: float) -> None:
-        """Hold back what comes next; whatever comes meanwhile stays behind it, as on any line."""
+        """Hold back the next chunk; later ones stay behind it, as on any line."""
         self._delay = seconds
 
     def pull(self) -> None:
-        """Be pulled out now."""
+        """Pull the cable now."""
         self._break("the cable was pulled")
 
     def data(self, chunk: bytes, /) -> None:
-        """Pass on what comes, or what becomes of it."""
+        """Pass on `chunk`, or what the faults make of it."""
         if self._damage:
             self._damage = False
             self.damaged += 1
@@ -251,7 +167,7 @@ class FaultyLine(WrappedTransport):
             self._held.append(chunk)
 
     async def close(self) -> None:
-        """Close the line; what is held back is lost."""
+        """Close the line; chunks that are held back are lost."""
         if self._timer is not None:
             self._timer.cancel()
         await super().close()
