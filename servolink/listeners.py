@@ -17,6 +17,7 @@ from servolink.errors import OpenError, TransportError, TransportUnavailable
 from servolink.escaping import escape, quote
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
+from servolink.transports.stream import keep_alive
 
 MAX_WAITING = 1024 * 1024
 """Bytes that may wait in this program for a host to read them."""
@@ -126,7 +127,6 @@ _ACCEPT_PAUSE = 1.0  # seconds between attempts while no connection can be accep
 _WARNING_PAUSE = 60.0  # seconds between two warnings of that
 _PORT_ATTEMPTS = 10
 _NO_SUCH_FAMILY = {errno.EAFNOSUPPORT, errno.EADDRNOTAVAIL}  # a machine without IPv6
-_KEEPALIVE = {"TCP_KEEPIDLE": 60, "TCP_KEEPINTVL": 15, "TCP_KEEPCNT": 4}  # a host that vanished is dropped in 2 min
 
 
 def host_and_port(text: str) -> tuple[str, int]:
@@ -232,10 +232,7 @@ async def _accept(listening: socket.socket, start: Callable[[socket.socket], Non
 async def _converse(connection: socket.socket, converse: Converse) -> None:
     try:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for option, seconds in _KEEPALIVE.items():
-            if hasattr(socket, option):  # not on every system
-                connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), seconds)
+        keep_alive(connection, idle=60, interval=15, count=4)
         reader, writer = await asyncio.open_connection(sock=connection)
     except BaseException as error:
         connection.close()

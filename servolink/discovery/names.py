@@ -151,8 +151,10 @@ def _toml(aliases: Mapping[str, Alias]) -> str:
         tables.append(f"\n[boards.{name}]\nurl = {_string(alias.url)}\n")
         if alias.serial_number:
             tables.append(f"serial_number = {_string(alias.serial_number)}\n")
-        ids = {"vendor_id": alias.vendor_id, "product_id": alias.product_id, "interface": alias.interface}
+        ids = {"vendor_id": alias.vendor_id, "product_id": alias.product_id}
         tables += [f"{key} = {value:#06x}\n" for key, value in ids.items() if value is not None]
+        if alias.interface is not None:
+            tables.append(f"interface = {alias.interface}\n")
     return "".join(tables)
 
 

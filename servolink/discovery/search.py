@@ -72,7 +72,7 @@ def _find_with(plug_in: PlugIn) -> list[DeviceInfo]:
 
 
 NONE_HERE = (
-    "no board was found; plug it in and switch it on, or name one (with --url or SERVOLINK_URL in a shell), as in "
+    "no board was found; plug it in and switch it on, or name one (with --board or SERVOLINK_BOARD in a shell), as in "
     "serial:///dev/ttyACM0, tcp://192.168.1.20:9000 or virtual://; `servolink doctor` looks for the reason"
 )
 

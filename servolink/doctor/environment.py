@@ -196,7 +196,7 @@ def check_address(facts: SystemFacts, url: str) -> Iterator[Finding]:
             "macOS port",
             f"the address names {escape(device)}",
             "a tty. port waits for a carrier signal, which boards do not give; the cu. port of the same name does not",
-            f"use the other port: --url serial://{right}",
+            f"use the other port: --board serial://{right}",
         )
 
 

@@ -175,7 +175,7 @@ def _differences(url: str, response: ProbeResponse, byte_order: ByteOrder) -> It
             "byte order",
             f"the board uses {response.byte_order} byte order, and {byte_order} byte order is set",
             "neither side understands the numbers of the other, so requests have no response",
-            f"servolink --byte-order {response.byte_order} --url {escape(url)} info\n"
+            f"servolink --byte-order {response.byte_order} --board {escape(url)} info\n"
             f'in Python: servolink.connect(..., byte_order="{response.byte_order}")',
         )
     if response.transmission_mode != 1:

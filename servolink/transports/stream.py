@@ -95,9 +95,6 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
         return self._sent - (self._pipe.get_write_buffer_size() if self._pipe else 0)
 
 
-# Where the system offers the choice: a peer that is silently gone is noticed after 10 + 3 * 5 s.
-_KEEPALIVE = {"TCP_KEEPIDLE": 10, "TCP_KEEPINTVL": 5, "TCP_KEEPCNT": 3}
-
 # By default a system takes megabytes ahead, then nothing for long: a slow line would look like a dead one.
 _SEND_BUFFER = 65536
 
@@ -121,7 +118,7 @@ class TcpTransport(StreamTransport):
             raise OpenError(f"{self.url}: {self._reason(error)}") from error
         connection = pipe.get_extra_info("socket")
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-        keep_alive(connection)
+        keep_alive(connection, idle=10, interval=5, count=3)
         return pipe
 
     def _reason(self, error: Exception) -> str:
@@ -137,10 +134,10 @@ class TcpTransport(StreamTransport):
         return f"cannot connect: {error}; check address and network"
 
 
-def keep_alive(connection: socket.socket) -> None:
-    """Make the system notice a peer that is silently gone, after 25 s where that can be set."""
+def keep_alive(connection: socket.socket, *, idle: int, interval: int, count: int) -> None:
+    """Make the system notice a peer that is silently gone, where that can be set after idle + interval * count s."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    for name, value in _KEEPALIVE.items():
+    for name, value in {"TCP_KEEPIDLE": idle, "TCP_KEEPINTVL": interval, "TCP_KEEPCNT": count}.items():
         if hasattr(socket, name):
             connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 

@@ -113,7 +113,7 @@ def test_the_wrong_byte_order(robot: Robot, examined: Examined) -> None:
     robot.board = VirtualBoard(codec=Codec("big"))
     code, report = examined("virtual://")
     assert (code, report["response"]["byte_order"], checks(report)) == (1, "big", ["byte order"])
-    assert "servolink --byte-order big --url virtual:// info" in report["findings"][0]["remedy"]
+    assert "servolink --byte-order big --board virtual:// info" in report["findings"][0]["remedy"]
     assert examined("--byte-order", "big", "virtual://")[0] == 0
 
 
@@ -260,9 +260,9 @@ def test_no_board_is_3(url: str, examined: Examined) -> None:
 
 
 @pytest.mark.parametrize("url", ["no address", "serial://", "gopher://x"])
-def test_no_address_is_3(url: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_address_is_wrong_usage(url: str, capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, "doctor", url)
-    assert said.code == 3
+    assert said.code == 2
 
 
 def test_what_a_person_reads_has_numbered_findings(examined: Examined, capsys: pytest.CaptureFixture[str]) -> None:

@@ -181,7 +181,7 @@ def test_nothing_hides_devices_elsewhere(system: str, tmp_path: Path) -> None:
 def test_the_port_that_waits_on_macos(tmp_path: Path) -> None:
     facts = RecordedFacts("macos", tmp_path)
     found = one(check_address(facts, "/dev/tty.usbmodem1101"))
-    assert found.remedy == "use the other port: --url serial:///dev/cu.usbmodem1101"
+    assert found.remedy == "use the other port: --board serial:///dev/cu.usbmodem1101"
     assert list(check_address(facts, "/dev/cu.usbmodem1101")) == []
     assert list(check_address(RecordedFacts("desktop", tmp_path / "x"), "/dev/tty.usbmodem1101")) == []
 

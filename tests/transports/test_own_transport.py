@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import importlib.util
+import json
 import os
 import sys
 from pathlib import Path
@@ -83,6 +84,16 @@ async def test_nobody_at_the_other_end_is_a_lost_connection_and_not_a_silence(in
     assert code == 1
     assert "ConnectionLost" in err
     assert "Connection refused" in err
+
+
+@on_loop
+async def test_the_package_adds_to_the_search(installed: Path) -> None:
+    paths = os.pathsep.join((str(installed), *filter(None, sys.path)))
+    environment = {**os.environ, "PYTHONPATH": paths, "UDP_BRIDGES": "10.0.0.1:9000"}
+    command = (sys.executable, "-W", "error", "-m", "servolink", "list", "--json")
+    process = await processes.start_async(*command, env=environment)
+    out, _ = await process.communicate()
+    assert "udp://10.0.0.1:9000" in [board["url"] for board in json.loads(out)["boards"]]
 
 
 @on_loop
