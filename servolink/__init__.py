@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     __all__: list[str]
+    __version__: str
     from servolink.client.board import Board as Board
     from servolink.client.connect import connect as connect
     from servolink.client.connect import reconnecting as reconnecting
@@ -73,71 +74,77 @@ else:
 
     # A module is imported when its first name is used: the command line starts without most of them.
     _MODULES = {
-        "ALL_SERVOS": "servolink.protocol.servos",
         "Action": "servolink.protocol.records",
         "ActionEntry": "servolink.protocol.records",
         "Adc": "servolink.motion",
+        "ALL_SERVOS": "servolink.protocol.servos",
         "Angle": "servolink.motion",
         "Board": "servolink.client.board",
+        "build_project": "servolink.project.build",
         "Button": "servolink.protocol.records",
         "ButtonEvent": "servolink.client.events",
         "ButtonEvents": "servolink.client.events",
-        "DeviceInfo": "servolink.transports.device_info",
         "Codec": "servolink.protocol.codec",
+        "connect": "servolink.client.connect",
         "ConnectionLost": "servolink.errors",
         "DecodeError": "servolink.errors",
         "Degrees": "servolink.motion",
+        "DeviceInfo": "servolink.transports.device_info",
+        "Diagnostic": "servolink.project.validate",
+        "discover": "servolink.discovery.search",
         "EncodeError": "servolink.errors",
+        "extend_project": "servolink.project.build",
+        "fix_project": "servolink.project.fix",
         "FrameParser": "servolink.protocol.parser",
         "InvalidAddress": "servolink.errors",
         "JoystickTable": "servolink.protocol.records",
         "JoystickTableEntry": "servolink.protocol.records",
+        "load_project": "servolink.project.project_file",
         "Macro": "servolink.protocol.records",
         "MacroCommand": "servolink.protocol.records",
         "MacroCommandType": "servolink.protocol.records",
         "MacroEntry": "servolink.protocol.records",
+        "merge_projects": "servolink.project.merge",
+        "Mirror": "servolink.project.mirror",
+        "mirror_by_captions": "servolink.project.mirror",
+        "mirror_project": "servolink.project.mirror",
         "NotFound": "servolink.errors",
         "OpenError": "servolink.errors",
         "OutcomeUnknown": "servolink.errors",
         "PacketError": "servolink.errors",
+        "preflight": "servolink.project.preflight",
         "Project": "servolink.project.model",
         "ProjectError": "servolink.errors",
+        "reconnecting": "servolink.client.connect",
         "Rejected": "servolink.errors",
+        "rename_record": "servolink.project.adjust",
+        "rename_servo": "servolink.project.adjust",
         "RequestError": "servolink.errors",
         "RequestTimeout": "servolink.errors",
+        "save_project": "servolink.project.project_file",
+        "scale_project": "servolink.project.adjust",
         "Servo": "servolink.client.servos",
-        "ServoParameter": "servolink.protocol.records",
         "ServolinkError": "servolink.errors",
+        "ServoParameter": "servolink.protocol.records",
         "Stats": "servolink.connection.stats",
         "Step": "servolink.protocol.records",
         "TransportError": "servolink.errors",
         "TransportUnavailable": "servolink.errors",
-        "connect": "servolink.client.connect",
-        "discover": "servolink.discovery.search",
-        "build_project": "servolink.project.build",
-        "extend_project": "servolink.project.build",
-        "Mirror": "servolink.project.mirror",
-        "mirror_project": "servolink.project.mirror",
-        "mirror_by_captions": "servolink.project.mirror",
-        "merge_projects": "servolink.project.merge",
-        "scale_project": "servolink.project.adjust",
-        "rename_record": "servolink.project.adjust",
-        "rename_servo": "servolink.project.adjust",
-        "fix_project": "servolink.project.fix",
         "validate_project": "servolink.project.validate",
-        "Diagnostic": "servolink.project.validate",
-        "preflight": "servolink.project.preflight",
-        "load_project": "servolink.project.project_file",
-        "reconnecting": "servolink.client.connect",
-        "save_project": "servolink.project.project_file",
     }
     __all__ = [*_MODULES]  # noqa: PLE0604 - the keys are strings
 
     def __getattr__(name: str) -> object:
-        if name not in _MODULES:
+        if name == "__version__":
+            from importlib.metadata import version
+
+            value: object = version("servolink")
+        elif name in _MODULES:
+            value = getattr(import_module(_MODULES[name]), name)
+        else:
             raise AttributeError(f"module 'servolink' has no attribute {name!r}")
-        value = globals()[name] = getattr(import_module(_MODULES[name]), name)
+        globals()[name] = value
         return value
 
     def __dir__() -> list[str]:
-        return [*(name for name in globals() if name.startswith("__")), *__all__]
+        return [*__all__, "__version__"]

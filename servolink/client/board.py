@@ -114,11 +114,13 @@ class Board:
     async def close(self) -> None:
         """Unsubscribe from button events, close the connection and free the port; may be called again.
 
-        Raise RuntimeError in another event loop than the one that connected, if that still runs.
+        Raise RuntimeError in another event loop than the one that connected, unless that has ended.
         """
+        at_home = self._session.is_at_home()
         try:
-            await self._session.stop_reconnecting()
-            await self._buttons.close()
+            if at_home:  # otherwise the tasks that would be awaited here have ended with their loop
+                await self._session.stop_reconnecting()
+                await self._buttons.close()
         finally:
             await self._session.close()
 

@@ -120,7 +120,11 @@ class connect:  # noqa: N801 - reads as the function it stands for
             stats=stats,
             before=self._before,
         )
-        await connection.open()
+        try:
+            await connection.open()
+        except OpenError as error:
+            _shorten_traceback(error)
+            raise
         self._before = connection
         return connection
 
@@ -139,6 +143,19 @@ class connect:  # noqa: N801 - reads as the function it stands for
         """Close the board."""
         if self._board is not None:
             await self._board.close()
+
+
+def _shorten_traceback(error: OpenError) -> None:
+    """Drop the frames of an error whose text says everything: that the system could not open a port or an address.
+
+    Other causes keep theirs, because they are defects, such as a TypeError in a third-party transport.
+    """
+    chain: list[BaseException] = [error]
+    while (cause := chain[-1].__cause__ or chain[-1].__context__) is not None and cause not in chain:
+        chain.append(cause)
+    if all(isinstance(one, (OpenError, OSError)) for one in chain):
+        for one in chain:
+            one.__traceback__ = None
 
 
 def _refuse_transport(url: object, name: str) -> None:

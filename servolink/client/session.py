@@ -151,9 +151,21 @@ class Session:
 
     # --- loss and end -------------------------------------------------------------------------------------------
 
+    def is_at_home(self) -> bool:
+        """Return whether this runs in the event loop that connected, False if that has ended.
+
+        Raise RuntimeError if it has not: tasks of one loop cannot be awaited in another.
+        """
+        here, home = asyncio.get_running_loop(), self._loop
+        if here is not home and not home.is_closed():
+            raise RuntimeError(
+                f"{escape(self.url)} was connected in {home!r} and cannot be closed in {here!r}: close it in the first "
+                "one; from another thread, with asyncio.run_coroutine_threadsafe(board.close(), loop)"
+            )
+        return here is home
+
     async def stop_reconnecting(self) -> None:
-        """Stop replacing lost connections. Raise RuntimeError if called from another event loop."""
-        self._check_loop()
+        """Stop replacing lost connections."""
         if self._reconnector is not None:
             await self._reconnector.stop()
 
@@ -165,14 +177,6 @@ class Session:
         finally:
             self.on_end(lost(self.url, None))
             self._states.change("closed")
-
-    def _check_loop(self) -> None:
-        """Raise RuntimeError in another event loop than that of the connection: waiting for its tasks would hang."""
-        if asyncio.get_running_loop() is not self._loop:
-            raise RuntimeError(
-                f"{escape(self.url)} was connected in another event loop, which has "
-                f"{'ended' if self._loop.is_closed() else 'it still'}"
-            )
 
     def _connection_ended(self, error: ConnectionLost) -> None:
         self._states.change("lost")

@@ -1,4 +1,4 @@
-"""What the link has seen: counters instead of exceptions in callbacks."""
+"""Counters of a connection: what goes wrong without failing a request is counted, not raised."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from servolink.protocol.parser import REASONS
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, repr=False)
 class Stats:
     """Counters since the connection was opened."""
 
@@ -18,39 +18,51 @@ class Stats:
     frames_sent: int = 0
     frames_received: int = 0
     skipped: dict[str, int] = field(default_factory=lambda: dict.fromkeys(REASONS, 0))
-    """Bytes that were part of no frame, by reason (see `servolink.protocol.parser`)."""
+    """Bytes outside any frame, by reason (see `servolink.protocol.parser`)."""
     undecodable: int = 0
     """Intact frames whose content contradicts itself."""
     hidden: int = 0
-    """Frames that were inside another one, as in a caption, and were not believed."""
+    """Frames inside another one, such as in a caption, which were rejected."""
     unsolicited: int = 0
-    """Frames that nobody asked for."""
+    """Frames that no request asked for."""
     mismatched: int = 0
-    """Answers about another servo, action, macro or table than the one asked for."""
+    """Responses about another servo, action, macro or table than the one asked for."""
     late_responses: int = 0
-    """Answers that came after their request had ended, and were kept from the next one."""
+    """Responses that came after their request had ended, and were not taken for that of the next one."""
     rescued: int = 0
-    """Late answers that came while the same query was about to be repeated, and were used."""
+    """Late responses that came just before the same query was repeated, and were used."""
     timeouts: int = 0
-    """Sendings that were not answered in time."""
+    """Requests sent and not answered in time."""
     retries: int = 0
     """Queries sent again."""
     reconnects: int = 0
     fences: int = 0
-    """Queries sent to prove that no late answer is still to come."""
+    """Queries sent to prove that no late response is still to come."""
     events_received: int = 0
     events_dropped: int = 0
     """Button events lost because their reader was too slow."""
     round_trips: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
-    """The latest times from sending to answer, seconds."""
+    """The latest 4096 times from request to response, in seconds."""
 
     def round_trip(self, percent: float) -> float | None:
-        """Return the time, in seconds, that `percent` (0..100) of the latest answers kept; None before the first."""
+        """Return a percentile (0..100) of the latest round trips in seconds, None before the first."""
         ordered = sorted(self.round_trips)
         return ordered[min(len(ordered) - 1, int(len(ordered) * percent / 100))] if ordered else None
 
+    def __repr__(self) -> str:
+        """Return the counters that are not 0, and a summary of the round trips in place of all of them."""
+        counters = self.as_dict()
+        skipped, _ = counters.pop("skipped"), counters.pop("round_trip_ms")
+        texts = [f"{name}={value}" for name, value in counters.items() if value]
+        texts += [f"skipped={skipped}"] if skipped else []
+        median, late = self.round_trip(50), self.round_trip(95)
+        if median is not None and late is not None:
+            count = len(self.round_trips)
+            texts.append(f"round_trips=<{count}, median {median * 1000:.3g} ms, 95 % within {late * 1000:.3g} ms>")
+        return f"Stats({', '.join(texts)})"
+
     def as_dict(self) -> dict[str, Any]:
-        """Return all of it as plain numbers, round trips as percentiles in milliseconds."""
+        """Return all counters as plain numbers, and percentiles of the round trips in milliseconds."""
         counters = {
             name: getattr(self, name) for name in self.__dataclass_fields__ if name not in ("skipped", "round_trips")
         }

@@ -126,6 +126,9 @@ class SerialTransport(StreamTransport):
         gone.__cause__ = error
         self._lose(gone)
 
+    def _release(self) -> None:
+        self._port.close()
+
     def _write(self, pipe: asyncio.Transport, data: bytes) -> None:
         """Write at once what the system takes, usually everything, instead of one turn of the loop later."""
         taken = 0 if self._full else self._port.write_at_once(data)

@@ -89,7 +89,16 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
     def _abort(self) -> None:
         # Once: a second abort of pyserial-asyncio's transport raises in a callback.
         if self._pipe is not None and not self._pipe.is_closing():
-            self._pipe.abort()
+            try:
+                self._pipe.abort()
+            except RuntimeError:  # its event loop has ended, and asyncio cannot close anything without one
+                self._release()
+                self._gone.set()
+
+    def _release(self) -> None:
+        """Free the port without asyncio, once the event loop has ended."""
+        if self._pipe is not None:  # what abort() leaves to the next turn of the loop
+            self._pipe._call_connection_lost(None)  # type: ignore[attr-defined]  # noqa: SLF001
 
     def _taken(self) -> int:
         return self._sent - (self._pipe.get_write_buffer_size() if self._pipe else 0)

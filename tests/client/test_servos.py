@@ -368,3 +368,36 @@ def test_move_says_which_servo_has_not_arrived() -> None:
             assert 3 <= now() - begun < 3.2
 
     run(main())
+
+
+def test_servos_are_followed_until_they_have_arrived() -> None:
+    async def main() -> None:
+        async with connect("virtual://?servos=2") as board:
+            seconds = await board.move({1: 60}, duration=1)
+            begun = now()
+            angles = [servos[0].angle async for servos in board.follow({1: 60}, seconds)]
+            assert angles == sorted(angles)
+            assert (abs(angles[-1] - 60) <= 2, len(angles) > 20) == (True, True)
+            assert 1 <= now() - begun < 1.2
+            settled = [servos async for servos in board.follow({1: 60}, 0, settle=True)]
+            assert settled[-1] == settled[-2]
+
+    run(main())
+
+
+def test_following_a_servo_that_does_not_come_or_is_not_there_fails() -> None:
+    async def main() -> None:
+        async with connect("virtual://?servos=2") as board:
+            begun = now()
+            with pytest.raises(RequestTimeout, match="servo 2 is at 3, not at 100, 1 s after"):
+                async for _ in board.follow({2: 100}, 0.5):
+                    pass
+            assert 1.5 <= now() - begun < 1.6
+            with pytest.raises(NotFound, match="no servo 9"):
+                async for _ in board.follow({9: 100}, 0.5):
+                    pass
+            with pytest.raises(EncodeError, match="this servo is set to degree"):
+                async for _ in board.follow({1: Adc(100)}, 0.5):
+                    pass
+
+    run(main())

@@ -45,3 +45,18 @@ def test_as_dict_has_plain_numbers_under_names_that_programs_rely_on() -> None:
         "round_trip_ms",
     } <= set(plain)
     assert all(type(value) is int for name, value in plain.items() if name not in {"skipped", "round_trip_ms"})
+
+
+def test_printing_stats_shows_what_happened_and_a_summary_of_the_round_trips() -> None:
+    stats = Stats(frames_sent=200, timeouts=1)
+    stats.skipped.update(noise=3)
+    stats.round_trips.extend(number / 1000 for number in range(1, 201))
+    assert (
+        str(stats)
+        == repr(stats)
+        == (
+            "Stats(frames_sent=200, timeouts=1, skipped={'noise': 3}, "
+            "round_trips=<200, median 101 ms, 95 % within 191 ms>)"
+        )
+    )
+    assert str(Stats()) == "Stats()"

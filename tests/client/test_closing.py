@@ -1,0 +1,82 @@
+"""Closing a board from another event loop or thread than the one that connected it."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+
+import pytest
+
+from servolink import Board, connect
+
+
+async def opened(url: str) -> Board:
+    return await connect(url)
+
+
+@contextmanager
+def loop_in_a_thread() -> Iterator[asyncio.AbstractEventLoop]:
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever)
+    thread.start()
+    try:
+        yield loop
+    finally:
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join()
+        loop.close()
+
+
+@pytest.mark.parametrize("reconnect", [False, True])
+def test_a_board_of_a_loop_that_runs_is_not_closed_in_another(reconnect: bool) -> None:
+    async def connected() -> Board:
+        return await connect("virtual://", reconnect=reconnect)
+
+    with loop_in_a_thread() as home:
+        board = asyncio.run_coroutine_threadsafe(connected(), home).result()
+        with pytest.raises(RuntimeError, match=r"connected in <.*> and cannot be closed in <.*>: close it"):
+            asyncio.run(asyncio.wait_for(board.close(), 60))
+        assert repr(board) == "<Board virtual:// connected>"
+        assert len(asyncio.run_coroutine_threadsafe(board.servo_ids(), home).result()) == 16
+        asyncio.run_coroutine_threadsafe(board.close(), home).result()
+        assert repr(board) == "<Board virtual:// closed>"
+
+
+@pytest.mark.parametrize("reconnect", [False, True])
+def test_a_board_whose_loop_has_ended_can_be_closed(reconnect: bool) -> None:
+    async def connected() -> Board:
+        return await connect("virtual://", reconnect=reconnect)
+
+    board = asyncio.run(connected())
+    asyncio.run(asyncio.wait_for(board.close(), 60))
+    assert repr(board) == "<Board virtual:// closed>"
+
+
+def test_closing_after_the_loop_has_ended_frees_a_tcp_connection() -> None:
+    with closing(socket.create_server(("127.0.0.1", 0))) as server:
+        board = asyncio.run(opened(f"tcp://127.0.0.1:{server.getsockname()[1]}"))
+        with closing(server.accept()[0]) as other_end:
+            asyncio.run(asyncio.wait_for(board.close(), 60))
+            assert other_end.recv(1) == b""
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals")
+def test_closing_after_the_loop_has_ended_frees_a_serial_port() -> None:
+    controller, terminal = os.openpty()
+    try:
+        url = f"serial://{os.ttyname(terminal)}"
+        board = asyncio.run(opened(url))
+        asyncio.run(asyncio.wait_for(board.close(), 60))
+
+        async def again() -> None:
+            async with connect(url):
+                pass
+
+        asyncio.run(again())
+    finally:
+        os.close(controller)
+        os.close(terminal)
