@@ -53,4 +53,4 @@ def may_be_shown(character: str) -> bool:
 
 def controls(text: str) -> set[str]:
     """Return the characters of `text` that must not reach anybody as themselves."""
-    return {character for character in text if character != "\n" and not may_be_shown(character)}
+    return {character for character in set(text) if character != "\n" and not may_be_shown(character)}
