@@ -40,7 +40,7 @@ _PATIENCE = 120.0
 _LARGEST_FRAME = 65_544
 _MEMORY = 300
 _MOST_SAID = 200_000
-_NEEDS_FILES = ("apply", "rollback")
+_NEEDS_FILES = ("apply_project", "rollback_project")
 _REQUESTS: tuple[Request[Any], ...] = (
     QueryMemorySizeRequest(),
     QueryServoRequest(1),
