@@ -11,7 +11,6 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # what is documented is what lies here, installed or not
 
 import servolink  # noqa: E402
-from docs import packet_reference  # noqa: E402 - after the path
 
 if TYPE_CHECKING:
     from sphinx.addnodes import pending_xref
@@ -43,8 +42,7 @@ autodoc_preserve_defaults = True
 
 
 def setup(app: Sphinx) -> None:
-    """Write the packet reference, and let Sphinx find the public names, which are documented as `servolink`'s own."""
-    app.connect("builder-inited", lambda _: packet_reference.write(ROOT / "docs/_generated/packets.md"))
+    """Let Sphinx find the public names, which are documented as `servolink`'s own."""
     app.connect("missing-reference", resolve_public_name)
 
 

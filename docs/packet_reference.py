@@ -1,4 +1,4 @@
-"""The packet reference, made from the declarations; `conf.py` writes it before each build."""
+"""docs/reference/packets.md, made from the declarations: `python -m docs.packet_reference` writes it anew."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from servolink.protocol.codec import PACKETS
 from servolink.protocol.layout import layout
 from servolink.protocol.packet import Counted, Packet, Query, Response, Wire
 
+PAGE = Path(__file__).parent / "reference/packets.md"
+
 _CHAPTERS = {"3.1": settings, "3.2": servos, "3.3": editing, "3.4": joystick}
 _TYPES = {"B": "u8", "H": "u16", "I": "u32", "h": "i16", "i": "i32", "32s": "caption"}
 _INTRODUCTION = """\
@@ -24,14 +26,6 @@ All 60 packets, made from the declarations in `servolink/protocol/`. Names in JS
 `u8`, `u16` and `u32` are unsigned numbers, `i16` and `i32` signed ones, in the byte order of the connection; a caption
 is 32 bytes of text. The ranges are those that servolink sends; what a board sends is accepted as it is.
 """
-
-
-def write(path: Path) -> None:
-    """Write the reference to `path`, only if it has changed, so that the next build skips it."""
-    text = packet_reference()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not path.exists() or path.read_text(encoding="utf-8") != text:
-        path.write_text(text, encoding="utf-8")
 
 
 def packet_reference() -> str:
@@ -117,3 +111,7 @@ def _notes(hint: Any) -> Iterator[Any]:
     if get_origin(hint) is not tuple:
         for argument in get_args(hint):
             yield from _notes(argument)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(packet_reference(), encoding="utf-8")
