@@ -25,11 +25,12 @@ from servolink.doctor.environment import (
 from servolink.doctor.line_quality import Line, check_line, measure
 from servolink.doctor.permissions import check_permissions
 from servolink.doctor.system import SystemFacts, device_nodes
-from servolink.errors import TransportError
+from servolink.errors import InvalidAddress, TransportError
 from servolink.escaping import escape
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.address import Address
 from servolink.transports.device_info import DeviceInfo
+from servolink.transports.registry import create
 
 _OF_A_DEVICE: tuple[Callable[[SystemFacts, str], Iterator[Finding]], ...] = (
     check_address,
@@ -61,13 +62,13 @@ class Report:
 async def examine(facts: SystemFacts, board: str | None, byte_order: ByteOrder = "little") -> Report:
     """Examine `board`, an address or a name, or all boards here; only a single board is opened and queried.
 
-    Raise InvalidAddress if `board` is neither an address nor a name.
+    Raise InvalidAddress if `board` is neither a name nor an address that could be opened somewhere.
     """
     found = await asyncio.to_thread(find_devices)
     report = Report(found.devices)
     if board is not None:
-        Address.parse(url := await resolve_url(board))
-        report.urls = [url]
+        report.urls = [await resolve_url(board)]
+        _check_address(report.urls[0])
     else:
         report.urls = [candidate.url for candidate in boards(report.candidates)]
     report.findings += await asyncio.to_thread(_before_opening, facts, report.urls)
@@ -79,6 +80,15 @@ async def examine(facts: SystemFacts, board: str | None, byte_order: ByteOrder =
     else:
         report.findings.append(_nothing())
     return report
+
+
+def _check_address(url: str) -> None:
+    try:
+        create(url)
+    except InvalidAddress:
+        raise
+    except TransportError:
+        return  # a missing library, which is a finding
 
 
 def _before_opening(facts: SystemFacts, urls: list[str]) -> list[Finding]:

@@ -14,6 +14,7 @@ from servolink.cli.main import FAILED, NO_BOARD, OK
 from servolink.client import connect
 from servolink.connection import probe
 from servolink.discovery.search import Found
+from servolink.doctor import examine
 from servolink.project.project_file import save_project
 from servolink.transports.device_info import DeviceInfo
 from tests.hostile.calls import PROJECT
@@ -83,7 +84,7 @@ def test_every_command_is_tried() -> None:
 
 @pytest.mark.parametrize("name", LIES)
 def test_a_command_ends(name: str, seconds: list[float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (connect, probe):
+    for module in (connect, probe, examine):
         monkeypatch.setattr(module, "create", lambda url: lying(LIES[name]))
     monkeypatch.setattr("servolink.cli.boards.discover", _one_board)
     monkeypatch.setattr("servolink.doctor.examine.find_devices", lambda: Found([DeviceInfo("lying://board")], []))
