@@ -17,7 +17,6 @@ from servolink.cli.main import OK, usage_error
 from servolink.cli.terminal import not_ignored, single_keys
 from servolink.discovery.announcements import announced
 from servolink.errors import TransportUnavailable
-from servolink.escaping import escape
 from servolink.files import MIB, read_file, reason
 from servolink.listeners import AVAILABLE, host_and_port
 from servolink.protocol.codec import Codec
@@ -25,46 +24,49 @@ from servolink.transports.device_info import DeviceInfo
 from servolink.transports.faults import Faults
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.hardware import MAX_SERVOS, MEMORY
-from servolink.virtual.script import HELP, Deed, Keys, Push, parse_script
+from servolink.virtual.script import HELP, Event, Keys, Push, parse_script
 from servolink.virtual.serve import serve
 from servolink.virtual.state_file import load_state, save_state
 from servolink.virtual.storage import CLEAR, ON_DUPLICATE
 from servolink.virtual.transport import StateSaver
 
-_MOST_MEMORY = 2**31 - 1
+_MAX_MEMORY = 2**31 - 1
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink virtual`."""
     parser.set_defaults(run=run)
     parser.add_argument(
-        "--pty", action="store_true", help="serve a pseudo-terminal (what is done when nothing is said)"
+        "--pty", action="store_true", help="serve a pseudo-terminal (the default without --tcp and --usbip)"
     )
     parser.add_argument("--tcp", metavar="HOST:PORT", type=_listening, help="serve TCP; port 0 takes a free one")
     parser.add_argument(
         "--usbip", metavar="HOST:PORT", type=_listening, help="export a USB device over USB/IP; its usual port is 3240"
     )
     parser.add_argument(
-        "--servos", type=whole_number(0, MAX_SERVOS), default=16, metavar="N", help="how many servos (16)"
+        "--servos", type=whole_number(0, MAX_SERVOS), default=16, metavar="N", help="number of servos (16)"
     )
     parser.add_argument(
         "--seed",
         type=whole_number(-(2**63), 2**63 - 1),
         default=0,
         metavar="N",
-        help="makes small differences repeat (0)",
+        help="boards with the same number differ in nothing (0)",
     )
     parser.add_argument(
         "--memory",
-        type=whole_number(0, _MOST_MEMORY),
+        type=whole_number(0, _MAX_MEMORY),
         default=MEMORY,
         metavar="BYTES",
-        help=f"for what is stored ({MEMORY})",
+        help=f"memory for what is stored ({MEMORY})",
     )
     parser.add_argument(
-        "--on-duplicate", choices=ON_DUPLICATE, default="replace", help="what adding a stored id does (replace)"
+        "--on-duplicate",
+        choices=ON_DUPLICATE,
+        default="replace",
+        help="what adding a stored id does (replace)",
     )
-    parser.add_argument("--clear", choices=CLEAR, default="all", help="what clearing clears (all)")
+    parser.add_argument("--clear", choices=CLEAR, default="all", help="what clearing deletes (all)")
     parser.add_argument("--bus-powered", action="store_true", help="it loses power when its last host detaches")
     parser.add_argument(
         "--partial-writes", action="store_true", help="losing power leaves a part of what is being stored"
@@ -76,10 +78,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="a bad line, but for --usbip: drop=0.01,delay=0.1 and more",
     )
     parser.add_argument(
-        "--state", type=_state, metavar="FILE", help="load what is stored from it, and save it at the end"
+        "--state", type=_state, metavar="FILE", help="load what is stored from it, and save every change to it"
     )
     parser.add_argument(
-        "--script", type=_script, default=[], metavar="FILE", help="what people do to it, such as: 1.5 press 3"
+        "--script",
+        type=_script,
+        default=[],
+        metavar="FILE",
+        help="what people do to the board, such as: 1.5 press 3",
     )
 
 
@@ -95,9 +101,9 @@ def run(args: argparse.Namespace) -> int:
         partial_writes=args.partial_writes,
         bus_powered=args.bus_powered,
     )
-    pushed = {deed.servo_id for deed in args.script if isinstance(deed, Push)}
-    if strangers := sorted(pushed - board.servos.keys()):
-        usage_error(args, f"--script pushes servo {strangers[0]}, and the board has {args.servos} servos")
+    pushed = {event.servo_id for event in args.script if isinstance(event, Push)}
+    if unknown := sorted(pushed - board.servos.keys()):
+        usage_error(args, f"--script pushes servo {unknown[0]}, and the board has {args.servos} servos")
     if args.state:
         load_state(board, args.state)
     try:
@@ -110,11 +116,11 @@ def run(args: argparse.Namespace) -> int:
 
 async def _serve(board: VirtualBoard, args: argparse.Namespace) -> None:
     stop = _stop_on_signals()
-    said = args.pty or args.tcp or args.usbip
-    pty = args.pty or (AVAILABLE and not said)
-    tcp = args.tcp or (None if pty or said else "127.0.0.1:0")
+    is_chosen = args.pty or args.tcp or args.usbip
+    pty = args.pty or (AVAILABLE and not is_chosen)
+    tcp = args.tcp or (None if pty or is_chosen else "127.0.0.1:0")
     if args.state:
-        StateSaver(board, args.state)
+        StateSaver(board, args.state)  # until the loop ends
     async with serve(board, pty=pty, tcp=tcp, usbip=args.usbip, faults=args.faults, seed=args.seed) as urls:
         with _announced(urls, args.servos), _playing(board, args.script), _keyboard(board):
             for url in urls:
@@ -123,7 +129,7 @@ async def _serve(board: VirtualBoard, args: argparse.Namespace) -> None:
 
 
 def _announced(urls: list[str], servos: int) -> AbstractContextManager[None]:
-    """Let the board be found, once, at the address that takes several hosts if there is one."""
+    """Announce the board, so that `servolink list` finds it: once, at the address for several hosts if there is one."""
     reachable = [url for scheme in ("tcp://", "serial://") for url in urls if url.startswith(scheme)]
     return announced(DeviceInfo(reachable[0], f"virtual board with {servos} servos")) if reachable else nullcontext()
 
@@ -145,11 +151,11 @@ def _stop_on_signals() -> asyncio.Event:
 
 
 @contextmanager
-def _playing(board: VirtualBoard, deeds: Iterable[Deed]) -> Iterator[None]:
-    """Let people do what a script says, counted from now."""
+def _playing(board: VirtualBoard, events: Iterable[Event]) -> Iterator[None]:
+    """Play the events of a script, with times from now on."""
     loop = asyncio.get_running_loop()
     start = loop.time()
-    timers = [loop.call_at(start + deed.at, _do, board, deed) for deed in deeds]
+    timers = [loop.call_at(start + event.at, _apply, board, event) for event in events]
     try:
         yield
     finally:
@@ -157,26 +163,26 @@ def _playing(board: VirtualBoard, deeds: Iterable[Deed]) -> Iterator[None]:
             timer.cancel()
 
 
-def _do(board: VirtualBoard, deed: Deed) -> None:
+def _apply(board: VirtualBoard, event: Event) -> None:
     now = asyncio.get_running_loop().time()
-    if isinstance(deed, Push):
-        if board.servos[deed.servo_id].is_hold:
-            print(f"servolink: servo {deed.servo_id} is held and is not pushed at {deed.at:g} s", file=sys.stderr)
-        board.push_servo(deed.servo_id, deed.degree, now)
-    elif deed.down:
-        board.press_button(deed.button_id, now)
+    if isinstance(event, Push):
+        if board.servos[event.servo_id].is_hold:
+            print(f"servolink: servo {event.servo_id} is held and is not pushed at {event.at:g} s", file=sys.stderr)
+        board.push_servo(event.servo_id, event.degree, now)
+    elif event.down:
+        board.press_button(event.button_id, now)
     else:
-        board.release_button(deed.button_id, now)
+        board.release_button(event.button_id, now)
 
 
 @contextmanager
 def _keyboard(board: VirtualBoard) -> Iterator[None]:
-    """Let keys press buttons."""
+    """Press buttons with keys, if standard input is a terminal."""
     keys = Keys()
 
     def typed(text: str) -> None:
         for change in keys.typed(text):
-            asyncio.get_running_loop().call_later(change.at, _do, board, change)
+            asyncio.get_running_loop().call_later(change.at, _apply, board, change)
 
     with single_keys(typed) as there:
         if there:
@@ -200,18 +206,18 @@ def _faults(text: str) -> Faults:
 
 
 def _state(text: str) -> Path:
-    """Read where to save, and look now whether that will be possible: at the end it is too late."""
+    """Return the path. Check now that saving will be possible, as nothing is lost yet."""
     path = Path(text)
     folder = Path(os.path.realpath(path)).parent
     if not folder.is_dir():
-        raise argparse.ArgumentTypeError(f"{text}: {folder} is no folder; make it, or take another name")
+        raise argparse.ArgumentTypeError(f"{text}: the folder {folder} does not exist; create it, or take another name")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise argparse.ArgumentTypeError(f"{text}: nothing can be written into {folder}; take another folder")
+        raise argparse.ArgumentTypeError(f"{text}: the folder {folder} cannot be written; take another one")
     return path
 
 
-def _script(text: str) -> list[Deed]:
+def _script(text: str) -> list[Event]:
     try:
         return parse_script(read_file(Path(text), MIB).decode())
     except (OSError, ValueError) as error:
-        raise argparse.ArgumentTypeError(f"{escape(text)}: {escape(reason(error))}") from None
+        raise argparse.ArgumentTypeError(f"{text}: {reason(error)}") from None

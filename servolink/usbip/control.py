@@ -19,16 +19,16 @@ from servolink.usbip.descriptors import (
 from servolink.usbip.endpoint import Endpoint
 
 STALL = None
-"""The answer to a request that the device does not know."""
+"""The response to a request that the device does not know."""
 _OK = b""
 _TO_DEVICE, _TO_INTERFACE, _TO_ENDPOINT = range(3)
 _FROM_DEVICE, _FROM_INTERFACE, _FROM_ENDPOINT = range(0x80, 0x83)
-_KIND, _CLASS = 0x60, 0x20  # bits that tell standard requests from those of a class
+_KIND, _CLASS = 0x60, 0x20  # bits that distinguish standard requests from those of a class
 _GET_STATUS, _CLEAR_FEATURE, _SET_FEATURE = 0, 1, 3
 _GET_DESCRIPTOR, _GET_CONFIGURATION, _SET_CONFIGURATION, _GET_INTERFACE, _SET_INTERFACE = 6, 8, 9, 10, 11
 _ENDPOINT_HALT = 0
 _SELF_POWERED = b"\1\0"
-_INPUT, _OUTPUT = 1, 2  # kinds of report
+_INPUT, _OUTPUT = 1, 2  # types of reports
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Setup:
     """The eight bytes that begin a control transfer."""
 
     kind: int
-    """bmRequestType: direction, standard or class, and to whom."""
+    """bmRequestType: direction, standard or class, and recipient."""
     request: int
     value: int
     index: int
@@ -44,20 +44,20 @@ class Setup:
 
     @classmethod
     def parse(cls, data: bytes) -> Self:
-        """Read the eight bytes."""
+        """Return the setup in eight bytes."""
         return cls(*struct.unpack("<BBHHH", data))
 
 
-Answer: TypeAlias = Callable[[Setup, bytes], bytes | None]
+Handler: TypeAlias = Callable[[Setup, bytes], bytes | None]
 
 
 class Control:
-    """Answers control requests; what the host sets is kept and given back."""
+    """Responds to control requests. Values that the host sets are stored and returned, without other effects."""
 
     def __init__(
         self, serial_number: str, endpoints: Mapping[int, Endpoint], take_report: Callable[[bytes], None]
     ) -> None:
-        """Serve a device with `endpoints`, by address; an output report goes to `take_report`."""
+        """Serve a device with `endpoints`, by address; output reports go to `take_report`."""
         self._descriptors = device_descriptors(serial_number)
         self._hid_descriptors = hid_descriptors()
         self._endpoints = endpoints
@@ -66,7 +66,7 @@ class Control:
         self._line_coding = struct.pack("<IBBB", 115200, 0, 0, 8)
         self._idle = b"\0"
         self._protocol = b"\1"  # that of the report descriptor
-        self._standard: dict[tuple[int, int], Answer] = {
+        self._standard: dict[tuple[int, int], Handler] = {
             (_FROM_DEVICE, _GET_STATUS): lambda *_: _SELF_POWERED,
             (_FROM_INTERFACE, _GET_STATUS): lambda *_: b"\0\0",
             (_FROM_ENDPOINT, _GET_STATUS): self._endpoint_status,
@@ -79,11 +79,11 @@ class Control:
             (_FROM_INTERFACE, _GET_INTERFACE): lambda setup, _: b"\0" if setup.index in INTERFACE_CLASSES else STALL,
             (_TO_INTERFACE, _SET_INTERFACE): self._set_interface,
         }
-        self._of_class: dict[int, dict[tuple[int, int], Answer]] = {
+        self._of_class: dict[int, dict[tuple[int, int], Handler]] = {
             CDC_CONTROL: {
                 (_TO_INTERFACE, 0x20): self._set_line_coding,
                 (_FROM_INTERFACE, 0x21): lambda *_: self._line_coding,
-                (_TO_INTERFACE, 0x22): lambda *_: _OK,  # DTR and RTS: the board speaks when it is asked
+                (_TO_INTERFACE, 0x22): lambda *_: _OK,  # DTR and RTS: the board responds in any case
                 (_TO_INTERFACE, 0x23): lambda *_: _OK,  # a break
             },
             HID: {
@@ -96,14 +96,14 @@ class Control:
             },
         }
 
-    def answer(self, setup: bytes, data: bytes) -> bytes | None:
-        """Return what a request brings, nothing if it only does something, STALL if the device does not know it."""
-        asked = Setup.parse(setup)
-        of_class = asked.kind & _KIND == _CLASS
-        known = self._of_class.get(asked.index, {}) if of_class else self._standard
-        answer = known.get((asked.kind & ~_KIND if of_class else asked.kind, asked.request))
-        brought = STALL if answer is None else answer(asked, data)
-        return None if brought is None else brought[: asked.length]
+    def respond(self, setup: bytes, data: bytes) -> bytes | None:
+        """Return the data for a request, empty if it has none, or STALL if the device does not know the request."""
+        request = Setup.parse(setup)
+        of_class = request.kind & _KIND == _CLASS
+        known = self._of_class.get(request.index, {}) if of_class else self._standard
+        handler = known.get((request.kind & ~_KIND if of_class else request.kind, request.request))
+        response = STALL if handler is None else handler(request, data)
+        return None if response is None else response[: request.length]
 
     def _endpoint_status(self, setup: Setup, _: bytes) -> bytes | None:
         endpoint = self._endpoints.get(setup.index)

@@ -1,8 +1,7 @@
-"""What the device says of itself: USB 2.0 chapter 9, CDC 1.2 and its PSTN 1.2 subclass, HID 1.11.
+"""Descriptors of the device: USB 2.0 chapter 9, CDC 1.2 and its PSTN 1.2 subclass, HID 1.11.
 
-A full-speed device, as the microcontrollers on such boards are, with three functions that all lead to the same
-board: a serial port (CDC-ACM), a HID interface with 64-byte reports and no report ids, and a vendor interface with
-a bulk pair.
+A full-speed device, like the microcontrollers on such boards, with three functions that all lead to the same board: a
+serial port (CDC-ACM), a HID interface with 64-byte reports and no report ids, and a vendor interface with a bulk pair.
 """
 
 from __future__ import annotations
@@ -10,10 +9,10 @@ from __future__ import annotations
 import struct
 
 VENDOR_ID, PRODUCT_ID = 0x1209, 0x0001
-"""pid.codes sets this pair aside for tests: real boards never have it."""
+"""The pair that pid.codes reserves for tests: no product has it."""
 VERSION = 0x0100
 FULL_SPEED = 2
-"""As USB/IP numbers it."""
+"""The number of this speed in USB/IP."""
 PACKET = 64
 """Bytes in a packet, and in a HID report."""
 CONFIGURATION = 1
@@ -21,7 +20,7 @@ MISCELLANEOUS = (0xEF, 0x02, 0x01)
 """The class of a device whose functions may span several interfaces."""
 
 CDC_CONTROL, CDC_DATA, HID, VENDOR = range(4)
-"""The interfaces."""
+"""The numbers of the interfaces."""
 INTERFACE_CLASSES = {
     CDC_CONTROL: (0x02, 0x02, 0x00),
     CDC_DATA: (0x0A, 0x00, 0x00),
@@ -53,7 +52,7 @@ _LONGEST_STRING = 126  # UTF-16 units
 
 
 def device_descriptors(serial_number: str) -> dict[int, bytes]:
-    """Return the descriptors that GET_DESCRIPTOR gives, by its wValue: type and index."""
+    """Return the descriptors for GET_DESCRIPTOR, by its wValue: type and index."""
     texts = {_MANUFACTURER: "servolink", _PRODUCT: "Virtual servo board", _SERIAL_NUMBER: serial_number}
     texts |= dict(_NAMES.values())
     return {
@@ -65,7 +64,7 @@ def device_descriptors(serial_number: str) -> dict[int, bytes]:
 
 
 def hid_descriptors() -> dict[int, bytes]:
-    """Return the descriptors that the HID interface gives, by wValue."""
+    """Return the descriptors of the HID interface, by wValue."""
     return {_HID << 8: _hid(), _REPORT << 8: REPORT}
 
 

@@ -1,4 +1,4 @@
-"""The USB device: URBs go in and come back done, as a host controller would have moved them."""
+"""The USB device: takes URBs from a host and returns each when it is completed, as a host controller does."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from servolink.usbip.descriptors import (
 )
 from servolink.usbip.endpoint import (
     DONE,
-    NO_ANSWER,
+    NO_RESPONSE,
     STALLED,
     UNLINKED,
     Complete,
@@ -28,39 +28,39 @@ from servolink.usbip.endpoint import (
     Urb,
 )
 
-ENOUGH = 64 * 1024
-"""Bytes that wait for the host to fetch them, at which no more is taken from it."""
-MOST_WAITING = 1024 * 1024
-"""Bytes that may wait for the host; what would be more is lost."""
+MAX_UNREAD = 64 * 1024
+"""Bytes that wait for the host to fetch them, at which its requests have to wait."""
+MAX_WAITING = 1024 * 1024
+"""Bytes that may wait for the host; data beyond that is lost."""
 
 
 class Pipe:
-    """What programs on the host read and write: frames are cut into packets, a transfer for each `send`."""
+    """A pair of endpoints that programs on the host read and write. Each `send` is one transfer of packets."""
 
     def __init__(self, complete: Complete, cut: Callable[[bytes], list[bytes]]) -> None:
-        """Give URBs back to `complete`; `cut` makes packets of what is sent."""
+        """Return URBs to `complete`; `cut` makes packets of the data to be sent."""
         self.to_host = InEndpoint(complete)
         self.from_host = OutEndpoint(complete, self.take, self.ready)
         self.receive: Callable[[bytes], None] = _ignore
-        """Takes what the host sends; must not raise."""
+        """Takes the data that the host sends; must not raise."""
         self._cut = cut
 
     def send(self, data: bytes) -> None:
-        """Send `data` to the host, unless too much waits for it already."""
-        if self.to_host.waiting + len(data) <= MOST_WAITING:
+        """Send `data` to the host; it is lost if MAX_WAITING is exceeded."""
+        if self.to_host.waiting + len(data) <= MAX_WAITING:
             self.to_host.send(self._cut(data))
 
     def take(self, data: bytes) -> None:
-        """Take what the host sent, by whatever way."""
+        """Take data that the host sent, through an endpoint or as a report."""
         self.receive(data)
 
     def ready(self) -> bool:
-        """Tell whether the host is heard: not while it leaves too much unread."""
-        return self.to_host.waiting < ENOUGH
+        """Return whether data is taken from the host: not while it leaves too much unread."""
+        return self.to_host.waiting < MAX_UNREAD
 
 
 def transfers(data: bytes) -> list[bytes]:
-    """Cut `data` as bulk transfers are: the last packet is not full, and empty if need be."""
+    """Cut `data` as a bulk transfer, which ends with a short packet, an empty one if necessary."""
     return [data[at : at + PACKET] for at in range(0, len(data) + 1, PACKET)]
 
 
@@ -70,17 +70,17 @@ def reports(data: bytes) -> list[bytes]:
 
 
 def _ignore(data: bytes) -> None:
-    """Take bytes that nobody asked for."""
+    """Ignore data that nobody receives yet."""
 
 
 _CONTROL_OUT, _CONTROL_IN = 0x00, 0x80
 
 
 class UsbDevice:
-    """One device with three pipes; what they receive and send is the business of whoever has it."""
+    """One device with three pipes; its owner sets what they receive and send."""
 
     def __init__(self, serial_number: str, complete: Complete) -> None:
-        """Give every URB back to `complete`, once, unless it is unlinked."""
+        """Return every URB to `complete`, once, unless it is unlinked."""
         self._complete = complete
         self._outstanding: dict[int, Urb] = {}
         self.serial = Pipe(self._finish, transfers)
@@ -104,16 +104,16 @@ class UsbDevice:
 
     @property
     def outstanding(self) -> int:
-        """How many URBs have not been given back."""
+        """The number of URBs that have not been returned."""
         return len(self._outstanding)
 
     @property
     def held(self) -> int:
-        """Bytes that the host has sent and the device has not taken."""
+        """The bytes that the host has sent and the device has not taken."""
         return sum(len(urb.data) - urb.taken for urb in self._outstanding.values())
 
     def submit(self, urb: Urb) -> None:
-        """Take a URB; DecodeError if one with its number is outstanding, which no host says."""
+        """Take a URB. Raise DecodeError if one with its number is outstanding."""
         if urb.number in self._outstanding:
             raise DecodeError(f"URB {urb.number} is outstanding already")
         self._outstanding[urb.number] = urb
@@ -123,12 +123,12 @@ class UsbDevice:
             self._endpoints[urb.endpoint].submit(urb)
             self.advance()
         else:
-            self._finish(urb, NO_ANSWER)
+            self._finish(urb, NO_RESPONSE)
 
     def unlink(self, number: int) -> int:
-        """Take a URB back for the host and return what became of it: UNLINKED, or DONE if it is given back itself.
+        """Withdraw a URB for the host. Return UNLINKED, or DONE if the URB was or is now returned itself.
 
-        A URB that has moved some bytes is given back with them, as programs do not lose them on a bus either.
+        A URB that has transferred some bytes is returned with them: on a bus, too, programs do not lose them.
         """
         urb = self._outstanding.get(number)
         if urb is None:
@@ -141,20 +141,20 @@ class UsbDevice:
         return UNLINKED
 
     def halt(self, address: int) -> None:
-        """Halt an endpoint, as firmware does that has failed; the host clears it."""
+        """Halt an endpoint, as failed firmware does, until the host clears it."""
         self._endpoints[address].halt()
 
     def advance(self) -> None:
-        """Take what the host sent and what had to wait because a pipe was not ready."""
+        """Take the data that had to wait because a pipe was not ready."""
         for pipe in self.pipes:
             pipe.from_host.advance()
 
     def _transfer_control(self, urb: Urb) -> None:
-        brought = self._control.answer(urb.setup, urb.data)
-        if brought is None:
+        response = self._control.respond(urb.setup, urb.data)
+        if response is None:
             self._finish(urb, STALLED)
             return
-        urb.received += brought[: urb.length]
+        urb.received += response[: urb.length]
         urb.taken = len(urb.data)
         self._finish(urb, DONE)
 

@@ -1,4 +1,4 @@
-"""Endpoints: what a host controller does with the transfers (URBs) it is given, packet by packet."""
+"""Endpoints: how a host controller carries out transfers (URBs), packet by packet."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import TypeAlias
 from servolink.usbip.descriptors import PACKET
 
 DONE = 0
-"""How a URB ends. The numbers are Linux's errors, which USB/IP uses on every system."""
+"""The status of a completed URB. The others are errors of Linux, whose numbers USB/IP uses on every system."""
 STALLED = -32
-NO_ANSWER = -71
+NO_RESPONSE = -71
 OVERFLOW = -75
 UNLINKED = -104
 
@@ -22,22 +22,22 @@ _TOWARDS_HOST = 0x80
 
 @dataclass(slots=True, eq=False)
 class Urb:
-    """A transfer that the host asks for."""
+    """A transfer that the host requests (USB request block)."""
 
     number: int
-    """What the host calls it."""
+    """The number by which the host refers to it."""
     endpoint: int
     """The endpoint's address, with bit 7 for the direction towards the host."""
     length: int
-    """Bytes that the host has room for, or sends."""
+    """The bytes that the host has room for, or sends."""
     setup: bytes = b""
     """The eight bytes that begin a control transfer."""
     data: bytes = b""
-    """What the host sends."""
+    """The data from the host."""
     received: bytearray = field(default_factory=bytearray)
-    """What the host gets."""
+    """The data for the host."""
     taken: int = 0
-    """Bytes of `data` that the device has taken."""
+    """The bytes of `data` that the device has taken."""
 
     @property
     def inward(self) -> bool:
@@ -46,30 +46,30 @@ class Urb:
 
     @property
     def moved(self) -> int:
-        """Bytes that have been transferred."""
+        """The bytes that have been transferred."""
         return len(self.received) if self.inward else self.taken
 
 
 Complete: TypeAlias = Callable[[Urb, int], None]
-"""Gives a URB back to the host, with one of the numbers above."""
+"""Returns a URB to the host, with a status from above."""
 
 
 class Endpoint(ABC):
-    """URBs in the order in which they came."""
+    """An endpoint, with its URBs in the order in which they came."""
 
     def __init__(self, complete: Complete) -> None:
-        """Give finished URBs to `complete`."""
+        """Return completed URBs to `complete`."""
         self._complete = complete
         self._urbs: deque[Urb] = deque()
         self._halted = False
 
     @property
     def halted(self) -> bool:
-        """Whether every URB is answered with STALL."""
+        """Whether every URB is completed with STALL."""
         return self._halted
 
     def halt(self) -> None:
-        """Answer every URB with STALL from now on, those that wait too."""
+        """Complete every URB with STALL from now on, including those that wait."""
         self._halted = True
         while self._urbs:
             self._complete(self._urbs.popleft(), STALLED)
@@ -87,26 +87,26 @@ class Endpoint(ABC):
             self.advance()
 
     def unlink(self, urb: Urb) -> None:
-        """Forget a URB that waits."""
+        """Withdraw a URB that waits."""
         self._urbs.remove(urb)
 
     @abstractmethod
     def advance(self) -> None:
-        """Move the packets that can be moved now."""
+        """Transfer the packets that can be transferred now."""
 
 
 class InEndpoint(Endpoint):
-    """Towards the host: packets wait for URBs, and URBs for packets."""
+    """An endpoint towards the host: packets wait for URBs, and URBs for packets."""
 
     def __init__(self, complete: Complete) -> None:
-        """Give finished URBs to `complete`."""
+        """Return completed URBs to `complete`."""
         super().__init__(complete)
         self.waiting = 0
-        """Bytes that no URB has fetched yet."""
+        """The bytes that no URB has fetched yet."""
         self._packets: deque[bytes] = deque()
 
     def send(self, packets: Iterable[bytes]) -> None:
-        """Let the host fetch `packets`; one that is not full ends a transfer."""
+        """Send `packets`; a short packet ends a transfer."""
         for packet in packets:
             self._packets.append(packet)
             self.waiting += len(packet)
@@ -127,10 +127,10 @@ class InEndpoint(Endpoint):
 
 
 class OutEndpoint(Endpoint):
-    """From the host: packets are taken while the device is ready for them."""
+    """An endpoint from the host: packets are taken while the device is ready for them."""
 
     def __init__(self, complete: Complete, take: Callable[[bytes], None], ready: Callable[[], bool]) -> None:
-        """Give packets to `take` while `ready()`; call `advance` when it becomes true."""
+        """Pass packets to `take` while `ready()` is true; call `advance` when it becomes true."""
         super().__init__(complete)
         self._take = take
         self._ready = ready
@@ -141,7 +141,7 @@ class OutEndpoint(Endpoint):
             urb = self._urbs[0]
             packet = urb.data[urb.taken : urb.taken + PACKET]
             urb.taken += len(packet)
-            if urb.taken == len(urb.data):  # given back first: on a bus no answer can come before
+            if urb.taken == len(urb.data):  # returned first: on a bus no response can come before that
                 self._urbs.popleft()
                 self._complete(urb, DONE)
             if packet:

@@ -1,4 +1,4 @@
-"""The messages of USB/IP: what a host says to a machine that exports devices, and what it is told."""
+"""The messages of USB/IP, between a host and a machine that exports devices."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ OPENING_SIZE = 8
 COMMAND_SIZE = 48
 BUS_ID_SIZE = 32
 LIST, IMPORT = 0x8005, 0x8003
-"""What a host may ask first."""
+"""The requests with which a host can begin."""
 BUS_ID = "1-1"
-"""Where the device is said to be plugged in."""
+"""The port at which the device claims to be plugged in."""
 BUSY, UNKNOWN = 2, 4
-"""Why a device cannot be imported."""
-MOST_DATA = 4 * 1024 * 1024
-"""Bytes that one URB may send."""
+"""Reasons why a device cannot be imported."""
+MAX_DATA = 4 * 1024 * 1024
+"""The bytes that one URB may send."""
 
-_PROTOCOL = 0x0111  # USB/IP 1.1.1, which Linux speaks since 3.17
-_ANSWER = 0x8000  # a request's code less this is its answer's
+_PROTOCOL = 0x0111  # USB/IP 1.1.1, the version of Linux since 3.17
+_RESPONSE = 0x8000  # the code of a response is that of the request less this
 _SUBMIT, _UNLINK, _SUBMITTED, _UNLINKED = 1, 2, 3, 4
 _INWARD = 0x80
 _OPENING = struct.Struct(">HHI")
@@ -42,40 +42,40 @@ _UNLINKED_REST = struct.Struct(">i24x")
 
 
 class Unlink(NamedTuple):
-    """The host wants a URB back."""
+    """A request to withdraw a URB."""
 
     number: int
     urb: int
 
 
 def parse_opening(data: bytes) -> int:
-    """Return what the host asks first; DecodeError if it speaks another version."""
+    """Return the code of the first request. Raise DecodeError if the host speaks another version."""
     version, code, _ = _OPENING.unpack(data)
     if version != _PROTOCOL:
-        raise DecodeError(f"USB/IP version {version:#06x}, where {_PROTOCOL:#06x} is spoken", data)
+        raise DecodeError(f"the USB/IP version must be {_PROTOCOL:#06x}, not {version:#06x}", data)
     return int(code)
 
 
 def device_list() -> bytes:
-    """Answer a request for the list of devices."""
+    """Return the response to a request for the list of devices."""
     interfaces = b"".join(bytes((*INTERFACE_CLASSES[number], 0)) for number in sorted(INTERFACE_CLASSES))
-    return _OPENING.pack(_PROTOCOL, LIST - _ANSWER, 0) + struct.pack(">I", 1) + _device() + interfaces
+    return _OPENING.pack(_PROTOCOL, LIST - _RESPONSE, 0) + struct.pack(">I", 1) + _device() + interfaces
 
 
 def import_granted() -> bytes:
-    """Answer a request for the device: it is the host's until the connection ends."""
-    return _OPENING.pack(_PROTOCOL, IMPORT - _ANSWER, 0) + _device()
+    """Return the response that gives the host the device until the connection ends."""
+    return _OPENING.pack(_PROTOCOL, IMPORT - _RESPONSE, 0) + _device()
 
 
 def import_refused(reason: int) -> bytes:
-    """Answer a request for a device that cannot be had."""
-    return _OPENING.pack(_PROTOCOL, IMPORT - _ANSWER, reason)
+    """Return the response that refuses a device for a `reason`."""
+    return _OPENING.pack(_PROTOCOL, IMPORT - _RESPONSE, reason)
 
 
 def parse_command(data: bytes) -> Urb | Unlink:
-    """Read a command of a host that has the device; DecodeError for what no host says.
+    """Return the command of a host that has the device. Raise DecodeError for one that no host sends.
 
-    What a URB sends follows: `length` bytes if it goes out.
+    The data of an outgoing URB follows the command: `length` bytes.
     """
     command, number, _, direction, endpoint = _HEADER.unpack_from(data)
     rest = data[_HEADER.size :]
@@ -83,21 +83,21 @@ def parse_command(data: bytes) -> Urb | Unlink:
         return Unlink(number, int.from_bytes(rest[:4], "big"))
     _, length, _, packets, _, setup = _SUBMIT_REST.unpack(rest)
     if command != _SUBMIT or direction > 1 or endpoint >= _INWARD:
-        raise DecodeError(f"USB/IP command {command}, direction {direction}, endpoint {endpoint}: there is none", data)
+        raise DecodeError(f"USB/IP command {command}, direction {direction}, endpoint {endpoint} do not exist", data)
     if packets > 0:
-        raise DecodeError("an isochronous transfer, for which the device has no endpoint", data)
-    if length < 0 or (not direction and length > MOST_DATA):
-        raise DecodeError(f"a transfer of {length} bytes, where 0..{MOST_DATA} are taken", data)
+        raise DecodeError("the device has no endpoint for an isochronous transfer", data)
+    if length < 0 or (not direction and length > MAX_DATA):
+        raise DecodeError(f"a transfer must have 0..{MAX_DATA} bytes, not {length}", data)
     return Urb(number, endpoint | _INWARD if direction else endpoint, length, setup)
 
 
 def submitted(urb: Urb, status: int) -> bytes:
-    """Give a URB back."""
+    """Return the message that returns a completed URB."""
     return _HEADER.pack(_SUBMITTED, urb.number, 0, 0, 0) + _RESULT_REST.pack(status, urb.moved, 0, 0, 0) + urb.received
 
 
 def unlinked(unlink: Unlink, status: int) -> bytes:
-    """Tell what became of a URB that the host wanted back."""
+    """Return the message with the status of a URB that the host withdrew."""
     return _HEADER.pack(_UNLINKED, unlink.number, 0, 0, 0) + _UNLINKED_REST.pack(status)
 
 

@@ -15,33 +15,33 @@ from servolink.usbip.descriptors import HID_IN
 from servolink.usbip.device import UsbDevice
 from servolink.usbip.endpoint import Urb
 
-MOST_OUTSTANDING = 4096
-"""URBs that a host may have under way; Linux's drivers have some dozens."""
-MOST_HELD = 16 * 1024 * 1024
-"""Bytes that a host may have sent and the device not taken; as many as Linux gives all its USB programs."""
+MAX_OUTSTANDING = 4096
+"""The URBs that a host may have outstanding; the drivers of Linux have some dozens."""
+MAX_HELD = 16 * 1024 * 1024
+"""The bytes of a host that the device has not taken yet; Linux allows all its USB programs as many."""
 
 HID_INTERVAL = 0.001
-"""Seconds between two reports, as the descriptor of their endpoint has it."""
+"""Seconds between two reports, as in the descriptor of their endpoint."""
 
-_OPENING_LIMIT = 10.0  # seconds for a host to say what it wants
+_OPENING_LIMIT = 10.0  # seconds for the first request of a host
 
 
 class Conversation:
-    """A host that has the device, at the other end of a connection."""
+    """The conversation with a host that has the device."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, serial_number: str) -> None:
-        """Plug a device with `serial_number` into the host."""
-        self.device = UsbDevice(serial_number, self._give_back)
+        """Plug a new device with `serial_number` into the host."""
+        self.device = UsbDevice(serial_number, self._return_urb)
         self._reader = reader
         self._writer = writer
         self._reports: deque[bytes] = deque()  # to the host, which polls for them
         self._poll: asyncio.TimerHandle | None = None
 
     async def serve(self) -> None:
-        """Obey until the connection ends, by an OSError or EOFError, or DecodeError for what no host says."""
+        """Carry out commands until the connection ends: raise OSError or EOFError, or DecodeError for a wrong one."""
         try:
             while True:
-                self._obey(await self._command())
+                self._carry_out(await self._command())
                 await self._writer.drain()
         finally:
             self._end_polling()
@@ -52,21 +52,21 @@ class Conversation:
             command.data = await self._reader.readexactly(command.length)
         return command
 
-    def _obey(self, command: Urb | messages.Unlink) -> None:
+    def _carry_out(self, command: Urb | messages.Unlink) -> None:
         if isinstance(command, messages.Unlink):
             status = self.device.unlink(command.urb)
-            self._end_polling()  # what is given back comes before what is told of it
+            self._end_polling()  # the returned URBs come before the message about them
             self._write(messages.unlinked(command, status))
             return
         self.device.submit(command)
-        if self.device.outstanding > MOST_OUTSTANDING or self.device.held > MOST_HELD:
-            raise DecodeError(f"{self.device.outstanding} transfers with {self.device.held} bytes are under way")
+        if self.device.outstanding > MAX_OUTSTANDING or self.device.held > MAX_HELD:
+            raise DecodeError(f"too much is outstanding: {self.device.outstanding} URBs with {self.device.held} bytes")
 
-    def _give_back(self, urb: Urb, status: int) -> None:
+    def _return_urb(self, urb: Urb, status: int) -> None:
         if urb.endpoint != HID_IN:
             self._write(messages.submitted(urb, status))
             return
-        # A bus brings a report each millisecond; all at once they would overrun the 64 for which Linux has room.
+        # A bus transfers one report each millisecond. All at once, they would overrun the 64 for which Linux has room.
         self._reports.append(messages.submitted(urb, status))
         if self._poll is None:
             self._fetch_report()
@@ -108,7 +108,7 @@ class UsbIpServer:
         return self._host is not None
 
     def unplug(self) -> None:
-        """Pull the plug: the host loses the device at once; it, or another, may attach it again."""
+        """Pull the plug: the host loses the device at once. Any host can attach it again."""
         if self._host is not None:
             self._host.transport.abort()
 
@@ -122,14 +122,14 @@ class UsbIpServer:
                 with self._use(conversation.device):
                     await conversation.serve()
         except (DecodeError, OSError, EOFError):
-            return  # how every conversation ends, also with a host that says what no host says
+            return  # the usual end of a conversation, and that of one with something else than a host
         finally:
             if self._host is writer:
                 self._host = None
             writer.transport.abort()
 
     async def _welcome(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Answer what a host asks first: for the list, or for the device, which it then has."""
+        """Respond to the first request of a host: for the list, or for the device, which it then has."""
         code = messages.parse_opening(await reader.readexactly(messages.OPENING_SIZE))
         if code == messages.IMPORT:
             bus_id = (await reader.readexactly(messages.BUS_ID_SIZE)).rstrip(b"\0")

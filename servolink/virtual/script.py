@@ -1,31 +1,31 @@
-"""What people do to a board, written as text: `1.5 press 3`, one a line, seconds since the start, word, button id.
+"""Scripts: what people do to a board, as text with one event a line.
 
-`press` goes down and up again, `long` stays down long enough for a long press, `down` and `up` are one half.
-`2.0 push 1 45` turns servo 1, which must be limp, to 45 degrees by hand.
-Empty lines and what follows a `#` are skipped.
+`1.5 press 3` presses button 3 for a moment, 1.5 seconds after the start. `long` keeps it down long enough for a long
+press; `down` and `up` are one half each. `2.0 push 1 45` turns servo 1, which must be released, to 45 degrees by hand.
+Empty lines and anything behind a `#` are skipped.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from servolink.escaping import quote
 from servolink.virtual.buttons import LONG_PRESS_AFTER
+from servolink.virtual.hardware import MAX_SERVOS
 
 SHORT = 0.1
 """Seconds that `press` keeps the button down."""
 LONG = LONG_PRESS_AFTER + 0.4
 """Seconds that `long` keeps the button down."""
 
-_HIGHEST_ID = 0xFFFF_FFFF
-_MAX_SERVOS = 254
-_LONGEST = 1e6
+_MAX_BUTTON_ID = 0xFFFF_FFFF
+_MAX_SECONDS = 1e6
 _WORDS = {"press": SHORT, "long": LONG, "down": None, "up": None}
 
 
 class ButtonChange(NamedTuple):
-    """A button goes down or up."""
+    """A button goes down or up; `at` is in seconds."""
 
     at: float
     button_id: int
@@ -33,54 +33,55 @@ class ButtonChange(NamedTuple):
 
 
 class Push(NamedTuple):
-    """A servo is turned by hand."""
+    """A servo is turned by hand; `at` is in seconds."""
 
     at: float
     servo_id: int
     degree: int
 
 
-Deed = ButtonChange | Push
+Event: TypeAlias = ButtonChange | Push
 
 
 def presses(at: float, word: str, button_id: int) -> list[ButtonChange]:
-    """Return the changes that `word` stands for; KeyError for an unknown word."""
+    """Return the changes that `word` stands for. Raise KeyError for an unknown word."""
     held = _WORDS[word]
     if held is None:
         return [ButtonChange(at, button_id, down=word == "down")]
     return [ButtonChange(at, button_id, down=True), ButtonChange(at + held, button_id, down=False)]
 
 
-def parse_script(text: str) -> list[Deed]:
-    """Return what is done in order of time; ValueError names the line that says nothing."""
-    deeds: list[Deed] = []
+def parse_script(text: str) -> list[Event]:
+    """Return the events of a script in the order of time. Raise ValueError with the number of a wrong line."""
+    events: list[Event] = []
     for number, line in enumerate(text.splitlines(), 1):
         words = line.partition("#")[0].split()
         if words:
-            deeds += _line(number, words)
-    return sorted(deeds, key=tuple)
+            events += _line(number, words)
+    return sorted(events, key=tuple)
 
 
-def _line(number: int, words: list[str]) -> Sequence[Deed]:
+def _line(number: int, words: list[str]) -> Sequence[Event]:
     try:
-        deeds, highest = _deeds(words)
+        events, highest = _events(words)
     except (ValueError, KeyError):
         raise ValueError(
             f"line {number}: {quote(' '.join(words))} must be like '1.5 press 3' ({', '.join(_WORDS)}) "
             "or '2.0 push 1 45'"
         ) from None
-    if not (0 <= deeds[0].at <= _LONGEST and 0 <= deeds[0][1] <= highest):
-        raise ValueError(f"line {number}: time or id is out of range")
-    return deeds
+    if not (0 <= events[0].at <= _MAX_SECONDS and 0 <= events[0][1] <= highest):
+        limits = f"the time must be 0..{_MAX_SECONDS:.0f} s, the id 0..{highest}"
+        raise ValueError(f"line {number}: {quote(' '.join(words))} is out of range; {limits}")
+    return events
 
 
-def _deeds(words: list[str]) -> tuple[Sequence[Deed], int]:
-    """Return what a line says, and the highest id that it may name."""
+def _events(words: list[str]) -> tuple[Sequence[Event], int]:
+    """Return the events of a line, and the highest id that it may name."""
     if len(words) > 1 and words[1] == "push":
         at, _, servo_id, degree = words
-        return [Push(float(at), int(servo_id), int(degree))], _MAX_SERVOS
+        return [Push(float(at), int(servo_id), int(degree))], MAX_SERVOS
     at, word, button = words
-    return presses(float(at), word, int(button)), _HIGHEST_ID
+    return presses(float(at), word, int(button)), _MAX_BUTTON_ID
 
 
 HELP = "keys: 0-9 press that button, l then 0-9 hold it for a long press, Ctrl-C ends"
@@ -90,11 +91,11 @@ class Keys:
     """Turns typed characters into button changes."""
 
     def __init__(self) -> None:
-        """Begin with no `l` typed."""
+        """Start with no `l` typed."""
         self._word = "press"
 
     def typed(self, text: str) -> list[ButtonChange]:
-        """Return what `text` does, in seconds from now; other keys do nothing."""
+        """Return the changes that `text` causes, in seconds from now; other keys have no effect."""
         changes: list[ButtonChange] = []
         for key in text:
             if key in "0123456789":

@@ -1,4 +1,4 @@
-"""One servo: where it is, what it draws, how warm it is."""
+"""One servo: its angle, the current it draws, its temperature."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from servolink.protocol.servos import ServoState
 DEGREES, ADC = 0, 1
 """Values of `Servo.unit`."""
 LOWEST, HIGHEST = -180.0, 180.0
-"""Where the servo's stops are, degrees; it goes no further."""
+"""The mechanical stops, degrees."""
 
 _ADC_CENTRE, _ADC_PER_DEGREE, _ADC_HIGHEST = 2048, 4096 / 360, 4095
-_LIMP, _HOLDING, _MOVING, _PER_SPEED, _MOST = 3.0, 40.0, 120.0, 0.8, 900.0  # current, raw ADC; speed in degrees/s
-_AMBIENT, _WARMTH, _WARMING = 250.0, 0.4, 60.0  # raw ADC (10 a degree Celsius); per current; time constant in seconds
+_LIMP, _HOLDING, _MOVING, _MAX_CURRENT = 3.0, 40.0, 120.0, 900.0  # current, raw ADC
+_PER_SPEED = 0.8  # current for each degree/s
+_AMBIENT, _WARMTH = 250.0, 0.4  # temperature, raw ADC (10 for each degree Celsius), and how much a current adds to it
+_WARMING = 60.0  # seconds, the time constant
 
 
 def to_degrees(adc: int) -> float:
@@ -35,10 +37,10 @@ class _Motion:
 
 
 class Servo:
-    """A servo that goes to an angle in a straight line over a time."""
+    """A servo that moves to an angle at constant speed."""
 
     def __init__(self, servo_id: int, angle: float, friction: float) -> None:
-        """Stand still at `angle` (degrees); `friction` (about 1) makes servos differ in what they draw."""
+        """Start at rest at `angle` (degrees). `friction`, about 1, multiplies the current, so that servos differ."""
         self.servo_id = servo_id
         self.angle = angle
         self.unit = DEGREES
@@ -52,18 +54,18 @@ class Servo:
 
     @property
     def moving(self) -> bool:
-        """Whether it is on its way."""
+        """Whether it is moving."""
         return self._motion is not None
 
     @property
     def current(self) -> float:
-        """What it draws now, raw ADC."""
+        """The current it draws now, raw ADC."""
         if self._motion is not None:
-            return min(_MOST, (_MOVING + _PER_SPEED * abs(self._motion.speed)) * self._friction)
+            return min(_MAX_CURRENT, (_MOVING + _PER_SPEED * abs(self._motion.speed)) * self._friction)
         return _HOLDING * self._friction if self.is_hold else _LIMP
 
     def state(self) -> ServoState:
-        """Return what the board reports of it, the angle in its unit."""
+        """Return the state that the board reports, with the angle in the servo's unit."""
         angle = round(self.angle) if self.unit == DEGREES else to_adc(self.angle)
         return ServoState(
             servo_id=self.servo_id,
@@ -76,12 +78,12 @@ class Servo:
         )
 
     def advance(self, now: float) -> None:
-        """Let it move, draw and warm up until `now`; the result does not depend on how often this is called."""
+        """Bring angle, charge and temperature up to `now`; the result does not depend on how often this is called."""
         if self._motion is not None and self._motion.end <= now:
-            arrived = self._motion
-            self._pass(arrived.end)
-            self.angle, self._motion = arrived.target, None
-        self._pass(now)
+            motion = self._motion
+            self._elapse(motion.end)
+            self.angle, self._motion = motion.target, None
+        self._elapse(now)
 
     def take_charge(self) -> float:
         """Return the charge drawn since the last call, current (raw ADC) times seconds."""
@@ -89,7 +91,7 @@ class Servo:
         return charge
 
     def move(self, target: int, duration: float, now: float) -> None:
-        """Begin to go to `target` (in its unit) in `duration` seconds, unless it is stopped or released."""
+        """Start a move to `target` (in the servo's unit) in `duration` seconds. No effect if stopped or released."""
         if not (self.is_start and self.is_hold):
             return
         self.advance(now)
@@ -101,22 +103,22 @@ class Servo:
             self.angle, self._motion = angle, None
 
     def set_flags(self, is_start: int, is_hold: int, now: float) -> None:
-        """Start or stop, hold or release; a servo that is stopped or released ends its motion where it is."""
+        """Start or stop, hold or release. A servo that is stopped or released ends its motion where it is."""
         self.advance(now)
         self.is_start, self.is_hold = is_start, is_hold
         if not (is_start and is_hold):
             self._motion = None
 
     def push(self, angle: float) -> None:
-        """Be turned by hand to `angle` (degrees), as far as the stops go; only a limp servo gives way."""
+        """Turn it by hand to `angle` (degrees), up to the stops. No effect while it is held."""
         if not self.is_hold:
             self.angle = max(LOWEST, min(HIGHEST, angle))
 
     def switch(self, *, on: bool) -> None:
-        """Get power, and hold where it is, or lose it, and be limp; either way it is as new but for where it is."""
+        """Switch the power on, which holds the angle, or off, which releases it. Everything but the angle is reset."""
         self.unit, self.is_start, self.is_hold, self._motion = DEGREES, 1, int(on), None
 
-    def _pass(self, until: float) -> None:
+    def _elapse(self, until: float) -> None:
         elapsed = 0.0 if self._now is None else until - self._now
         if elapsed < 0:
             return

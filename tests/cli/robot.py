@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import pytest
 
-from servolink.cli.virtual import _do
+from servolink.cli.virtual import _apply
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import OpenError
@@ -49,7 +49,7 @@ class Robot:
     def script(self, text: str) -> None:
         """Do what a script for `servolink virtual` says."""
         for deed in parse_script(text):
-            self.at(deed.at, functools.partial(_do, self.board, deed))
+            self.at(deed.at, functools.partial(_apply, self.board, deed))
 
     def unplug(self) -> None:
         """Take the board away."""

@@ -7,7 +7,7 @@ from contextlib import suppress
 
 from servolink.errors import DecodeError
 from servolink.usbip import messages
-from servolink.usbip.device import MOST_WAITING, UsbDevice
+from servolink.usbip.device import MAX_WAITING, UsbDevice
 from servolink.usbip.endpoint import Urb
 from servolink.usbip.messages import COMMAND_SIZE, OPENING_SIZE
 from servolink.virtual.board import VirtualBoard
@@ -33,7 +33,7 @@ def plug_in(data: bytes) -> None:
             submitted += _obey(device, cursor)
         except DecodeError:
             break
-        assert all(pipe.to_host.waiting <= MOST_WAITING for pipe in device.pipes)
+        assert all(pipe.to_host.waiting <= MAX_WAITING for pipe in device.pipes)
     assert len(given_back) + device.outstanding <= submitted
 
 

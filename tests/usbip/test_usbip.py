@@ -240,10 +240,10 @@ def command(kind: int, direction: int, endpoint: int, length: int, packets: int 
         command(1, 0, 200, 0),
         command(1, 0, 1, -1),
         command(1, 1, 4, -5),
-        command(1, 0, 1, messages.MOST_DATA + 1),
+        command(1, 0, 1, messages.MAX_DATA + 1),
         command(1, 1, 4, 64, packets=8),
         submit(5, BULK_IN, 64) * 2,
-        b"".join(submit(number, BULK_IN, 64) for number in range(server.MOST_OUTSTANDING + 1)),
+        b"".join(submit(number, BULK_IN, 64) for number in range(server.MAX_OUTSTANDING + 1)),
     ],
     ids=["command", "direction", "endpoint", "length", "room", "too-long", "isochronous", "number", "too-many"],
 )
@@ -264,7 +264,7 @@ def test_a_host_that_says_what_no_host_says_is_disconnected_and_the_next_one_ser
 
 
 def test_a_host_that_sends_and_never_reads_is_disconnected_at_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "MOST_HELD", 100_000)
+    monkeypatch.setattr(server, "MAX_HELD", 100_000)
 
     async def main() -> None:
         async with exported(VirtualBoard(servos=254)) as (place, usbip), attached(*place) as host:

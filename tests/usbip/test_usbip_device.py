@@ -19,8 +19,8 @@ from servolink.usbip.descriptors import (
     SERIAL_NOTIFICATION,
     SERIAL_OUT,
 )
-from servolink.usbip.device import ENOUGH, MOST_WAITING, UsbDevice, reports, transfers
-from servolink.usbip.endpoint import DONE, NO_ANSWER, OVERFLOW, STALLED, UNLINKED, Urb
+from servolink.usbip.device import MAX_UNREAD, MAX_WAITING, UsbDevice, reports, transfers
+from servolink.usbip.endpoint import DONE, NO_RESPONSE, OVERFLOW, STALLED, UNLINKED, Urb
 
 BOTH = pytest.mark.parametrize(
     ("name", "out", "into"), [("serial", SERIAL_OUT, SERIAL_IN), ("bulk", BULK_OUT, BULK_IN)]
@@ -125,15 +125,15 @@ def test_reports_are_padded_and_each_is_a_transfer() -> None:
 
 def test_what_the_host_leaves_unread_is_bounded_and_what_is_sent_stays_whole() -> None:
     bus = Bus()
-    for _ in range(2 * MOST_WAITING // 1000):
+    for _ in range(2 * MAX_WAITING // 1000):
         bus.device.bulk.send(bytes(1000))
-    assert MOST_WAITING - 1000 <= bus.device.bulk.to_host.waiting <= MOST_WAITING
+    assert MAX_WAITING - 1000 <= bus.device.bulk.to_host.waiting <= MAX_WAITING
     frames = 0
     while bus.device.bulk.to_host.waiting:
         bus.read(BULK_IN, 4096)
         assert len(bus.done.pop().received) == 1000
         frames += 1
-    assert frames == MOST_WAITING // 1000
+    assert frames == MAX_WAITING // 1000
 
 
 @pytest.mark.parametrize("size", [0, 1, 63, 64, 65, 128])
@@ -187,7 +187,7 @@ def test_a_host_that_does_not_read_is_not_heard_until_it_does() -> None:
     unheard = bus.device.held
     assert not bus.done
     assert 0 < unheard == len(TEXT) * 16 - len(heard)
-    assert bus.device.bulk.to_host.waiting < ENOUGH + 9000
+    assert bus.device.bulk.to_host.waiting < MAX_UNREAD + 9000
     while bus.device.held:
         bus.read(BULK_IN, 65536)
     assert bytes(heard) == TEXT * 16
@@ -218,7 +218,7 @@ def test_an_unlinked_urb_that_has_moved_some_bytes_brings_them() -> None:
 
 def test_a_write_that_waits_can_be_unlinked() -> None:
     bus = Bus()
-    bus.device.bulk.send(bytes(ENOUGH))
+    bus.device.bulk.send(bytes(MAX_UNREAD))
     write = bus.write(BULK_OUT, b"never")
     assert bus.device.unlink(write) == UNLINKED
     assert bus.device.held == bus.device.outstanding == 0
@@ -252,7 +252,7 @@ def test_nobody_answers_on_an_endpoint_that_does_not_exist() -> None:
     bus = Bus()
     bus.read(0x8F, 64)
     bus.write(0x0F, b"x")
-    assert [done.status for done in bus.done] == [NO_ANSWER, NO_ANSWER]
+    assert [done.status for done in bus.done] == [NO_RESPONSE, NO_RESPONSE]
 
 
 def test_the_serial_port_never_notifies() -> None:

@@ -225,7 +225,7 @@ def test_a_folder_that_is_read_only_is_refused_at_once(
     with pytest.raises(SystemExit) as ended:
         servolink(["virtual", *TCP, "--state", "board.json"])
     assert ended.value.code == 2
-    assert "nothing can be written into" in capsys.readouterr().err
+    assert "cannot be written; take another one" in capsys.readouterr().err
 
 
 def test_adding_and_clearing_are_as_the_options_say() -> None:
@@ -300,7 +300,7 @@ def test_a_script_presses_buttons(tmp_path: Path) -> None:
 
 def test_a_push_that_a_servo_does_not_give_way_to_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     async def pushed(board: VirtualBoard) -> None:
-        virtual._do(board, Push(1.5, 1, 40))
+        virtual._apply(board, Push(1.5, 1, 40))
 
     board = VirtualBoard(2)
     asyncio.run(pushed(board))
@@ -398,7 +398,7 @@ def test_it_ends_with_its_terminal() -> None:
         (("--script", "/dev/zero"), 2, "is not a regular file"),
         (("--tcp", "192.0.2.1:80"), 3, "try another port"),
         (("--state", "/"), 3, "cannot be read"),
-        (("--state", "missing/board.json"), 2, "missing is no folder; make it"),
+        (("--state", "missing/board.json"), 2, "missing does not exist; create it"),
     ],
 )
 def test_wrong_options_say_what_is_wrong(options: tuple[str, ...], code: int, text: str) -> None:
