@@ -43,12 +43,22 @@ R = TypeVar("R", bound=Response)
 
 
 class Board:
-    """A connected board, made by `connect`. Numbers in parentheses are sections of the protocol's document.
+    """A connected board, made by `connect`, with a method for each command of the protocol's document, by chapters.
 
-    Every method that asks the board raises RequestTimeout if it does not answer, OutcomeUnknown if a command was sent
-    and not answered, ConnectionLost if the connection is lost, and EncodeError, before anything is sent, for a value
-    that does not fit the protocol. Ids of servos are 0..254, and 255 (`ALL_SERVOS`) stands for all. Ids of records,
-    macros, tables and the project are 32-bit integers.
+    - Connection: `url`, `codec`, `connection`, `stats`, `states`, `request`, `send`, `took_effect`, `close`
+    - 3.1 settings: `set_transmission_mode`, `clear_all_data`, `memory`, `battery`, `send_dummy_data`
+    - 3.2 servos: `servo_ids`, `servos`, `servo`, `set_servo`, `release`, `stop`, `set_angle_unit`, `unit_of`, `move`,
+      `follow`, `run_action`
+    - 3.3 stored records: `actions`, `action`, `add_action`, `delete_action`, `macros`, `macro`, `add_macro`,
+      `delete_macro`, `run_macro`, `servo_parameters`, `add_servo_parameters`, `write_project_id`, `project_id`
+    - 3.4 joystick: `joystick_tables`, `joystick_table`, `add_joystick_table`, `delete_joystick_table`,
+      `set_active_joystick_table`, `active_joystick_table`, `button_events`
+    - 4 projects: `export_project`, `plan_project`, `apply_project`, `rollback_project`, `has_unfinished_import`
+
+    Numbers in parentheses are sections of the document. Servo ids are 0..254, and 255 (`ALL_SERVOS`) stands for all;
+    other ids are 32-bit integers. A method that asks the board raises RequestTimeout if it does not answer,
+    OutcomeUnknown if a command was sent and not answered, ConnectionLost if the connection is lost, and EncodeError,
+    before anything is sent, for a value that does not fit the protocol.
     """
 
     def __init__(self, session: Session, angle_unit: AngleUnit | None, limits: MotionLimits) -> None:
@@ -295,7 +305,8 @@ class Board:
         if is_unfinished(project_id) and not self._reported_unfinished:
             self._reported_unfinished = True
             logging.getLogger(__name__).warning(
-                "%s holds an unfinished import: `apply` finishes it, `rollback` undoes it", escape(self.url)
+                "%s holds an unfinished import: apply the project again to finish it, or roll back to undo it",
+                escape(self.url),
             )
         return project_id
 

@@ -117,7 +117,7 @@ class Session:
     async def command(self, packet: Request[Result], likely_cause: str) -> None:
         """Send a command that is answered with success or failure. Raise Rejected with `likely_cause` on failure."""
         if not (await self.request(packet)).result:
-            raise Rejected(f"{escape(self.url)} refused {described(packet)}: {likely_cause}", packet)
+            raise Rejected(f"{self.url} refused {described(packet)}: {likely_cause}", packet)
 
     # --- commands that change what has to be restored, or by which the board is recognised ------------------------
 

@@ -7,11 +7,13 @@ is the truth, which `answers.py` settles.
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections import deque
 from typing import Any, NoReturn, TypeVar
 
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import lost, outcome_unknown, same, timed_out
+from servolink.connection.frame_log import frame_logger
 from servolink.connection.lanes import Lane, Lanes, PendingRequest
 from servolink.connection.scheduler import PendingDrain, RequestScheduler
 from servolink.connection.stats import Stats
@@ -231,7 +233,7 @@ class Connection:
         self._raise_if_ended()
         self.stats.frames_sent += 1
         self.stats.bytes_sent += len(frame)
-        if self.answers.frame_log.is_on():
+        if frame_logger.isEnabledFor(logging.DEBUG):
             self.answers.frame_log.sent(frame)
         try:
             await self.transport.send(frame)

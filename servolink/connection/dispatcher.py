@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable
 
 from servolink.connection.explain import lost, overtaken, same
-from servolink.connection.frame_log import FrameLog
+from servolink.connection.frame_log import FrameLog, frame_logger
 from servolink.connection.lanes import Lane, Lanes, PendingRequest
 from servolink.connection.scheduler import RequestScheduler
 from servolink.connection.stats import Stats
@@ -184,7 +185,7 @@ class ResponseDispatcher:
 
     def _take(self, frame: Frame) -> None:
         self.stats.frames_received += 1
-        if self.frame_log.is_on():
+        if frame_logger.isEnabledFor(logging.DEBUG):
             self.frame_log.received(frame)
         packet_id, content = frame
         lane = self._lanes.by_response_id.get(packet_id)

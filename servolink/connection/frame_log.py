@@ -10,13 +10,17 @@ from servolink.escaping import escape
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import HEADER, HEADER_SIZE, Frame
 
-logger = logging.getLogger("servolink.frames")
+frame_logger = logging.getLogger("servolink.frames")
 
 _LONGEST = 1000  # characters of one packet: an action can have thousands of steps
 
 
 class FrameLog:
-    """The log of one connection. Ask `is_on` first: nothing is decoded, nor called, while nobody reads the log."""
+    """The log of one connection.
+
+    Callers check `frame_logger.isEnabledFor(DEBUG)` themselves: nothing else is done while nobody reads the log, and it
+    can be switched on while a connection is open.
+    """
 
     def __init__(self, url: str, codec: Codec, now: Callable[[], float]) -> None:
         """Log frames of `url`, with the seconds by `now` since this moment."""
@@ -24,11 +28,6 @@ class FrameLog:
         self._codec = codec
         self._now = now
         self._start = now()
-
-    @staticmethod
-    def is_on() -> bool:
-        """Return whether frames are logged; may change while a connection is open."""
-        return logger.isEnabledFor(logging.DEBUG)
 
     def sent(self, frame: bytes) -> None:
         """Log a whole frame that is about to be sent."""
@@ -47,4 +46,4 @@ class FrameLog:
         if len(text) > _LONGEST:
             text = f"{text[:_LONGEST]}... ({len(text)} characters)"
         seconds = self._now() - self._start
-        logger.debug("%s %.4f s %s %s", self._url, seconds, direction, escape(text))
+        frame_logger.debug("%s %.4f s %s %s", self._url, seconds, direction, escape(text))

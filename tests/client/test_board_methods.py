@@ -34,6 +34,11 @@ def test_methods_stand_in_the_order_of_the_documents_chapters() -> None:
     assert chapters == sorted(chapters)
 
 
+def test_the_class_lists_its_methods_by_chapter_as_help_sorts_them_by_name() -> None:
+    listed = (inspect.getdoc(Board) or "").partition("- Connection")[2].partition("Numbers in")[0]
+    assert re.findall(r"`([a-z_]+)`", listed) == PUBLIC
+
+
 def test_a_board_inherits_nothing_and_describes_everything() -> None:
     assert Board.__mro__ == (Board, object)
     assert [name for name in PUBLIC if not inspect.getdoc(getattr(Board, name))] == []

@@ -6,7 +6,6 @@ import logging
 
 import pytest
 
-from servolink.connection.frame_log import FrameLog
 from servolink.protocol.editing import AddActionRequest
 from servolink.protocol.records import Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
@@ -63,7 +62,3 @@ def test_hostile_and_endless_captions_cannot_harm_the_reader_of_the_log(caplog: 
     assert caplog.messages[0].isprintable()
     assert len(caplog.messages[1]) < 1_100
     assert caplog.messages[1].endswith(" characters)")
-
-
-def test_is_off_by_default() -> None:
-    assert not FrameLog.is_on()

@@ -273,7 +273,9 @@ def test_python_is_told_of_an_unfinished_import_once(caplog: pytest.LogCaptureFi
             assert [await board.project_id() for _ in range(2)] == [UNFINISHED.start + 7] * 2
 
     on_board(work, unfinished())
-    assert caplog.messages == ["virtual:// holds an unfinished import: `apply` finishes it, `rollback` undoes it"]
+    assert caplog.messages == [
+        "virtual:// holds an unfinished import: apply the project again to finish it, or roll back to undo it"
+    ]
     caplog.clear()
     on_board(work_that_asks, unfinished())
     on_board(lambda board: board.project_id())
