@@ -85,10 +85,14 @@ def _attribute(name: str, annotation: ast.expr, after: ast.stmt | None) -> Row:
         meaning = described[2] if described else ""
     if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
         meaning = str(after.value.value)
-    kind = ast.unparse(annotation)
-    if hasattr(alias := getattr(packet, kind, None), "__metadata__"):  # an int with a range, or a str
-        kind = get_args(alias)[0].__name__
+    kind = re.sub(r"\w+", lambda word: _plain(word[0]), ast.unparse(annotation))
     return f"`{name}: {kind}`", _first_sentence(meaning)
+
+
+def _plain(name: str) -> str:
+    """Return `int` or `str` for a wire type such as `U8` or `Caption`, any other name as it is."""
+    alias = getattr(packet, name, None)
+    return str(get_args(alias)[0].__name__) if hasattr(alias, "__metadata__") else name
 
 
 def _function(node: ast.FunctionDef | ast.AsyncFunctionDef) -> Row:
