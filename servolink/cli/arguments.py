@@ -1,8 +1,9 @@
-"""What may be typed as the value of an option; argparse makes wrong usage of the rest."""
+"""Types of option values, for argparse, which makes a wrong value a usage error."""
 
 from __future__ import annotations
 
 import argparse
+import math
 import re
 from collections.abc import Callable
 
@@ -10,15 +11,15 @@ _WHOLE = re.compile(r"[+-]?[0-9]{1,20}", re.ASCII)
 
 
 def not_empty(text: str) -> str:
-    """Read a name that must not be empty, as from a variable of a shell that was never set."""
+    """Return `text`, which must not be empty, as after the expansion of an unset shell variable."""
     if not text:
-        raise argparse.ArgumentTypeError("it is empty; leave it out, or say which")
+        raise argparse.ArgumentTypeError("must not be empty; give a value or leave the option out")
     return text
 
 
 def caption_encoding(text: str) -> str:
-    """Read the name of an encoding in which captions can be written."""
-    from servolink.protocol.caption import check_encoding  # help needs none of the protocol
+    """Return `text` if it names an encoding for captions."""
+    from servolink.protocol.caption import check_encoding  # late: the help needs no protocol
 
     try:
         return check_encoding(text)
@@ -27,26 +28,26 @@ def caption_encoding(text: str) -> str:
 
 
 def whole_number(low: int, high: int) -> Callable[[str], int]:
-    """Return what reads a whole number in ASCII digits."""
+    """Return a type for integers from `low` to `high`, in ASCII digits."""
 
     def read(text: str) -> int:
         if not _WHOLE.fullmatch(text) or not low <= int(text) <= high:
-            raise argparse.ArgumentTypeError(f"{text!r} is no whole number from {low} to {high}")
+            raise argparse.ArgumentTypeError(f"must be an integer from {low} to {high}, not {text!r}")
         return int(text)
 
     return read
 
 
 def number(low: float, high: float, unit: str) -> Callable[[str], float]:
-    """Return what reads a number of so many of `unit`."""
+    """Return a type for numbers of `unit` from `low` to `high`."""
 
     def read(text: str) -> float:
         try:
             value = float(text)
         except ValueError:
-            value = low - 1
-        if not low <= value <= high:  # as is the case for nan
-            raise argparse.ArgumentTypeError(f"{text!r} is outside {low:g}..{high:g} {unit}")
+            value = math.nan
+        if not low <= value <= high:  # false for nan
+            raise argparse.ArgumentTypeError(f"must be from {low:g} to {high:g} {unit}, not {text!r}")
         return value
 
     return read

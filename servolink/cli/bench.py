@@ -1,4 +1,4 @@
-"""`servolink bench`: how fast the connected board answers."""
+"""`servolink bench`: how fast the board responds."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
+from servolink.cli.arguments import whole_number
 from servolink.cli.live import counting
 from servolink.cli.main import OK
 from servolink.cli.output import Table, print_json, print_table, print_text
@@ -17,27 +18,28 @@ from servolink.protocol.packet import Query
 from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest
 from servolink.protocol.settings import QueryMemorySizeRequest
 
-_ASKED: tuple[tuple[str, Query[Any]], ...] = (
-    ("shortest answer: free memory", QueryMemorySizeRequest()),
+_QUERIES: tuple[tuple[str, Query[Any]], ...] = (
+    ("shortest response: free memory", QueryMemorySizeRequest()),
     ("state of all servos", QueryServoRequest(ALL_SERVOS)),
     ("list of actions", QueryActionListRequest()),
 )
 _PERCENTILES = (50, 90, 99)
-_MOST = 100_000
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink bench`."""
     parser.set_defaults(run=run)
-    parser.add_argument("--requests", type=_requests, default=200, metavar="N", help="of each kind (200)")
+    parser.add_argument(
+        "--requests", type=whole_number(1, 100_000), default=200, metavar="N", help="how many of each kind (200)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure each kind of question, one after the other; nothing on the board is changed."""
+    """Measure each kind of query in turn; nothing on the board is changed."""
 
     async def talk(board: Board, interruption: Interruption) -> int:
         results = []
-        for what, query in _ASKED:
+        for what, query in _QUERIES:
             with counting(what, args.requests) as count:
                 results.append(await _measure(board, query, args.requests, count))
         stats = board.stats.as_dict()
@@ -49,16 +51,14 @@ def run(args: argparse.Namespace) -> int:
                 what,
                 round(result["requests_per_second"]),
                 result["bytes_per_second"],
-                # None where every answer came late, to be used for the next try.
+                # None if every response came late, when the query had been sent again.
                 *(seconds and round(seconds * 1000, 2) for seconds in result["round_trip_seconds"].values()),
             )
-            for (what, _), result in zip(_ASKED, results, strict=True)
+            for (what, _), result in zip(_QUERIES, results, strict=True)
         ]
         percentiles = (f"p{percent} ms" for percent in _PERCENTILES)
-        print_table(
-            Table(("question", "answers/s", "bytes/s", *percentiles), rows, f"{args.requests} questions of each kind")
-        )
-        print_text(f"not answered in time: {stats['timeouts']}, bytes of no frame: {sum(stats['skipped'].values())}")
+        print_table(Table(("query", "responses/s", "bytes/s", *percentiles), rows, f"{args.requests} of each kind"))
+        print_text(f"responses too late: {stats['timeouts']}, bytes outside frames: {sum(stats['skipped'].values())}")
         return OK
 
     return run_with_board(args, talk)
@@ -78,9 +78,3 @@ async def _measure(board: Board, query: Query[Any], requests: int, count: Callab
         "bytes_per_second": round((board.stats.bytes_received - received) / seconds),
         "round_trip_seconds": {f"p{percent}": board.stats.round_trip(percent) for percent in _PERCENTILES},
     }
-
-
-def _requests(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and 0 < int(text) <= _MOST):
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of requests, 1 to {_MOST}")
-    return int(text)

@@ -1,4 +1,4 @@
-"""Servos on their way: read until they arrive, drawn as bars on a terminal."""
+"""What moves on a terminal: servos as bars, and the progress of an import or a measurement."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ async def follow(board: Board, targets: Mapping[int, int], seconds: float, draw:
 
 @contextmanager
 def live_bars(servo_ids: Container[int] = range(256)) -> Iterator[Draw]:
-    """Draw the servos, or some of them, as bars that move, until the end, where they stay."""
+    """Yield a function that draws the servos, or those in `servo_ids`, as bars; the last ones stay visible."""
     from rich.live import Live
 
     displayed = console()
@@ -74,7 +74,7 @@ def _bars(elapsed: float, servos: Sequence[Servo], block: str, half: int) -> Tab
 
 @contextmanager
 def counting(label: str, total: int) -> Iterator[Callable[[], None]]:
-    """Yield a function to call `total` times; if standard error is a terminal, a bar there shows how often it was."""
+    """Yield a function to call `total` times; on a terminal, a bar on standard error shows how often it was called."""
     if sys.stderr is None or not sys.stderr.isatty():
         yield lambda: None
         return
@@ -99,14 +99,12 @@ PHASES: dict[Phase, str] = {
 
 @contextmanager
 def shown_progress(board: Board, *, quiet: bool) -> Iterator[ProgressCallback]:
-    """Yield what takes the progress and shows it on standard error, not at all if `quiet`."""
-    if quiet:
+    """Yield a callback that draws a bar on standard error, or does nothing if that is no terminal or `quiet`."""
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield lambda progress: None
-    elif sys.stderr is not None and sys.stderr.isatty():
-        with _bar(board) as tell:
-            yield tell
     else:
-        yield _lines()
+        with _bar(board) as update:
+            yield update
 
 
 @contextmanager
@@ -127,7 +125,7 @@ def _bar(board: Board) -> Iterator[ProgressCallback]:
     with cleanup(displayed.show_cursor), Bar(*columns, console=displayed, transient=True) as bar:
         task = bar.add_task("", item="", size="")
 
-        def tell(progress: Progress) -> None:
+        def update(progress: Progress) -> None:
             nonlocal phase, task
             if progress.phase != phase:
                 phase = progress.phase
@@ -136,16 +134,4 @@ def _bar(board: Board) -> Iterator[ProgressCallback]:
             size = f"{board.stats.bytes_sent + board.stats.bytes_received:,} bytes"
             bar.update(task, completed=progress.done, total=progress.total, item=escape(progress.item), size=size)
 
-        yield tell
-
-
-def _lines() -> Callable[[Progress], None]:
-    phase: Phase | None = None
-
-    def tell(progress: Progress) -> None:
-        nonlocal phase
-        if progress.phase != phase:
-            phase = progress.phase
-            print(f"{PHASES[phase]} ...", file=sys.stderr, flush=True)
-
-    return tell
+        yield update

@@ -47,7 +47,7 @@ def run(argv: Sequence[str] | None = None) -> int:
 
 def fail(problem: Exception | str, code: int) -> int:
     """Print what went wrong and return `code`."""
-    print_error(f"servolink: {escape(str(problem))}")
+    print_error(f"servolink: {problem}")
     return code
 
 
@@ -87,4 +87,4 @@ def _print_traceback() -> None:
     import traceback
 
     for line in traceback.format_exc().splitlines():
-        print_error(escape(line))
+        print_error(line)

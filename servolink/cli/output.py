@@ -1,4 +1,7 @@
-"""What commands print: tables for people, on a terminal or not, and JSON for programs."""
+"""Output of commands: tables and text for people, JSON for programs, errors and the log.
+
+Text from outside (a board, a file, the system) is escaped here and nowhere else in the command line.
+"""
 
 from __future__ import annotations
 
@@ -19,37 +22,37 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table as RichTable
 
-_TAKES_NO_MORE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF}
+_UNWRITABLE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF}
 
 
 def open_missing_stderr() -> None:
-    """Give errors a place where standard error is closed: to `print`, no file means standard output."""
+    """Replace a closed standard error: `print` would take its absence for standard output."""
     if sys.stderr is None:
-        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - to the end
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - stays open
 
 
 def flush_stdout() -> None:
-    """Write what is still to be written to standard output."""
+    """Write what standard output still buffers."""
     if sys.stdout is not None:
         sys.stdout.flush()
 
 
 def print_error(text: str) -> None:
-    """Print a line on standard error, if that takes it."""
+    """Print a line on standard error, if it can be written."""
     try:
-        print(text, file=sys.stderr, flush=True)
+        print(escape(text), file=sys.stderr, flush=True)
     except OSError:
         silence(2)
 
 
 def silence(descriptor: int) -> None:
-    """Let a stream that cannot be written swallow everything, so that Python does not fail again at its end."""
+    """Discard what is written to a broken stream from now on, so that Python does not fail again when it exits."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
 
 
 @contextmanager
 def logged(verbosity: int) -> Iterator[None]:
-    """Write what servolink logs to standard error: nothing (0), information (1) or each frame as well (2)."""
+    """Write the log of servolink to standard error: nothing (0), information (1), or every frame as well (2)."""
     if not verbosity:
         yield
         return
@@ -72,11 +75,9 @@ def logged(verbosity: int) -> Iterator[None]:
 
 
 def lost_output(error: OSError) -> str:
-    """Say that standard output cannot be written, if that is what `error` is about; it is silenced then.
-
-    A failed `print` names no file and leaves nothing in the stream that would fail again.
-    """
-    if error.filename is not None or error.errno not in _TAKES_NO_MORE:
+    """Return why standard output cannot be written and silence it, or "" if `error` is about something else."""
+    # A failed `print` names no file.
+    if error.filename is not None or error.errno not in _UNWRITABLE:
         return ""
     silence(1)
     return f"standard output cannot be written: {error.strerror}"
@@ -84,10 +85,10 @@ def lost_output(error: OSError) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows of texts and numbers; texts may come from a board and are made safe when they are displayed."""
+    """Rows of texts and numbers, which are escaped when they are printed."""
 
     columns: Sequence[str]
-    """Their names; none for facts, a name and a value in each row."""
+    """Their names; empty for facts, with a name and a value in each row."""
     rows: Sequence[Sequence[object]]
     title: str = ""
 
@@ -98,7 +99,7 @@ def print_json(described: dict[str, Any]) -> None:
 
 
 def print_table(table: Table) -> None:
-    """Print a table as it suits standard output."""
+    """Print a table, drawn on a terminal and as plain lines elsewhere."""
     if is_terminal():
         show_table(table, console())
     else:
@@ -106,7 +107,7 @@ def print_table(table: Table) -> None:
 
 
 def print_text(text: str, style: str = "") -> None:
-    """Print a line of text that may hold captions, on a terminal in the rich `style`."""
+    """Print a line of text, on a terminal in the rich `style`."""
     if style and is_terminal():
         from rich.text import Text
 
@@ -116,19 +117,19 @@ def print_text(text: str, style: str = "") -> None:
 
 
 def is_terminal() -> bool:
-    """Tell whether standard output is a terminal."""
+    """Return whether standard output is a terminal."""
     return sys.stdout is not None and sys.stdout.isatty()
 
 
 def console(*, stderr: bool = False) -> Console:
-    """Return a rich console that shows texts as they are."""
+    """Return a rich console that prints texts without reading markup in them."""
     from rich.console import Console
 
     return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
 
 
 def show_table(table: Table, terminal: Console) -> None:
-    """Print a table on a terminal; where it is too wide for that, as plain lines, of which nothing is cut off."""
+    """Print a table on a terminal, or as plain lines if the terminal is too narrow, so that no value is cut off."""
     from rich.measure import Measurement
 
     displayed = _rich_table(table)
@@ -163,7 +164,7 @@ def _rich_table(table: Table) -> RichTable:
 
 
 def plain_lines(table: Table) -> list[str]:
-    """Return `table` as aligned lines without anything that only a terminal understands."""
+    """Return `table` as aligned lines of plain text."""
     rows = [list(table.columns)] if table.columns else []
     rows += [_cells(row) for row in table.rows]
     if not rows:
@@ -200,20 +201,20 @@ _WORDS = {True: "yes", False: "no"}
 
 
 def _is_numeric(table: Table, at: int) -> bool:
-    """Tell whether a column holds numbers, which stand to the right; facts stand to the left."""
+    """Return whether a column holds only numbers, which are aligned to the right; facts are not."""
     values = [row[at] for row in table.rows if row[at] is not None]
     return bool(table.columns) and all(
         isinstance(value, (int, float)) and not isinstance(value, bool) for value in values
     )
 
 
-def _padded(text: str, width: int, to_the_right: bool) -> str:  # noqa: FBT001 - one of three mapped sequences
+def _padded(text: str, width: int, is_number: bool) -> str:  # noqa: FBT001 - one of three mapped sequences
     space = " " * (width - text_width(text))
-    return space + text if to_the_right else text + space
+    return space + text if is_number else text + space
 
 
 def text_width(text: str) -> int:
-    """Return how many columns `text` takes: Chinese characters take two, accents that combine none."""
+    """Return the columns `text` takes: two for a Chinese character, none for a combining accent."""
     return sum(
         0 if unicodedata.combining(character) else 2 if unicodedata.east_asian_width(character) in "WF" else 1
         for character in text

@@ -1,10 +1,8 @@
-"""`servolink decode` and `servolink encode`: frames to readable packets and back, no board needed."""
+"""`servolink decode` and `servolink encode`: frames to readable packets and back, without a board."""
 
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import BufferedReader
@@ -12,6 +10,7 @@ from typing import Any
 
 from servolink.cli.arguments import not_empty
 from servolink.cli.main import FAILED, OK
+from servolink.cli.output import counted, print_error, print_json, print_text
 from servolink.errors import DecodeError, EncodeError, ServolinkError
 from servolink.escaping import escape
 from servolink.json_text import read_json
@@ -20,49 +19,53 @@ from servolink.protocol.frame import Frame, encode_frame
 from servolink.protocol.json_form import packet_from_json, packet_to_json
 from servolink.protocol.parser import FrameParser
 
-_BLOCK = 0x10000  # bytes read at once, and the most that one `skipped` object holds
+_BLOCK = 0x10000  # bytes read at once, and the most in one `skipped` object
 _MAX_LINE = 1 << 22  # several times the longest packet in JSON
-_SHOWN_BYTES = 32  # of what was no frame, in text for people
+_SHOWN_BYTES = 32  # of what is not a frame, in text for people
 
 
 def configure_encode(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink encode`."""
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_encode)
     parser.add_argument(
         "objects",
         nargs="*",
+        default=[],
         metavar="OBJECT",
-        help="packet as a JSON object; without any, one a line is read from stdin",
+        help="a packet as a JSON object; if there is none, one is read from each line of standard input",
     )
 
 
 def configure_decode(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink decode`."""
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_decode)
     source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument("frames", nargs="*", default=[], metavar="HEX", help="one frame in hex, or its single bytes")
+    source.add_argument("frames", nargs="*", default=[], metavar="HEX", help="frames in hex, or the bytes of one frame")
     source.add_argument(
-        "--hex", type=not_empty, metavar="FILE", help="read one frame in hex from each line (- for stdin)"
+        "--hex", type=not_empty, metavar="FILE", help="read a frame in hex from each line (-: standard input)"
     )
-    source.add_argument("--file", type=not_empty, metavar="FILE", help="read a raw byte stream (- for stdin)")
+    source.add_argument("--file", type=not_empty, metavar="FILE", help="read a raw byte stream (-: standard input)")
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run `decode` or `encode`: 0, or 1 if anything made no frame or no packet."""
+def run_decode(args: argparse.Namespace) -> int:
+    """Print a packet for each frame. Return 1 if anything is not a packet."""
     codec = Codec(args.byte_order, args.caption_encoding)
-    if args.command == "encode":
-        return _encode(args, codec)
     results = _stream(args.file, codec) if args.file else _frames(args, codec)
     outcome = OK
     for result in results:
         if "packet" not in result:
             outcome = FAILED
-        print(json.dumps(result) if args.json else _text(result), flush=True)
+        if args.json:
+            print_json(result)
+        else:
+            for line in _lines_for(result):
+                print_text(line)
     return outcome
 
 
-def _encode(args: argparse.Namespace, codec: Codec) -> int:
-    """Print a frame for each object; errors go to stderr, with --json to stdout in their place."""
+def run_encode(args: argparse.Namespace) -> int:
+    """Print a frame for each object, and errors among them with --json. Return 1 if anything is not a packet."""
+    codec = Codec(args.byte_order, args.caption_encoding)
     outcome = OK
     given = enumerate((text.encode("utf-8", "surrogateescape") for text in args.objects), 1)
     for number, line in given if args.objects else _lines("-"):
@@ -71,19 +74,21 @@ def _encode(args: argparse.Namespace, codec: Codec) -> int:
         except EncodeError as error:
             outcome = FAILED
             if args.json:
-                print(json.dumps({"error": str(error)}), flush=True)
+                print_json({"error": str(error)})
             else:
-                place = "object" if args.objects else "line"
-                print(f"servolink: {place} {number}: {escape(str(error))}", file=sys.stderr)
+                print_error(f"servolink: {'object' if args.objects else 'line'} {number}: {error}")
         else:
-            print(json.dumps({"bytes": frame}) if args.json else frame, flush=True)
+            if args.json:
+                print_json({"bytes": frame})
+            else:
+                print_text(frame)
     return outcome
 
 
 def _parse(line: bytes) -> Any:
     """Return the JSON value in `line`."""
     if len(line) > _MAX_LINE:
-        raise EncodeError(f"longer than {_MAX_LINE:,} bytes, which no packet needs")
+        raise EncodeError(f"is longer than {_MAX_LINE:,} bytes, and no packet is")
     try:
         return read_json(line)
     except ValueError as error:
@@ -93,16 +98,16 @@ def _parse(line: bytes) -> Any:
 @contextmanager
 def _open(path: str) -> Iterator[BufferedReader]:
     try:
-        # The descriptor itself: sys.stdin is None when it is closed, and text besides.
+        # By its descriptor: sys.stdin is text, and None when standard input is closed.
         with open(0 if path == "-" else path, "rb", closefd=path != "-") as source:
             yield source
     except OSError as error:
-        name = "standard input" if path == "-" else escape(path)
+        name = "standard input" if path == "-" else path
         raise ServolinkError(f"{name} cannot be read: {error.strerror}") from error
 
 
 def _lines(path: str) -> Iterator[tuple[int, bytes]]:
-    """Yield number and content of each line that is not blank; of one too long only its beginning."""
+    """Yield number and content of each line that is not blank, and only the start of a line that is too long."""
     with _open(path) as source:
         number = 0
         while line := source.readline(_MAX_LINE + 1):
@@ -115,12 +120,12 @@ def _lines(path: str) -> Iterator[tuple[int, bytes]]:
 
 
 def _frames(args: argparse.Namespace, codec: Codec) -> Iterator[dict[str, Any]]:
-    """Decode frames that are given one by one, in hex."""
+    """Decode frames given in hex."""
     for text in _hex_lines(args.hex) if args.hex else _hex_arguments(args.frames):
         try:
             data = bytes.fromhex(text)
         except ValueError:
-            yield {"error": f"'{_shortened(text)}' is no text of hex digits in pairs", "bytes": ""}
+            yield {"error": f"must be hex digits in pairs, not '{_shortened(text)}'", "bytes": ""}
             continue
         try:
             yield packet_to_json(codec.decode_frame(data))
@@ -143,7 +148,7 @@ def _without_separators(text: str) -> str:
 
 
 def _stream(path: str, codec: Codec) -> Iterator[dict[str, Any]]:
-    """Decode the frames of a byte stream and show what lies between them, in their order."""
+    """Decode the frames of a byte stream, with the bytes skipped between them, in order."""
     between = bytearray()
     for event in _events(path, codec):
         if isinstance(event, bytes):
@@ -164,7 +169,7 @@ def _stream(path: str, codec: Codec) -> Iterator[dict[str, Any]]:
 
 
 def _events(path: str, codec: Codec) -> Iterator[Frame | bytes]:
-    """Yield the frames and the skipped bytes of a stream."""
+    """Yield the frames of a stream and the bytes skipped between them."""
     parser = FrameParser(codec.byte_order, keep_skipped=True)
     with _open(path) as source:
         while block := source.read1(_BLOCK):
@@ -189,12 +194,12 @@ def _skipped(data: bytes | bytearray) -> dict[str, Any]:
     return {"skipped": len(data), "bytes": data.hex()}
 
 
-def _text(result: dict[str, Any]) -> str:
-    """Return `result` for people: a packet with a line for each record, or what was no packet."""
+def _lines_for(result: dict[str, Any]) -> list[str]:
+    """Return `result` for people: a packet with a line for each of its records, or why it is not a packet."""
     if "error" in result:
-        return escape(f"error: {result['error']}  {_shortened(result['bytes'])}").rstrip()
+        return [f"error: {result['error']}  {_shortened(result['bytes'])}".rstrip()]
     if "skipped" in result:
-        return f"skipped {result['skipped']} bytes  {_shortened(result['bytes'])}"
+        return [f"skipped {counted(result['skipped'], 'byte')}  {_shortened(result['bytes'])}"]
     first = [f"{result['packet']} ({result['id']})"]
     records: list[str] = []
     for name, value in result["fields"].items():
@@ -203,12 +208,12 @@ def _text(result: dict[str, Any]) -> str:
             records += ("    " + " ".join(_pairs(record.items())) for record in value)
         else:
             first += _pairs([(name, value)])
-    return "\n".join([" ".join(first), *records])
+    return [" ".join(first), *records]
 
 
 def _pairs(fields: Iterable[tuple[str, Any]]) -> Iterator[str]:
     for name, value in fields:
-        yield f"{name}='{escape(value)}'" if isinstance(value, str) and name != "data" else f"{name}={value}"
+        yield f"{name}='{value}'" if isinstance(value, str) and name != "data" else f"{name}={value}"
 
 
 def _shortened(digits: str) -> str:

@@ -1,4 +1,4 @@
-"""`servolink servos`: what the servos report."""
+"""`servolink servos`: what the servos report, also for the commands that move them."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def reported(board: Board, wanted: Iterable[int] = ()) -> tuple[Servo, ...]:
-    """Return what all servos report; NotFound if there are none, or not all that are `wanted`."""
+    """Return what all servos report. Raise NotFound if there are none, or if one that is `wanted` is missing."""
     try:
         servos = await board.servos()
-    except Rejected:  # without servos, a board does not take the unit of their angles
+    except Rejected:  # a board without servos refuses the unit of their angles
         if await board.servo_ids():
             raise
         servos = ()
@@ -73,12 +73,12 @@ def _servo_object(servo: Servo, captions: Mapping[int, str] | None) -> dict[str,
 
 
 def _state_of(servo: Servo) -> str:
-    """Return in a word what a servo would do with a movement."""
+    """Return what would keep a servo from moving, or `ready`."""
     return "released" if not servo.is_hold else "stopped" if not servo.is_start else "ready"
 
 
 def print_servos(servos: Iterable[Servo], *, as_json: bool, captions: Mapping[int, str] | None = None) -> None:
-    """Print what servos report, with the `captions` that are stored for them."""
+    """Print what servos report, with the stored `captions`."""
     if as_json:
         print_json({"servos": [_servo_object(servo, captions) for servo in servos]})
         return

@@ -1,4 +1,4 @@
-"""One command's conversation with a board, and what Ctrl-C does to it."""
+"""A command and its board: which board, how the command ends, and what Ctrl-C reports."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.discovery.search import NONE_HERE, boards, only, search
 from servolink.errors import OpenError, OutcomeUnknown, RequestTimeout, ServolinkError
-from servolink.escaping import escape
 from servolink.transports.device_info import DeviceInfo
 
 UNFINISHED_IMPORT = (
@@ -27,7 +26,7 @@ _PATIENCE = 0.2  # seconds for the board to be closed in good order after Ctrl-C
 
 
 class Interruption:
-    """What Ctrl-C says and does; commands keep `state`, and `code` for the exit, true as they go."""
+    """What Ctrl-C reports. A command keeps `state`, and the exit code `code`, up to date."""
 
     def __init__(self, state: str) -> None:
         """Start in `state`, such as "no servo was moved"."""
@@ -39,7 +38,7 @@ class Interruption:
         """Print the state, once."""
         if not self._reported:
             self._reported = True
-            print_error(f"interrupted: {escape(self.state)}")
+            print_error(f"interrupted: {self.state}")
 
     @contextmanager
     def watched(self) -> Iterator[None]:
@@ -89,11 +88,10 @@ def run_with_board(
     state: str = _UNMOVED,
     **options: Any,
 ) -> int:
-    """Connect to the board of `args`, let `talk` talk to it and return what that returns.
+    """Connect to the board of `args` and return the exit code of `talk`.
 
-    `greet` asks for something harmless first, so that a silent board is told from a command that failed, and says
-    so if an import was left unfinished on the board. `state` is what Ctrl-C says at first; `options` are those of
-    `connect`.
+    `greet` sends a harmless query first, to tell a board that does not answer from a command that failed, and
+    reports an import left unfinished on the board. `state` is what Ctrl-C reports at first; `options` go to `connect`.
     """
     try:
         connection = connect(
@@ -107,7 +105,7 @@ def run_with_board(
             try:
                 with interruption.watched():
                     if greet and await board.has_unfinished_import():
-                        print(UNFINISHED_IMPORT, file=sys.stderr, flush=True)
+                        print_error(UNFINISHED_IMPORT)
                     return await talk(board, interruption)
             except (RequestTimeout, OutcomeUnknown) as error:
                 if board.stats.frames_received:
@@ -118,9 +116,9 @@ def run_with_board(
 
 
 def choose_board(args: argparse.Namespace) -> str:
-    """Return the address in `args`, that of the only board here, or the one that is picked at the terminal.
+    """Return the board given in `args`, the only one here, or the one chosen at the terminal.
 
-    OpenError if there is none. Where nobody can be asked, several are wrong usage.
+    Raise OpenError if there is none. Without a terminal, several boards are a usage error.
     """
     if args.url:
         return str(args.url)
@@ -132,18 +130,18 @@ def choose_board(args: argparse.Namespace) -> str:
     if len(found) == 1 or len(usable) == 1:
         return only(candidates)
     if args.json or not can_ask():
-        addresses = "\n".join(f"  --url {escape(board.url)}" for board in found)
-        usage_error(args, f"{len(found)} boards are here; name one:\n{addresses}")
-    return _picked(args, found)
+        addresses = "\n".join(f"  --board {board.url}" for board in found)
+        usage_error(args, f"{len(found)} boards are here; choose one:\n{addresses}")
+    return _pick(args, found)
 
 
-def _picked(args: argparse.Namespace, found: Sequence[DeviceInfo]) -> str:
-    """Ask at the terminal."""
+def _pick(args: argparse.Namespace, found: Sequence[DeviceInfo]) -> str:
+    """Ask which of the boards to use, and return its address."""
     rows = [(str(number), board.url, board.product, board.problem) for number, board in enumerate(found, 1)]
     terminal = console(stderr=True)
     show_table(Table(("", "address", "product", "problem"), rows), terminal)
     terminal.print(f"Which one? 1 to {len(found)}:", end=" ")
     answer = sys.stdin.readline().strip()
     if not (answer.isascii() and answer.isdecimal() and 1 <= int(answer) <= len(found)):
-        usage_error(args, f"{answer!r} is none of them; give --url")
+        usage_error(args, f"{answer!r} must be a number from 1 to {len(found)}; or give --board")
     return found[int(answer) - 1].url

@@ -1,11 +1,13 @@
-"""Where a lesson goes: into a project file, or onto the board; nothing that was taught is lost."""
+"""`servolink teach`: poses of limbs moved by hand, recorded into a project file or onto the board.
+
+Whatever fails, no pose is lost and the servos are held again.
+"""
 
 from __future__ import annotations
 
 import argparse
 import asyncio
 import re
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
@@ -14,14 +16,13 @@ from pathlib import Path
 from servolink.cli.arguments import number, whole_number
 from servolink.cli.main import FAILED, INTERRUPTED, OK
 from servolink.cli.motion import check_can_release, may_release, servo_id
-from servolink.cli.output import counted, print_json, print_text
+from servolink.cli.output import counted, print_error, print_json, print_text
 from servolink.cli.servos import are, listed, reported
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.teach_session import CaptureSession, ReleasedServos
 from servolink.cli.terminal import handled
 from servolink.client.board import Board
 from servolink.errors import ConnectionLost, ProjectError, ServolinkError
-from servolink.escaping import escape
 from servolink.project.build import build_project, extend_project
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, save_project
@@ -30,16 +31,16 @@ from servolink.protocol.records import Action, Macro
 
 
 async def check_name(board: Board, name: str, file: Path | None) -> None:
-    """Raise ProjectError, before anything goes limp, if the lesson could not be written under `name`."""
+    """Raise ProjectError if the poses could not be stored under `name`: before anything goes limp."""
     project = _in(file) if file is not None else await _outline(board)
     refuse_taken(project, name)
     build_project(Action.pose(f"{name} 99", {}), Macro.of(name))
 
 
 async def write(board: Board, lesson: PoseRecorder, file: Path | None) -> str:
-    """Add the lesson to the file, or to the board by an import; return where it is.
+    """Add the poses to the file, or to the board by an import, and return where they are.
 
-    If that fails it is written to a file of its own, and the error says which.
+    If that fails, write them to a file of their own and raise an error that names it.
     """
     try:
         if file is not None:
@@ -49,8 +50,7 @@ async def write(board: Board, lesson: PoseRecorder, file: Path | None) -> str:
     except ServolinkError as error:
         kept = _free_file(lesson.caption)
         save_project(kept, build_project(lesson.record()))
-        where = escape(str(kept))
-        raise ProjectError(f"{error}. What was taught is in {where}; `servolink project merge` adds it") from error
+        raise ProjectError(f"{error}. The poses are in {kept}; `servolink project merge` adds them") from error
     return "on the board"
 
 
@@ -65,14 +65,14 @@ def _in(file: Path) -> Project:
 
 
 async def _outline(board: Board) -> Project:
-    """Return the captions that are taken on the board."""
+    """Return a project with the captions used on the board."""
     actions = [Action(entry.action_id, entry.action_caption) for entry in await board.actions()]
     macros = [Macro(entry.macro_id, entry.macro_caption) for entry in await board.macros()]
     return Project(actions=tuple(actions), macros=tuple(macros))
 
 
 def _free_file(caption: str) -> Path:
-    """Return the name of a file in this folder that is not there yet."""
+    """Return a path in this folder at which there is no file yet."""
     name = re.sub(r"[^\w-]+", "_", caption).strip("_") or "lesson"
     names = (Path(f"{name}{f'-{number}' if number > 1 else ''}.servolink.json") for number in count(1))
     return next(path for path in names if not path.exists())
@@ -84,32 +84,37 @@ _SPEED_CAP = 120.0
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink teach`."""
     parser.set_defaults(run=run)
-    parser.add_argument("name", metavar="NAME", help="of the action, or of the macro if there are several poses")
+    parser.add_argument(
+        "name", metavar="NAME", help="caption of the action, or of the macro if there are several poses"
+    )
     parser.add_argument(
         "servo_ids", nargs="*", default=[], type=servo_id, metavar="SERVO", help="the servos to release (all)"
     )
     parser.add_argument("--file", type=Path, metavar="FILE", help="write into this project file, not to the board")
     parser.add_argument(
-        "--button", type=whole_number(0, 2**32 - 1), metavar="ID", help="the only button that takes poses (any)"
+        "--button",
+        type=whole_number(0, 2**32 - 1),
+        metavar="ID",
+        help="the button of the board that records poses (any)",
     )
     parser.add_argument(
         "--interval",
         type=number(SHORTEST, LONGEST, "seconds"),
         metavar="S",
-        help="seconds to each pose, instead of those that it took",
+        help="time to each pose, in place of the time it took",
     )
     parser.add_argument(
         "--speed-cap",
         type=number(1, 10_000, "degrees per second"),
         default=_SPEED_CAP,
         metavar="D",
-        help=f"degrees per second that playing it will not exceed ({_SPEED_CAP:g})",
+        help=f"play no faster than this many degrees per second ({_SPEED_CAP:g})",
     )
     parser.add_argument("--yes", action="store_true", help="do not ask whether the servos may go limp")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Release, take poses, hold again, write."""
+    """Release the servos, record poses, hold the servos again and write the poses."""
     check_can_release(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:
@@ -133,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
             interruption.report()
             return INTERRUPTED
         if not lesson.poses:
-            print_text("no pose was taken, nothing is written")
+            print_text("no pose was recorded; nothing is written")
             return FAILED
         where = await write(board, lesson, args.file)
         if args.json:
@@ -146,7 +151,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _taught(taking: CaptureSession, limp: ReleasedServos, interruption: Interruption) -> bool:
-    """Take poses with limp servos, which are held when this returns; tell whether it was not interrupted."""
+    """Record poses with limp servos and hold them again. Return whether it was not interrupted."""
     interruption.state = f"{listed(limp.ids)} may be limp; `servolink stop` holds all servos"
     lost = False
     with _gentle() as stop:
@@ -166,7 +171,7 @@ async def _taught(taking: CaptureSession, limp: ReleasedServos, interruption: In
 
 @contextmanager
 def _gentle() -> Iterator[asyncio.Event]:
-    """Let the first Ctrl-C set the event, so that limp servos can be held, and a second one end it all."""
+    """Yield an event that the first Ctrl-C sets, so that limp servos can be held; a second one cancels the task."""
     stop, task = asyncio.Event(), asyncio.current_task()
 
     def interrupt() -> None:
@@ -179,4 +184,4 @@ def _gentle() -> Iterator[asyncio.Event]:
 
 
 def _note(text: str) -> None:
-    print(f"servolink: {escape(text)}", file=sys.stderr, flush=True)
+    print_error(f"servolink: {text}")

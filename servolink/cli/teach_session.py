@@ -1,4 +1,4 @@
-"""Servos that are limp for a while, and are held again whatever happens."""
+"""The servos that are limp while poses are recorded, and the keys and buttons that record them."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ class ReleasedServos:
     """Releases servos and holds them again where they are."""
 
     def __init__(self, board: Board, servos: Sequence[Servo]) -> None:
-        """`servos` as they are before they are released."""
+        """Take the `servos` as they are before they are released."""
         self._board = board
         self._servos = servos
         self.ids = [servo.servo_id for servo in servos]
 
     async def release(self) -> None:
-        """Let them go limp."""
+        """Release them: they go limp."""
         for servo in self._servos:
             await self._board.release(servo.servo_id)
 
     async def hold(self) -> None:
-        """Hold all of them, stopped, and only then let those be moved again that could be before.
+        """Hold all of them, stopped, and only then start those that were started before.
 
-        A servo that is started may go on to where it was told to go last; one that is held first stays where it is.
+        A servo that is started while it is limp may turn to its last target; one that is held first stays.
         """
         for servo in self._servos:
             await self._board.set_servo(servo.servo_id, start=False, hold=True)
@@ -45,7 +45,7 @@ class ReleasedServos:
                 await self._board.set_servo(servo.servo_id, start=True, hold=True)
 
     async def hold_when_back(self) -> None:
-        """Hold them as soon as the board is there, however long that takes."""
+        """Hold them as soon as the board responds, however long that takes."""
         while True:
             try:
                 await self.hold()
@@ -68,12 +68,12 @@ Wish = Literal["take", "undo", "end"]
 
 
 class CaptureSession:
-    """Does what keys and buttons ask for, until one asks for the end."""
+    """Records, forgets or ends as keys and buttons of the board ask."""
 
     def __init__(
         self, board: Board, lesson: PoseRecorder, servo_ids: frozenset[int], *, button: int | None, json: bool
     ) -> None:
-        """Take poses of `servo_ids`; `button` is the one to obey, None for any."""
+        """Record poses of `servo_ids`; `button` is the only one that counts, None for any."""
         self._board = board
         self._lesson = lesson
         self._servo_ids = servo_ids
@@ -82,7 +82,7 @@ class CaptureSession:
         self._wishes: deque[Wish] = deque()
 
     async def until(self, stop: asyncio.Event) -> None:
-        """Take poses until the end is asked for or `stop` is set; ConnectionLost if the board is gone."""
+        """Record poses until somebody ends it or `stop` is set. Raise ConnectionLost if the board is gone."""
         listening = asyncio.create_task(self._listen())
         try:
             with single_keys(self._typed) as keyboard, self._drawing() as draw:
@@ -90,7 +90,7 @@ class CaptureSession:
                 await self._follow(stop, draw)
         finally:
             listening.cancel()
-            with suppress(asyncio.CancelledError, Exception):  # what it met, the servos met as well
+            with suppress(asyncio.CancelledError, Exception):  # it fails as reading the servos does
                 await listening
 
     async def _follow(self, stop: asyncio.Event, draw: Draw) -> None:
@@ -125,7 +125,7 @@ class CaptureSession:
             print_text(f"pose {described['pose']}, {pose.seconds:g} s: {angles}")
 
     def _typed(self, text: str) -> None:
-        # What arrow keys send begins as Esc does; only Esc itself comes alone.
+        # The code of an arrow key starts with Esc; Esc itself comes alone.
         keys = [text] if text.startswith("\x1b") else list(text)
         self._wishes.extend(_KEYS[key] for key in keys if key in _KEYS)
 
@@ -133,7 +133,7 @@ class CaptureSession:
         async with self._board.button_events() as events:
             async for event in events:
                 if self._button in (None, event.button_id):
-                    # A long press has begun as a press, which was not meant as one.
+                    # A long press starts as a press, and that recorded a pose: forget it.
                     wishes: dict[str, list[Wish]] = {"press": ["take"], "long_press": ["undo", "end"]}
                     self._wishes.extend(wishes.get(event.kind, []))
 
@@ -151,4 +151,4 @@ class CaptureSession:
             ends = "q, or " if keyboard else ""
             undoes = "; u forgets the last pose" if keyboard else ""
             which = "a button of the board" if self._button is None else f"button {self._button} of the board"
-            print_text(f"{keys}{which} takes a pose{undoes}; {ends}a long press ends")
+            print_text(f"{keys}{which} records a pose{undoes}; {ends}a long press ends")

@@ -335,7 +335,7 @@ def test_bench(board: Board) -> None:
 def test_bench_shows_how_far_it_is(url: str) -> None:
     said = in_terminal("--url", url, "bench", "--requests", "50")
     assert said.code == 0
-    assert all(f"{what} " in said.out for what in ("shortest answer: free memory", "list of actions"))
+    assert all(f"{what} " in said.out for what in ("shortest response: free memory", "list of actions"))
     assert "%" in said.out
 
 

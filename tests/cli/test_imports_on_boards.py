@@ -96,7 +96,7 @@ def test_export_writes_everything_into_a_file(shell: Shell, tmp_path: Path) -> N
     said = shell("export", str(file))
     assert said.code == 0
     assert said.out == f"{file}: project 7, 1 servo parameter, 2 actions, 1 macro, 1 joystick table\n"
-    assert said.err == "reading the board ...\n"
+    assert said.err == "", "progress is shown on a terminal only"
     assert load_project(file) == BEFORE
     assert shell("--json", "export", str(file)).json["actions"] == 2
     assert shell("plan", str(file)).out == "0 differences: the board holds this project\n"
@@ -142,7 +142,7 @@ def test_apply_writes_the_project_and_rollback_brings_the_old_one_back(
     said = shell("apply", "--yes", *how, after)
     assert said.code == 0
     assert "done, and verified by reading the whole board twice" in said.out
-    assert said.err.splitlines()[-1] == "finishing ..."
+    assert said.err == ""
     assert shell("plan", after).code == 0
     (backup,) = shell("--json", "backups").json["backups"]
     assert Path(backup["file"]).parent == data_folder / "backups"

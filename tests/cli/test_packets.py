@@ -94,7 +94,7 @@ def test_each_argument_is_a_frame_and_what_is_none_is_said_in_its_place(capsys: 
     assert found[0] == found[-1] == ASKED
     assert [entry.get("bytes") for entry in found[1:-1]] == ["134c051d", "", ASK[:-2] + "0c", LYING.hex()]
     assert found[1]["error"] == "4 bytes are less than the 9 of the shortest frame"
-    assert found[2]["error"] == "'hello' is no text of hex digits in pairs"
+    assert found[2]["error"] == "must be hex digits in pairs, not 'hello'"
     assert found[3]["error"] == "the checksum is 0x0c, the bytes sum to 0x0b"
     assert found[4]["error"] == "ExecuteActionRequest: 2 steps take 11 bytes, the content has 6"
 
@@ -105,7 +105,7 @@ def test_hex_lines_come_from_a_file_too_and_blank_ones_are_nothing(tmp_path: Pat
     assert main(["decode", "--json", "--hex", str(lines)]) == 1
     found = objects(capsys)
     assert found[:2] + found[3:] == [ASKED] * 3
-    assert found[2] == {"error": "'\\xff\\xfe\\x00' is no text of hex digits in pairs", "bytes": ""}
+    assert found[2] == {"error": "must be hex digits in pairs, not '\\xff\\xfe\\x00'", "bytes": ""}
 
 
 def test_a_stream_shows_frames_and_all_that_lies_between(stdin: Stdin, capsys: Capture) -> None:
@@ -190,7 +190,7 @@ def test_text_for_people_holds_nothing_that_steers_a_terminal(stdin: Stdin, caps
     assert first == "QueryActionResponse (30021) action_id=1 action_caption='\\x1b]0;owned\\x07\\xff' steps=()"
     assert second == "skipped 80 bytes  " + (b"\x1b[2J" * 8).hex() + "... (80 bytes)"
     assert main(["decode", "\x1b[2J\u202e"]) == 1
-    assert capsys.readouterr().out == "error: '\\x1b[2J\\u202e' is no text of hex digits in pairs\n"
+    assert capsys.readouterr().out == "error: must be hex digits in pairs, not '\\x1b[2J\\u202e'\n"
 
 
 def test_errors_of_encode_name_the_field_and_the_other_lines_are_done(stdin: Stdin, capsys: Capture) -> None:

@@ -110,7 +110,7 @@ def test_a_board_is_only_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert json.loads(state.read_text())["requests"] == before
 
 
-@pytest.mark.parametrize("source", ["tcp://127.0.0.1:1", "gopher://x"])
+@pytest.mark.parametrize("source", ["tcp://127.0.0.1:1", "serial:///nowhere"])
 def test_a_board_that_cannot_be_had_is_3(source: str, capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, "project", "show", source)
     assert (said.code, said.out) == (3, "")

@@ -49,7 +49,7 @@ def test_buttons_take_poses_and_a_long_press_ends(robot: Robot) -> None:
     robot.script(TWO_POSES)
     said = robot("teach", "Wave", "1", "2", "--yes")
     assert (said.code, said.err) == (0, "")
-    assert said.out.splitlines()[0] == "a button of the board takes a pose; a long press ends"
+    assert said.out.splitlines()[0] == "a button of the board records a pose; a long press ends"
     assert said.out.splitlines()[-1] == "'Wave' with 2 poses is written: on the board"
     assert are_held(robot)
     first, second = robot.ask(lambda board: board.action(1)), robot.ask(lambda board: board.action(2))
@@ -86,7 +86,7 @@ def test_keys_take_poses_in_a_terminal(tmp_path: Path) -> None:
     assert server.stdout is not None
     url = server.stdout.readline().split()[1]
     arguments = ("teach", "Sit", "--file", str(file), "--interval", "0.5")
-    said = in_terminal("--url", url, *arguments, typed="y\n", later=("takes a pose", "  u q"))
+    said = in_terminal("--url", url, *arguments, typed="y\n", later=("records a pose", "  u q"))
     assert said.code == 0
     assert "Release all servos? [y/N]" in said.out
     assert "pose 2 is forgotten" in said.out
@@ -155,7 +155,7 @@ def test_what_cannot_be_written_to_the_board_is_kept_in_a_file(robot: Robot, tmp
     robot.at(2.0, lambda: robot.meanwhile(store_in_between))
     said = robot("teach", "Wave", "--yes")
     assert said.code == 1
-    assert "What was taught is in Wave.servolink.json" in said.err
+    assert "The poses are in Wave.servolink.json" in said.err
     assert load_project(tmp_path / "Wave.servolink.json").actions[0].action_caption == "Wave"
     assert are_held(robot)
 
@@ -166,8 +166,8 @@ def test_what_cannot_be_written_to_the_board_is_kept_in_a_file(robot: Robot, tmp
         (["Wave", "9", "--yes"], "the board has no servo 9"),
         (["W" * 33, "--yes"], "a caption has at most 32 bytes"),
         (["Wave"], "add --yes if they may"),
-        (["Wave", "--yes", "--interval", "0"], "'0' is outside 0.1..327.67 seconds"),
-        (["Wave", "--yes", "--button", "x"], "'x' is no whole number from 0 to 4294967295"),
+        (["Wave", "--yes", "--interval", "0"], "must be from 0.1 to 327.67 seconds, not '0'"),
+        (["Wave", "--yes", "--button", "x"], "must be an integer from 0 to 4294967295, not 'x'"),
     ],
 )
 def test_what_cannot_be_taught_is_refused_before_anything_goes_limp(

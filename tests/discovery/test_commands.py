@@ -155,7 +155,7 @@ def test_the_only_board_may_be_closed(here: Callable[..., None], capsys: pytest.
 def test_several_boards_are_wrong_usage_for_a_program(two_served: list[str]) -> None:
     said = program("info")
     assert (said.code, said.out) == (2, "")
-    assert all(f"--url {url}" in said.err for url in two_served)
+    assert all(f"--board {url}" in said.err for url in two_served)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")

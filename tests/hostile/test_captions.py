@@ -75,7 +75,7 @@ def test_a_program_in_a_terminal_of_its_own_makes_only_its_own_escapes(command: 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")
 def test_a_lesson_in_a_project_with_a_hostile_name(world: World) -> None:
     arguments = world.arguments("--url {few} teach wave 1 --file {lesson} --yes")
-    said = in_terminal(*arguments, later=("takes a pose", " q"))
+    said = in_terminal(*arguments, later=("records a pose", " q"))
     assert said.code == 0
     assert "'wave' with 1 pose is written: " in said.out
     assert not controls(ESCAPE.sub("", said.out)) - {"\r"}
