@@ -116,7 +116,7 @@ async def show_servos(scene: Scene) -> Outcome:
     return Outcome(
         {"url": scene.board.url, "servos": len(servos), "round_trip_seconds": scene.board.stats.round_trip(50)},
         {
-            f"all {_SERVOS} servos answered": len(servos) == _SERVOS,
+            f"all {_SERVOS} servos responded": len(servos) == _SERVOS,
             "their angles are the board's": {servo.servo_id: int(servo.angle) for servo in servos} == scene.angles,
         },
     )
@@ -202,14 +202,15 @@ async def survive_damage(scene: Scene) -> Outcome:
     """Damage a bit of one response."""
     before, damaged = scene.counters(), scene.line.damaged
     scene.line.damage_next()
-    scene.stage.say("one bit of the next reply is changed on the line; then all angles are read")
+    scene.stage.say("one bit of the next response is changed on the line; then all angles are read")
     response = await scene.board.request(QueryServoRequest(ALL_SERVOS), timeout=_IMPATIENT)
     since, damaged = scene.counted_since(before), scene.line.damaged - damaged
     return Outcome(
-        {"damaged_replies": damaged, **since},
+        {"damaged_responses": damaged, **since},
         {
-            "exactly one reply was damaged": damaged == 1,
-            "the damaged reply was thrown away and asked for again": min(since["skipped_bytes"], since["retries"]) > 0,
+            "exactly one response was damaged": damaged == 1,
+            "the damaged response was thrown away and asked for again": min(since["skipped_bytes"], since["retries"])
+            > 0,
             "the angles are right": {state.servo_id: state.angle for state in response.servos} == scene.angles,
         },
     )
@@ -219,7 +220,7 @@ async def survive_delay(scene: Scene) -> Outcome:
     """Hold one response back until it is wrong: nobody waits for it, and the servos are elsewhere."""
     before, delayed, old = scene.counters(), scene.line.delayed, scene.angles
     scene.stage.say(
-        f"servo 1 is at {old[1]}°; all angles are read, and the reply is held back until nobody waits for it"
+        f"servo 1 is at {old[1]}°; all angles are read, and the response is held back until nobody waits for it"
     )
     scene.line.delay_next(_TOO_LATE)
     timed_out = False
@@ -228,14 +229,14 @@ async def survive_delay(scene: Scene) -> Outcome:
     except RequestTimeout:
         timed_out = True
     await scene.board.move(dict.fromkeys(old, 0), duration=0.01)
-    scene.stage.say("all servos go to 0°, and all angles are read again, while the old reply is still to come")
+    scene.stage.say("all servos go to 0°, and all angles are read again, while the old response is still to come")
     read = {servo.servo_id: int(servo.angle) for servo in await scene.board.servos()}
     since, delayed = scene.counted_since(before), scene.line.delayed - delayed
     return Outcome(
-        {"delayed_replies": delayed, "late_angle": old[1], "angle": read[1], **since},
+        {"delayed_responses": delayed, "late_angle": old[1], "angle": read[1], **since},
         {
-            "exactly one reply was delayed past its time": timed_out and delayed == 1,
-            "a fence showed the late reply to be late": min(since["late_responses"], since["fences"]) > 0,
+            "exactly one response was delayed past its time": timed_out and delayed == 1,
+            "a fence showed the late response to be late": min(since["late_responses"], since["fences"]) > 0,
             f"servo 1 is read at {read[1]}°, and all angles are right": read == scene.angles != old,
         },
     )
@@ -305,8 +306,8 @@ STEPS: tuple[tuple[str, str, Callable[[Scene], Awaitable[Outcome]]], ...] = (
     ("action", "An action, stored on the board and run", run_action),
     ("macro", "A macro, stored on the board and run", run_macro),
     ("button", "A joystick button that starts the macro", press_button),
-    ("damaged", "A damaged reply", survive_damage),
-    ("late", "A late reply", survive_delay),
+    ("damaged", "A damaged response", survive_damage),
+    ("late", "A late response", survive_delay),
     ("export", "Everything on the board, as a project file", export_project),
     ("pulled", "The project into a second board, whose cable is pulled", pull_cable),
     ("resumed", "Plugged in again", finish_import),

@@ -67,14 +67,14 @@ def test_the_button_was_pressed_and_released(steps: dict[str, Any]) -> None:
 
 def test_one_reply_was_damaged(steps: dict[str, Any]) -> None:
     counted = measured(steps, "damaged")
-    assert counted["damaged_replies"] == 1
+    assert counted["damaged_responses"] == 1
     assert counted["skipped_bytes"] >= 9 + 1 + 16 * 11, "the whole answer of 16 servos"
     assert min(counted["timeouts"], counted["fences"], counted["retries"]) >= 1
 
 
 def test_one_reply_was_late(steps: dict[str, Any]) -> None:
     counted = measured(steps, "late")
-    assert counted["delayed_replies"] == 1
+    assert counted["delayed_responses"] == 1
     assert min(counted["timeouts"], counted["fences"], counted["late_responses"]) >= 1
     assert (counted["late_angle"] != 0, counted["angle"]) == (True, 0)
 
@@ -129,7 +129,7 @@ def test_a_check_that_fails_is_named(
         assert said.objects[-1]["failed"] == ["damaged"]
         assert [described["step"] for described in said.objects if not described["ok"]] == ["damaged", "end"]
     else:
-        assert "FAILED: exactly one reply was damaged" in said.out
+        assert "FAILED: exactly one response was damaged" in said.out
         assert "FAILED: damaged." in said.out
 
 
