@@ -163,7 +163,7 @@ async def listen(converse: Converse, host: str, port: int) -> AsyncIterator[str]
     accepting = [asyncio.ensure_future(_accept(each, start)) for each in listening]
     try:
         name, number = listening[0].getsockname()[:2]
-        yield f"[{name}]:{number}" if ":" in name else f"{name}:{number}"
+        yield _place(name, number)
     finally:
         for task in (*accepting, *conversations):
             task.cancel()
@@ -172,9 +172,13 @@ async def listen(converse: Converse, host: str, port: int) -> AsyncIterator[str]
             each.close()
 
 
+def _place(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
 async def _listening_sockets(host: str, port: int) -> list[socket.socket]:
     """Return sockets that listen at all addresses of `host`, with one port for all of them."""
-    place = f"{host}:{port}"
+    place = _place(host, port)
     try:
         found = await asyncio.get_running_loop().getaddrinfo(
             None if host == "*" else host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE

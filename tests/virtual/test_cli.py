@@ -398,6 +398,7 @@ def test_it_ends_with_its_terminal() -> None:
         (("--script", "/dev/zero"), 2, "is not a regular file"),
         (("--tcp", "192.0.2.1:80"), 3, "try another port"),
         (("--state", "/"), 3, "cannot be read"),
+        (("--state", "/dev/zero"), 3, "is not a regular file"),
         (("--state", "missing/board.json"), 2, "missing does not exist; create it"),
     ],
 )

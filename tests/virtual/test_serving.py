@@ -296,6 +296,46 @@ def test_all_addresses_of_a_machine_have_the_same_port() -> None:
         asyncio.run(main())
 
 
+def test_a_machine_without_ipv6_serves_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    create_server = socket.create_server
+
+    def without_ipv6(address: tuple[Any, ...], *, family: int, backlog: int) -> socket.socket:
+        if family == socket.AF_INET6:
+            raise OSError(errno.EAFNOSUPPORT, "Address family not supported by protocol")
+        return create_server(address, family=family, backlog=backlog)
+
+    async def main(host: str) -> str:
+        async with serve(VirtualBoard(servos=3), tcp=f"{host}:0") as (url,):
+            return url
+
+    monkeypatch.setattr(socket, "create_server", without_ipv6)
+    assert asyncio.run(main("*")).startswith("tcp://0.0.0.0:")
+    with pytest.raises(OpenError, match=r"cannot listen at \[::1\]:0: .*not supported"):
+        asyncio.run(main("[::1]"))
+
+
+@pytest.mark.skipif("not has_ipv6()")
+def test_a_free_port_is_free_for_all_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first two ports are taken by others at the second address."""
+    create_server, taken = socket.create_server, 2
+
+    def second_is_taken(address: tuple[Any, ...], *, family: int, backlog: int) -> socket.socket:
+        nonlocal taken
+        if family == socket.AF_INET6 and taken:
+            taken -= 1
+            raise OSError(errno.EADDRINUSE, "Address already in use")
+        return create_server(address, family=family, backlog=backlog)
+
+    async def main() -> None:
+        async with serve(VirtualBoard(servos=3), tcp="*:0") as (url,):
+            with pytest.raises(OSError, match="in use"):
+                create_server(("::1", int(url.rpartition(":")[2])), family=socket.AF_INET6)
+
+    monkeypatch.setattr(socket, "create_server", second_is_taken)
+    asyncio.run(main())
+    assert taken == 0
+
+
 def has_ipv6() -> bool:
     try:
         socket.create_server(("::1", 0), family=socket.AF_INET6).close()
