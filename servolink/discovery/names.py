@@ -102,7 +102,9 @@ def current_url(name: str, alias: Alias, devices: Sequence[DeviceInfo]) -> str:
     found = ports_of(alias.identity, devices)
     wanted = f"{name} is the board with serial number {alias.serial_number}"
     if not found:
-        raise OpenError(f"{wanted}, which is not here; plug it in and switch it on; `servolink list` shows what is")
+        raise OpenError(
+            f"{wanted}, which is not here; plug it in and switch it on; `servolink list` shows the boards here"
+        )
     if len(found) > 1:
         named = ", ".join(device.url for device in found)
         raise OpenError(f"{wanted}, and several have it: {named}; use one of these addresses")

@@ -22,7 +22,7 @@ _KINDS = (
 
 
 class Found(NamedTuple):
-    """What a search has found."""
+    """The result of a search."""
 
     devices: list[DeviceInfo]
     failures: list[TransportError]

@@ -91,7 +91,7 @@ def _serves(process: Process, path: str) -> bool:
 
 LATENCY_TIMER = "latency timer"
 _HELD_BACK = "an FTDI adapter holds short responses back until its latency timer, usually 16 ms, has expired"
-_LONGEST = 2  # milliseconds that nobody notices
+_LONGEST = 2  # milliseconds that are not noticed
 _NEAR_16_MS = (0.0135, 0.0185)  # seconds: the timer itself, and the short way there and back
 _FEWEST = 10  # round trips that allow a conclusion
 

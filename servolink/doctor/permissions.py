@@ -131,7 +131,7 @@ def _refused(facts: SystemFacts, url: str, path: str, node: Node) -> Finding:
         f"{facts.user or 'this user'} is in {', '.join(sorted(facts.groups)) or 'no group'}"
     )
     if node.mode & _GROUP_READS_AND_WRITES != _GROUP_READS_AND_WRITES or node.group in {"root", "0", "wheel"}:
-        return _for_nobody(facts, url, path, observation)
+        return _for_its_owner(facts, url, path, observation)
     if facts.user in (facts.members(node.group) or ()):
         return Finding(
             "permissions",
@@ -148,7 +148,7 @@ def _refused(facts: SystemFacts, url: str, path: str, node: Node) -> Finding:
     )
 
 
-def _for_nobody(facts: SystemFacts, url: str, path: str, observation: str) -> Finding:
+def _for_its_owner(facts: SystemFacts, url: str, path: str, observation: str) -> Finding:
     meaning = "only its owner may open it"
     if usb_device(facts, url) is None:
         return Finding(

@@ -1,48 +1,49 @@
-"""What every transport is."""
+"""The contract of every transport; `lifecycle.BaseTransport` keeps it for most kinds."""
 
 from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
 STALL_LIMIT = 2.0
-"""Seconds without the system taking a byte after which a send fails and the connection is lost."""
+"""Seconds in which the system takes no byte, after which a send fails and the connection is lost."""
 
 
 class Receiver(Protocol):
-    """Takes what a transport brings; both methods are called on the event loop only."""
+    """The consumer of a transport's bytes; both methods are called on the event loop only."""
 
     def data(self, chunk: bytes, /) -> None:
-        """Take the next bytes, cut anyhow; never raises."""
+        """Take the next bytes, in chunks of any size; must not raise."""
 
     def lost(self, error: Exception | None, /) -> None:
-        """Take note, exactly once, that the transport has ended: by `error`, or None for an end that was asked for."""
+        """Handle the end of the transport; called once, with the cause, or None if the end was asked for."""
 
 
 @runtime_checkable
 class Transport(Protocol):
-    """A byte pipe to a board, for one connection: for the next one make another."""
+    """A byte pipe to a board, for one connection; each further connection needs a new one."""
 
     @property
     def url(self) -> str:
-        """The address it leads to, as the user would write it."""
+        """The address it leads to, as the user writes it."""
         ...
 
     async def open(self, receiver: Receiver) -> None:
-        """Be ready to send and receive on return; OpenError says what to do, and leaves nothing open.
+        """Open the device; on return it is ready to send and receive.
 
-        Opening again is an OpenError, also after an open that failed.
+        Raise OpenError, which says what to do, and leave nothing open, if that fails or if it was opened before,
+        successfully or not.
         """
 
     async def send(self, data: bytes) -> None:
-        """Send all of `data`, or raise ConnectionLost, also when it is not open.
+        """Send all of `data`; return when the system has taken it. Raise ConnectionLost if it is not open.
 
         The whole of `data` is taken before the first await: a cancelled send still goes out whole, and sends
-        keep their order. Returns when the system has taken the bytes; for no bytes, when it has taken all that was
-        sent before. When it has taken none for STALL_LIMIT the connection is lost, as a frame was cut off.
+        keep their order. Sending no bytes waits until everything sent before has been taken. If the system takes no
+        byte for STALL_LIMIT seconds the connection is lost, as a frame may have been cut.
         """
 
     async def close(self) -> None:
-        """Free the port within 1 s whatever the device does; may be called again; then `lost(None)` has been called.
+        """Free the port within 1 s, whatever the device does; may be called in any state, and again.
 
-        What was sent gets a moment to leave. If the connection was lost before, `lost` is not called again.
+        Bytes already sent get a moment to leave. Call `lost(None)` before returning, unless `lost` was called before.
         """

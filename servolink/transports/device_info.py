@@ -20,13 +20,13 @@ _NUMBER = re.compile(r"(0x)?[0-9a-f]{1,4}", re.ASCII | re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class PortIdentity:
-    """What a USB device says of itself, wherever it is plugged in; None and "" stand for unknown, or for any."""
+    """The identity of a USB device, the same on every port; None and "" mean unknown or, in a search, any."""
 
     vendor_id: int | None = None
     product_id: int | None = None
     serial_number: str = ""
     interface: int | None = None
-    """The number of the interface, which tells several ports of one device apart."""
+    """The number of the interface, by which several ports of one device differ."""
 
     @classmethod
     def from_address(cls, address: Address) -> PortIdentity:

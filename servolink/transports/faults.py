@@ -1,4 +1,4 @@
-"""A bad line, as a model: the same seed and the same bytes give the same faults."""
+"""Faults of a line: the same seed and the same bytes give the same faults."""
 
 from __future__ import annotations
 
@@ -17,27 +17,28 @@ from servolink.transports.lifecycle import WrappedTransport
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """How bad a line is: probabilities from 0 to 1, each a field, an option of an address and a key of `parse`."""
+    """How bad a line is. Most are probabilities from 0 to 1; each is also an option of an address and of `parse`."""
 
     drop: float = 0.0
-    """Per byte: it is lost."""
+    """Per byte: lost."""
     flip: float = 0.0
-    """Per byte: one of its bits is inverted."""
+    """Per byte: one bit inverted."""
     insert: float = 0.0
-    """Per byte: a random byte comes before it."""
+    """Per byte: a random byte inserted before it."""
     delay: float = 0.0
-    """Per chunk: it comes `delay_time` seconds late; later ones wait behind it."""
+    """Per chunk: late by `delay_time`; later chunks wait behind it."""
     delay_time: float = 0.05
+    """Seconds."""
     duplicate: float = 0.0
-    """Per chunk: it comes twice."""
+    """Per chunk: delivered twice."""
     cut: float = 0.0
-    """Per chunk: it ends anywhere before its last byte."""
+    """Per chunk: cut anywhere before its last byte."""
     unplug: int = 0
-    """The line is lost after this many bytes in one direction; 0 is never."""
+    """The number of bytes in one direction after which the line is lost; 0 means never."""
 
     @classmethod
     def parse(cls, text: str) -> Faults:
-        """Read `drop=0.01,flip=0.001`; TransportUnavailable names what is wrong and what is known."""
+        """Read `drop=0.01,flip=0.001`; InvalidAddress names the wrong part and the valid names."""
         address = Address.parse("faults://?" + text.replace(",", "&"))
         faults = cls.from_address(address)
         address.refuse_unknown()
@@ -45,7 +46,7 @@ class Faults:
 
     @classmethod
     def from_address(cls, address: Address) -> Faults:
-        """Read the options of `address` that are faults; the caller refuses unknown ones."""
+        """Read the options of `address` that are faults; the caller refuses the others."""
         return cls(
             drop=address.number("drop", 0.0, 0.0, 1.0),
             flip=address.number("flip", 0.0, 0.0, 1.0),
@@ -62,12 +63,12 @@ class LineFaults:
     """One direction of a bad line."""
 
     def __init__(self, faults: Faults, seed: int | str = 0) -> None:
-        """Make the faults that `seed` gives."""
+        """Draw faults from `seed`."""
         self._faults = faults
-        self._random = Random(seed)  # noqa: S311 - to be repeated, not secret
+        self._random = Random(seed)  # noqa: S311 - repeatable, not secret
         self._passed = 0
         self._last = -math.inf
-        # The chances of the three byte faults, none of which excludes another, put on one scale.
+        # The probability of at least one of the three byte faults, which are independent.
         self._noise = 1 - (1 - faults.drop) * (1 - faults.flip) * (1 - faults.insert)
         self._clean = self._clean_run()
 
@@ -77,7 +78,7 @@ class LineFaults:
         return 0 < self._faults.unplug <= self._passed
 
     def apply(self, chunk: bytes, now: float) -> list[tuple[float, bytes]]:
-        """Return what becomes of `chunk`, sent at `now` seconds: pieces and when they arrive, in order."""
+        """Return the time and the content of each piece that arrives of `chunk`, sent at `now` seconds, in order."""
         chunk = self._count(chunk)
         if chunk and self._happens(self._faults.cut):
             chunk = chunk[: self._random.randrange(len(chunk))]
@@ -100,7 +101,7 @@ class LineFaults:
         return probability > 0 and self._random.random() < probability
 
     def _clean_run(self) -> int:
-        """Draw how many bytes pass before the next byte fault, instead of drawing for each byte."""
+        """Draw how many bytes pass before the next byte fault: one draw instead of one for each byte."""
         if not 0 < self._noise < 1:
             return 0
         return int(math.log(1 - self._random.random()) / math.log1p(-self._noise))
@@ -118,7 +119,7 @@ class LineFaults:
         return bytes(out + chunk[at:])
 
     def _damage(self, out: bytearray, byte: int) -> None:
-        """Append what becomes of a byte of which at least one fault is known to happen."""
+        """Append a byte with at least one fault, unless it is dropped."""
         faults = self._faults
         draw = self._random.random() * self._noise
         insert = draw < faults.insert
@@ -134,7 +135,7 @@ _UNPLUGGED = "it was unplugged by fault injection"
 
 
 class FaultyTransport(WrappedTransport):
-    """Applies faults to what is sent, to what is received, or to both; a delayed chunk delays those behind it."""
+    """Applies faults to one or both directions of a transport; a delayed chunk delays those behind it."""
 
     def __init__(
         self, inner: Transport, faults: Faults, *, seed: int = 0, sent: bool = True, received: bool = True
@@ -149,7 +150,7 @@ class FaultyTransport(WrappedTransport):
         self._timer: asyncio.TimerHandle | None = None
 
     def data(self, chunk: bytes, /) -> None:
-        """Pass on what the faults leave of `chunk`."""
+        """Apply faults to `chunk` and pass on the result."""
         now = asyncio.get_running_loop().time()
         for at, piece in self._up.apply(chunk, now):
             if self._late_up or at > now:
@@ -164,7 +165,7 @@ class FaultyTransport(WrappedTransport):
         return self._send_faulty(data)
 
     async def _send_faulty(self, data: bytes) -> None:
-        """Send what the faults leave of `data`; what is delayed counts as sent."""
+        """Apply faults to `data` and send the result; delayed pieces count as sent."""
         now = asyncio.get_running_loop().time()
         pieces = self._down.apply(data, now)
         if self._late_down or any(at > now for at, _ in pieces):
@@ -178,7 +179,7 @@ class FaultyTransport(WrappedTransport):
             raise self._lost()
 
     async def _close(self) -> None:
-        self._forget_late()  # what is still delayed is lost
+        self._forget_late()  # delayed pieces are lost
         await super()._close()
 
     def _abort(self) -> None:
@@ -189,12 +190,12 @@ class FaultyTransport(WrappedTransport):
         loop = asyncio.get_running_loop()
         try:
             while self._late_down:
-                at, piece = self._late_down[0]  # stays in front meanwhile, so that nothing overtakes it
+                at, piece = self._late_down[0]  # removed only when sent, so that nothing overtakes it
                 await asyncio.sleep(at - loop.time())
                 await self._inner.send(piece)
                 self._late_down.popleft()
         except ConnectionLost:
-            self._late_down.clear()  # the wrapped transport says so itself
+            self._late_down.clear()  # the wrapped transport reports it
 
     def _arm(self) -> None:
         if self._late_up and self._timer is None:
@@ -202,7 +203,7 @@ class FaultyTransport(WrappedTransport):
 
     def _release(self) -> None:
         self._timer = None
-        now = max(self._late_up[0][0], asyncio.get_running_loop().time())  # a timer may come a rounding error early
+        now = max(self._late_up[0][0], asyncio.get_running_loop().time())  # a timer may fire early by a rounding error
         while self._late_up and self._late_up[0][0] <= now:
             self._deliver(self._late_up.popleft()[1])
         self._arm()

@@ -124,7 +124,7 @@ class OpenHid:
 
     def write(self, piece: bytes) -> None:
         """Send one report; Linux waits up to 5 s for the device to take it."""
-        if self._handle.write(piece) < 0:  # otherwise what it returns differs between systems
+        if self._handle.write(piece) < 0:  # the other values it returns differ between systems
             raise _gone(self._handle.error())
 
     def close(self) -> None:

@@ -107,7 +107,7 @@ class HidInterface:
 
     @property
     def url(self) -> str:
-        """Its address, with the usage page where that tells it from others of its device."""
+        """Its address, with the usage page if its device has several such interfaces."""
         return self.identity.url("hid", "" if self.alone else f"usage_page={self.usages[0][0]:#06x}")
 
     @property
@@ -149,7 +149,7 @@ def interfaces(api: HidApi) -> list[HidInterface]:
 
 
 def boards(api: HidApi, wanted: PortIdentity = ANY_DEVICE, usage_page: int | None = None) -> list[HidInterface]:
-    """List what can be a board and fits; other interfaces of keyboards and mice only when their id is given."""
+    """List the interfaces that fit and can be boards; those of keyboards and mice only if their id is given."""
     everything = interfaces(api)
     inputs = {each.identity.device for each in everything if each.is_input}
     found = [

@@ -23,16 +23,16 @@ Stage: TypeAlias = Literal["new", "opening", "open", "closing", "ended"]
 class BaseTransport(ABC):
     """Everything a transport promises except the bytes themselves: a kind adds `_open`, `_send`, `_close`, `_abort`.
 
-    A kind calls `_deliver` with what arrives and `_lose` with whatever ends the connection. Any exception that is not
-    a ServolinkError becomes an OpenError or a ConnectionLost, so that a kind need not translate the errors of its
-    library.
+    A kind calls `_deliver` with each chunk that arrives and `_lose` with any error that ends the connection. Any
+    exception that is not a ServolinkError becomes an OpenError or a ConnectionLost, so that a kind need not translate
+    the errors of its library.
     """
 
     def __init__(self, url: str) -> None:
         """Start unopened; errors and log lines call the transport `url`."""
         self._url = url
         self._stage: Stage = "new"
-        self._receiver: Receiver | None = None  # None again once it has been told of the end
+        self._receiver: Receiver | None = None  # None again after the end
         self._error: ConnectionLost | None = None  # the first cause of a loss
         self._senders: deque[asyncio.Future[bool]] = deque()  # resolved with whether the system took their bytes
         self._watch = StallWatch(lambda: bool(self._senders), self._taken, self._lose)
@@ -101,7 +101,7 @@ class BaseTransport(ABC):
 
     @abstractmethod
     async def _close(self) -> None:
-        """Give what was sent a moment to leave, then free the port, within 1 s in all.
+        """Give sent bytes a moment to leave, then free the port, within 1 s in all.
 
         Called for every `close`, in every stage: before opening and again after the end too.
         """
@@ -137,7 +137,7 @@ class BaseTransport(ABC):
 
     async def _until_taken(self, taken: asyncio.Future[bool]) -> None:
         """Wait until the kind resolves `taken` with True, or the connection ends."""
-        if self._stage == "ended":  # by the sending itself: nobody would resolve it any more
+        if self._stage == "ended":  # by `_send` itself: nothing would resolve the future
             raise self._lost()
         self._senders.append(taken)
         self._watch.start()
@@ -183,14 +183,14 @@ class WrappedTransport(BaseTransport):
     """A transport around another one: passes everything through both ways; a subclass changes what passes."""
 
     def __init__(self, inner: Transport) -> None:
-        """Wrap `inner`, which nobody else may use."""
+        """Wrap `inner`, which must not be used otherwise."""
         super().__init__(inner.url)
         self._inner = inner
         self._inner_is_open = False
         self._closing: asyncio.Task[None] | None = None  # kept, as the loop does not keep its tasks
 
     def data(self, chunk: bytes, /) -> None:
-        """Pass on what the wrapped transport brings."""
+        """Pass on a chunk of the wrapped transport."""
         self._deliver(chunk)
 
     def lost(self, error: Exception | None, /) -> None:
@@ -220,7 +220,7 @@ class WrappedTransport(BaseTransport):
             self._closing.add_done_callback(self._closed)
 
     def _closed(self, closing: asyncio.Task[None]) -> None:
-        if not closing.cancelled() and (error := closing.exception()):  # nobody waits to be told
+        if not closing.cancelled() and (error := closing.exception()):  # no caller waits for it
             _logger.warning("%s: closing it failed: %s", escape(self.url), escape(str(error)))
 
     def _break(self, reason: str) -> None:
@@ -246,7 +246,7 @@ class StallWatch:
         return self._timer is not None
 
     def start(self) -> None:
-        """Start, unless it is running; it stops by itself when nobody waits any more."""
+        """Start, unless it is running; it stops by itself when no send waits any more."""
         if self._timer is None:
             self._timer = asyncio.get_running_loop().call_later(_STALL_STEP, self._look, self._taken(), 1)
 
@@ -257,13 +257,13 @@ class StallWatch:
             self._timer = None
 
     def _look(self, taken: int, looks: int) -> None:
-        """Look for the `looks`-th time in a row whether more than `taken` has been taken."""
+        """Compare with `taken`, for the `looks`-th time in a row without progress."""
         self._timer = None
         if not self._waiting():
             return  # the next send that has to wait starts it again
         if self._taken() != taken:
             taken, looks = self._taken(), 0
-        # Counted in looks, not in seconds: time also passes while the whole machine stands still, as after a suspend.
+        # Counted in looks, not in seconds: time also passes while the whole machine is suspended.
         elif looks * _STALL_STEP >= STALL_LIMIT:
             self._stalled(TimeoutError(f"it has taken no byte for {STALL_LIMIT:g} s"))
             return

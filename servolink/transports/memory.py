@@ -15,7 +15,7 @@ _lines: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str, list[MemoryTransp
 
 
 class MemoryTransport(BaseTransport):
-    """One end; what is sent arrives at the other end in a later turn of the event loop, or once that is open."""
+    """One end; bytes arrive at the other end in a later turn of the event loop, or once that end is open."""
 
     def __init__(self, url: str = "memory://", name: str = "") -> None:
         """Be an end of the line `name`, which joins its first two openers; without a name, see `pair`."""
@@ -59,7 +59,7 @@ class MemoryTransport(BaseTransport):
                 self._peer._loop.call_soon(self._peer._receive)
 
     async def _close(self) -> None:
-        if self._peer is not None:  # which gets what was sent, and then the end
+        if self._peer is not None:  # which gets the sent bytes first
             self._peer._lose_soon("the other end was closed")
 
     def _abort(self) -> None:

@@ -57,6 +57,8 @@ class RecordingTransport(WrappedTransport):
     def _send(self, data: bytes) -> Awaitable[None] | None:
         if data:
             self._write("sent", data.hex())
+        if self._was_ended():  # because the recording could not be written
+            raise self._lost()
         return super()._send(data)
 
     def _abort(self) -> None:
@@ -71,7 +73,7 @@ class RecordingTransport(WrappedTransport):
         seconds = round(asyncio.get_running_loop().time() - self._start, 6)
         try:
             self._file.write(json.dumps({"t": seconds, what: text}) + "\n")
-        except OSError as error:  # going on with a hole in the recording would mislead whoever reads it
+        except OSError as error:  # a recording with a hole would mislead its readers
             self._close_file()
             self._break(f"{self._path} cannot be written: {error}")
 
@@ -109,7 +111,7 @@ class ReplayTransport(BaseTransport):
         self._expected = bytearray()
         self._said = 0  # bytes
         self._done = 0  # sends
-        self._coming: deque[tuple[int, _Line]] = deque()  # what the board sent, each after so many sends
+        self._coming: deque[tuple[int, _Line]] = deque()  # from the board, each after a number of sends
         self._shift = 0.0  # from the recording's time to the loop's
         self._timer: asyncio.Handle | None = None
 
@@ -146,7 +148,7 @@ class ReplayTransport(BaseTransport):
             self._timer.cancel()
 
     def _arm(self) -> None:
-        """Set the timer for the next chunk, if what has to be sent before it has been."""
+        """Set the timer for the next chunk, unless the program has to send something before."""
         if self._timer is None and self._coming and self._coming[0][0] <= self._done:
             loop = asyncio.get_running_loop()
             due = self._coming[0][1].seconds + self._shift if self._timing else loop.time()
@@ -159,7 +161,7 @@ class ReplayTransport(BaseTransport):
             self._lose(ConnectionLost(f"{self.url}: line {line.number}: {line.text}"))
         else:
             self._deliver(line.data)
-            if self._stage != "ended":  # by what the receiver did
+            if self._stage != "ended":  # by the receiver
                 self._arm()
 
     def _mismatch(self, data: bytes, before: int) -> ConnectionLost:
@@ -185,7 +187,7 @@ def _read(path: Path) -> list[_Line]:
     except (OSError, ValueError) as error:
         raise OpenError(f"cannot read the recording {path}: {reason(error)}") from error
     read: list[_Line] = []
-    for number, text in enumerate(lines[:-1], 1):  # after the last newline is nothing, or what a crash left
+    for number, text in enumerate(lines[:-1], 1):  # after the last newline is nothing, or a line cut by a crash
         try:
             read.append(_parse(number, text, read[-1].seconds if read else 0.0))
         except (ValueError, TypeError, OverflowError, RecursionError) as error:

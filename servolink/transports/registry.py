@@ -73,7 +73,7 @@ class PlugIn:
         self._purpose = purpose
 
     def load(self) -> Any:
-        """Import what it stands for."""
+        """Import and return the registered function."""
         return self._entry_point.load()
 
     @contextmanager

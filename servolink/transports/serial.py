@@ -31,7 +31,7 @@ class _Port(serial.Serial):  # type: ignore[misc]
     failed: Callable[[Exception], None]
 
     def read(self, size: int = 1) -> bytes:
-        """Read without `select`, as pyserial-asyncio knows that data is there; if not, let pyserial find out why."""
+        """Read without `select`, as data is known to be there; if none is, pyserial finds out why."""
         try:  # on Windows, where a port has no descriptor, this fails with an OSError too
             if data := os.read(self.fileno(), size):
                 return data

@@ -11,7 +11,7 @@ from servolink.errors import OpenError
 from servolink.transports.address import Address
 from servolink.transports.lifecycle import BaseTransport
 
-_DRAIN_LIMIT = 0.5  # seconds that close() gives what was sent to leave
+_DRAIN_LIMIT = 0.5  # seconds that close() gives sent bytes to leave
 _DRAIN_STEP = 0.01
 
 
@@ -57,7 +57,7 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
         self._wake_senders(taken=True)
 
     def _write(self, pipe: asyncio.Transport, data: bytes) -> None:
-        """Give `data` to the system; `pipe` keeps what it does not take, and calls `pause_writing`."""
+        """Give `data` to the system; `pipe` buffers the rest that it does not take, and calls `pause_writing`."""
         pipe.write(data)
 
     def _unsent(self) -> int:
@@ -97,7 +97,7 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
 
     def _release(self) -> None:
         """Free the port without asyncio, once the event loop has ended."""
-        if self._pipe is not None:  # what abort() leaves to the next turn of the loop
+        if self._pipe is not None:  # abort() would leave this to the next turn of the loop
             self._pipe._call_connection_lost(None)  # type: ignore[attr-defined]  # noqa: SLF001
 
     def _taken(self) -> int:

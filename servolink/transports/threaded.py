@@ -1,11 +1,10 @@
-"""The threads of one device whose library blocks.
+"""A transport over a device whose library blocks, with two threads for each device.
 
-One thread opens the device, reads from it as long as it is open, and closes it; a second one, which lives inside
-the first one's life, writes. So a write never waits for a read that waits for the board, and nothing is in use
-when it is closed. Reading and writing at the same time is what hidapi (from 0.15 on) and libusb allow; closing during
-either is what they do not.
+One thread opens the device, reads from it and closes it; the other one, which it starts and joins, writes. So a write
+never waits for a read that waits for the board, and no call is under way when the device is closed. hidapi (from 0.15
+on) and libusb allow a read and a write at the same time, but not a close during either.
 
-Nobody can break off a call that is stuck in the operating system. Both threads are daemons: such a one is left
+A call that is stuck in the operating system cannot be interrupted. Both threads are daemons: a stuck one is left
 behind, and closes the device by itself when the call returns.
 """
 
@@ -24,7 +23,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 from servolink.errors import ConnectionLost
 from servolink.transports.lifecycle import BaseTransport
 
-_DRAIN_LIMIT = 0.4  # seconds that close() gives what was sent to leave
+_DRAIN_LIMIT = 0.4  # seconds that close() gives sent bytes to leave
 _END_LIMIT = 0.5  # seconds that close() then gives the device to stop: a read takes half of it
 _EXIT_LIMIT = 1.0  # seconds that the end of the program waits for a device to be closed
 
@@ -33,19 +32,19 @@ class OpenDevice(Protocol):
     """A device whose calls block; any error a call raises ends the connection."""
 
     def read(self) -> bytes:
-        """Wait for bytes for a quarter of a second at most, and return none if none came."""
+        """Wait for bytes, for a quarter of a second at most; return b"" if none came."""
         ...
 
     def pieces(self, frame: bytes) -> Iterable[bytes]:
-        """Cut `frame` into what is offered to the device at once."""
+        """Cut `frame` into the pieces that the device takes in one call."""
         ...
 
     def write(self, piece: bytes) -> bytes | None:
-        """Offer `piece` for a short while; return the rest that was not taken, or None when all was."""
+        """Offer `piece` for a short time; return the rest that was not taken, None if all was."""
         ...
 
     def close(self) -> None:
-        """Free it; called once, when neither `read` nor `write` is under way."""
+        """Release it; called once, when neither `read` nor `write` is under way."""
         ...
 
 
@@ -53,19 +52,19 @@ class Device(Protocol):
     """A device that can be opened."""
 
     def open(self) -> OpenDevice:
-        """Open it, or raise OpenError, which says what to do, and leave nothing open."""
+        """Open it. Raise OpenError, which says what to do, and leave nothing open if that fails."""
         ...
 
 
-class Stage(Enum):
-    """What the owning thread tells of itself."""
+class DeviceState(Enum):
+    """A state of the device, as the thread reports it."""
 
     OPENED = "opened"
-    ENDED = "ended"  # the last news: the device is closed
+    CLOSED = "closed"  # the last report
 
 
-News: TypeAlias = "bytes | asyncio.Future[bool] | Exception | Stage"
-"""What the device brought, the future of a frame that it took, what went wrong, or a stage."""
+News: TypeAlias = "bytes | asyncio.Future[bool] | Exception | DeviceState"
+"""A chunk, the future of a frame that the device has taken, a failure, or a change of state."""
 
 
 class _Frame(NamedTuple):
@@ -74,69 +73,69 @@ class _Frame(NamedTuple):
 
 
 class DeviceThread:
-    """Owns a device, and brings its news to the event loop: one wake-up for as much as there is by then."""
+    """Owns a device and reports to the event loop, which it wakes once for everything that has happened by then."""
 
     def __init__(self, device: Device, loop: asyncio.AbstractEventLoop, hear: Callable[[Iterator[News]], None]) -> None:
-        """Own `device`; `hear` is called on `loop` whenever there is news, with what there is by then, in order."""
+        """Own `device`; `hear` is called on `loop` with all news so far, in order."""
         self._device = device
         self._loop = loop
         self._hear = hear
         self._news: deque[News] = deque()
-        self._told = False  # whether `_bring` is on its way
+        self._is_waking = False  # whether the loop will call `_report`
         self._frames: SimpleQueue[_Frame | None] = SimpleQueue()
         self._stopping = False
         self._thread = threading.Thread(target=self._own, name="servolink device", daemon=True)
         self.steps = 0
-        """How often the device has taken something."""
+        """The number of times that the device has taken bytes."""
 
     def start(self) -> None:
         """Start opening the device."""
-        # Python kills daemons at its end, perhaps in the middle of a read, and then hidapi closes what it left open.
+        # At its end Python kills daemons, perhaps in the middle of a read, and then hidapi closes the open device.
         atexit.register(self._end_with_program)
         self._thread.start()
 
     def send(self, frame: bytes, taken: asyncio.Future[bool]) -> None:
-        """Send `frame` after those before it; `taken` comes back as news when the device has it.
+        """Send `frame` after the earlier ones; `taken` comes back as news when the device has it.
 
-        An empty one only tells when the device has those before it.
+        An empty one is only reported, when the device has the earlier ones.
         """
         self._frames.put(_Frame(frame, taken))
 
     def stop(self) -> None:
-        """Close the device as soon as it lets go, whatever is still unsent; may be called again, from any thread."""
+        """Close the device as soon as no call is under way, and drop unsent frames; may be called from any thread."""
         self._stopping = True
         self._frames.put(None)
 
     def _own(self) -> None:
         try:
             device = self._device.open()
-        except Exception as error:  # noqa: BLE001 - libraries raise what they like
-            self._tell(error)
+        except Exception as error:  # noqa: BLE001 - libraries raise errors of any kind
+            self._post(error)
         else:
             self._use(device)
         finally:
             atexit.unregister(self._end_with_program)
-            self._tell(Stage.ENDED)
+            self._post(DeviceState.CLOSED)
 
     def _use(self, device: OpenDevice) -> None:
         writer = threading.Thread(target=self._write, args=[device], name="servolink device writer", daemon=True)
         try:
             writer.start()  # fails when the program is ending
-            self._tell(Stage.OPENED)
+            self._post(DeviceState.OPENED)
             self._read(device)
-        except Exception as error:  # noqa: BLE001 - told before the device is closed, which can take long
-            self._tell(error)
+        except Exception as error:  # noqa: BLE001 - reported before closing the device, which can take long
+            self._post(error)
         self.stop()
         if writer.is_alive():
             writer.join()
-        with suppress(Exception):  # nothing more can be done for a device that fails to close
+        with suppress(Exception):  # nothing can be done about a device that fails to close
             device.close()
 
     def _read(self, device: OpenDevice) -> None:
-        read, tell, is_closed = device.read, self._tell, self._loop.is_closed  # bound once: this runs for every chunk
+        read, post, is_closed = device.read, self._post, self._loop.is_closed  # bound once: this runs for every chunk
         while not self._stopping and not is_closed():
             if chunk := read():
-                tell(chunk)
+                post(chunk)
 
     def _write(self, device: OpenDevice) -> None:
         try:
@@ -145,9 +144,9 @@ class DeviceThread:
                     self._write_piece(device, piece)
                 if self._stopping:
                     return
-                self._tell(frame.taken)
+                self._post(frame.taken)
         except Exception as error:  # noqa: BLE001 - see _use
-            self._tell(error)
+            self._post(error)
 
     def _write_piece(self, device: OpenDevice, piece: bytes) -> None:
         rest: bytes | None = piece
@@ -156,8 +155,8 @@ class DeviceThread:
             rest = device.write(rest)
             self.steps += rest is None or len(rest) < offered
 
-    def _bring(self) -> None:
-        self._told = False  # before looking: what comes while we look calls again
+    def _report(self) -> None:
+        self._is_waking = False  # first: news that comes meanwhile must wake the loop again
         self._hear(self._take())
 
     def _take(self) -> Iterator[News]:
@@ -165,13 +164,13 @@ class DeviceThread:
         while news:
             yield news.popleft()
 
-    def _tell(self, news: News) -> None:
+    def _post(self, news: News) -> None:
         self._news.append(news)
-        if not self._told:
-            self._told = True
+        if not self._is_waking:
+            self._is_waking = True
             try:
-                self._loop.call_soon_threadsafe(self._bring)
-            except RuntimeError:  # the loop is closed: nobody wants the device any more
+                self._loop.call_soon_threadsafe(self._report)
+            except RuntimeError:  # the loop is closed: the device is not needed any more
                 self.stop()
 
     def _end_with_program(self) -> None:
@@ -244,9 +243,9 @@ class DeviceTransport(BaseTransport):
                 self._note(news)
         self._deliver_all(chunks)
 
-    def _note(self, news: Exception | Stage) -> None:
+    def _note(self, news: Exception | DeviceState) -> None:
         is_opening = self._opened is not None and not self._opened.done()
-        if news is Stage.ENDED:
+        if news is DeviceState.CLOSED:
             self._freed.set()
             self._end(None)
         elif is_opening and self._opened is not None:

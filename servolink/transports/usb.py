@@ -44,7 +44,7 @@ class UsbDevice:
         self._library = library
 
     def open(self) -> OpenUsb:
-        """Find and open it, or raise OpenError; drop what an earlier program left unread."""
+        """Find and open it, or raise OpenError; drop responses that an earlier program left unread."""
         library = self._library or backend()
         found = boards(library, self._wanted)
         kind = f"USB device {self._wanted}"

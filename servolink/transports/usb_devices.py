@@ -49,7 +49,7 @@ class UsbInterface:
 
     @property
     def url(self) -> str:
-        """Its address, with its number where that tells it from others of its device."""
+        """Its address, with its number if its device has several such interfaces."""
         return self.identity.url("usb", "" if self.alone else f"interface={self.number}")
 
     @property
@@ -97,7 +97,7 @@ def backend() -> Any:
 
 
 def boards(library: Any, wanted: PortIdentity = ANY_DEVICE) -> list[UsbInterface]:
-    """List what can be a board and fits; what a kernel driver uses, as of serial adapters, only if its id is given."""
+    """List the interfaces that fit and can be boards; one with a kernel driver only if its id is given."""
     found: list[UsbInterface] = []
     devices: Any = usb.core.find(find_all=True, backend=library)
     for device in devices:
