@@ -106,8 +106,8 @@ class SimulatedBoard:
         frames: list[Frame] = []
         now = self._wire.now
         if now - self._heard_at >= _SILENCE:
-            while self._parser.begun is not None:
-                frames += self._parser.give_up()
+            while self._parser.partial_frame is not None:
+                frames += self._parser.abandon_frame()
         self._heard_at = now
         for frame in frames + self._parser.feed(data):
             number = self.to_board.recognise(frame)

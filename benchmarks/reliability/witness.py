@@ -55,9 +55,9 @@ class WitnessedParser(FrameParser):
             self._seen(frame)
         return frames
 
-    def give_up(self) -> list[Frame]:
-        """Stop waiting for the rest of a begun frame and return the frames found inside it."""
-        frames = super().give_up()
+    def abandon_frame(self) -> list[Frame]:
+        """Stop waiting for the rest of a partial frame and return the frames inside it."""
+        frames = super().abandon_frame()
         for frame in frames:
             self._seen(frame)
         return frames

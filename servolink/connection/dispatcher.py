@@ -250,8 +250,8 @@ class ResponseDispatcher:
 
     def _expire(self, now: float) -> None:
         due = [(lane, pending) for lane, pending in self._lanes.pending() if pending.deadline <= now]
-        while due and self._parser.begun and not self._is_arriving(due, now):
-            for frame in self._parser.give_up():
+        while due and self._parser.partial_frame and not self._is_arriving(due, now):
+            for frame in self._parser.abandon_frame():
                 self._take(frame)
         for lane, pending in due:
             if lane.pending is pending and pending.deadline <= now:
@@ -262,7 +262,7 @@ class ResponseDispatcher:
 
     def _is_arriving(self, due: list[tuple[Lane, PendingRequest]], now: float) -> bool:
         """Tell whether the begun frame is no false start; move the deadlines that it may hold back."""
-        packet_id, received, wanted = self._parser.begun or (0, 0, 0)
+        packet_id, received, wanted = self._parser.partial_frame or (0, 0, 0)
         lane = self._lanes.by_response_id.get(packet_id)
         if lane is not None and lane.pending is not None and _goes_on(lane.pending, now, received, wanted):
             return True

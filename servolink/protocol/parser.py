@@ -1,84 +1,69 @@
-"""FrameParser: a byte stream, cut and damaged anyhow, to the intact frames in it.
+"""FrameParser: the intact frames in a byte stream, however it is cut and damaged.
 
-The parser is total: any bytes are taken, none raises, and the same stream gives the same frames however it is
-cut. A frame is believed when its id is known, its length obeys that id's rule and its sum is right. Otherwise
-the search goes on inside it, so that no intact frame within a damaged one is lost.
-
-One damaged frame in 256 has the right sum by chance and may have swallowed good ones. Three signs betray it,
-and the parser then looks back for the frames inside: sync is lost right after it; a frame inside reaches into the
-padding after it; or, on a line that was damaged lately, there are whole frames inside.
+The parser is total: it takes any bytes and never raises, and the same stream gives the same frames however it is cut.
+A frame is accepted when its id is known, its length obeys the rule of that id and its sum is right. A rejected frame is
+searched inside, not skipped, so that no intact frame inside it is lost. `recovery` searches accepted ones too.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from struct import Struct
-from typing import Literal, cast
+from typing import Any
 from zlib import adler32
 
-from servolink.protocol import speedups as compiled
+from servolink.protocol import speedups
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.frame import (
     HEADER,
     HEADER_SIZE,
     MAGIC,
-    MAX_CONTENT,
-    OVERHEAD,
     BlockSums,
     ByteOrder,
     Frame,
-    encode_frame,
     piecewise,
 )
 from servolink.protocol.layout import layout
+from servolink.protocol.recovery import DEEPEST, Recovery, next_magic
 
 REASONS = ("padding", "noise", "unknown id", "length", "checksum", "incomplete")
 PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE = REASONS
-"""Why bytes were skipped: zeros after a frame; no frame start; a frame start whose id, length or sum is wrong;
-a frame that never ended."""
+"""Why bytes were skipped: zeros after a frame; no start of a frame; a start whose id, length or sum is wrong; a frame
+that never ended."""
 
-_ZEROS = re.compile(rb"\0*")
-_MAX_KNOWN_HEADERS = 4096  # more would be a stream made to fill memory
+_MAX_KNOWN_HEADERS = 4096  # a stream with more is made to fill memory
 _LONG = 4096  # contents above are summed in blocks that are remembered, so that overlapping claims stay cheap
+_WARY = 256  # after damage, as many frames are searched for whole frames inside
+_ROOMY = 2 * HEADER_SIZE  # where the checksum of a frame stands that has room for another inside
 
-_Entry = tuple[int, int, int, Struct | Literal[False] | None]
-"""What a header implies: where the checksum stands, packet id, the header's share of the sum, and how to cut the
-content to sum it: not at all, into pieces, or (False) into blocks that are remembered."""
+_SHORT = 255 + HEADER_SIZE  # where the checksum stands behind the longest content that adler32 sums at once
 
-_Cut = Callable[[bytes, int], tuple[bytes, int, bytes]]
-"""Cuts a buffer, where a frame of a known length begins, into content, checksum and the next header."""
-_Short = tuple[int, int, int, _Cut]
-"""What the header of a short frame implies: its size, packet id, the header's sum, and how to cut it."""
+_Entry = tuple[int, int, int, Any]
+"""What a header implies: where the checksum stands, packet id, the header's share of the sum, and how to cut.
+
+A frame up to `_SHORT` is cut into content, checksum and next header by a call; a longer content into pieces by a
+Struct; one above `_LONG` (False) into blocks whose sums are remembered."""
 
 
 class FrameParser:
     """Incremental parser for frames of every packet, requests and responses."""
 
     def __init__(self, byte_order: ByteOrder = "little", *, keep_skipped: bool = False) -> None:
-        """With `keep_skipped` the skipped bytes themselves can be had from `take_skipped`."""
+        """Start at the beginning of a stream; `keep_skipped` keeps skipped bytes for `take_skipped`."""
         self.byte_order: ByteOrder = byte_order
         self.frames = 0
-        """Frames believed so far."""
+        """Number of frames accepted so far."""
         self.skipped: dict[str, int] = dict.fromkeys(REASONS, 0)
         """Bytes skipped so far, by reason."""
         self._entries: dict[bytes, _Entry] = {}
-        self._known = self._entries.get  # bound once, for it is asked in every chunk
-        self._short: dict[bytes, _Short] = {}  # few: lengths up to 256, and most packets have only one
-        self._known_short = self._short.get
+        self._known = self._entries.get  # bound once: every chunk needs it
         self._held: bytes | bytearray = b""  # the incomplete rest; a bytearray while it grows in small steps
         self._needed = 0  # how long it must get before another look is worth it
         self._reason = PADDING
-        self._in_sync = True  # nothing has been skipped since the last frame
-        self._last: Frame | None = None  # the frame that ended here, but for `_zeros` zero bytes
-        self._rest: bytes | None = None  # what is left to search of `_last`; None: all but its first byte
-        self._zeros = 0
-        self._shadow: FrameParser | None = None  # looks for a frame that reaches from `_last` into the padding
-        self._shadowed: list[Frame] = []
-        self._wary = 0  # so many more frames are searched for whole frames inside
-        self._deepest = _DEEPEST
-        self._replays: list[int] = []  # where in the buffer the bytes end that are read again, for each look back
+        self._recovery = Recovery(byte_order, partial(_InnerParser, byte_order), DEEPEST)
+        self._accept = self._recovery.accept
+        self._wary = 0  # how many more frames are searched for whole frames inside
         self._blocks: BlockSums | None = None
         self._kept: list[tuple[int, bytes, str]] | None = [] if keep_skipped else None
 
@@ -94,12 +79,13 @@ class FrameParser:
             return []
         return self._scan(b"".join((held, chunk)), 0)
 
-    def give_up(self) -> list[Frame]:
-        """Stop waiting for the rest of a begun frame and return the frames found inside it."""
+    def abandon_frame(self) -> list[Frame]:
+        """Stop waiting for the rest of the partial frame and return the frames inside it."""
         data = bytes(self._held)
         if len(data) < HEADER_SIZE:
-            return self._scan(data, 0)  # it has claimed no length yet, and may be no frame at all
-        self._reason, self._last, self._in_sync = INCOMPLETE, None, False
+            return self._scan(data, 0)  # it has claimed no length yet, and may not be a frame at all
+        self._reason = INCOMPLETE
+        self._recovery.lose_sync()
         self._skip(data, 0, len(MAGIC), [])
         return self._scan(data, len(MAGIC))
 
@@ -108,7 +94,7 @@ class FrameParser:
         frames = self._scan(bytes(self._held), 0) if len(self._held) < HEADER_SIZE else []
         while len(self._held) >= HEADER_SIZE:
             earlier = self.take_skipped() if self._kept else []
-            found = self.give_up()
+            found = self.abandon_frame()
             if self._kept is not None:
                 self._kept = earlier + [(len(frames) + before, data, reason) for before, data, reason in self._kept]
             frames += found
@@ -119,8 +105,8 @@ class FrameParser:
         return frames
 
     @property
-    def begun(self) -> tuple[int, int, int] | None:
-        """Packet id, bytes here and bytes wanted of the frame that is being received; None between frames."""
+    def partial_frame(self) -> tuple[int, int, int] | None:
+        """Packet id, bytes received and bytes wanted of the frame that is incomplete; None between frames."""
         entry = self._entries.get(bytes(self._held[:HEADER_SIZE]))
         return (entry[1], len(self._held), entry[0] + 1) if entry else None
 
@@ -133,203 +119,136 @@ class FrameParser:
         """Collect the frames of `data` from `at` on and hold the incomplete rest."""
         frames: list[Frame] = []
         known = self._known
-        settled = 0  # frames before the last loss of sync
+        settled = 0  # frames known to `recovery`: it needs only the last one before anything else happens
         wary = self._wary
         length = len(data)
-        needed = 0
-        if compiled.collect is not None:
-            at, wary = self._collect(compiled.collect, data, at, frames, wary)
-        elif length > _MANY and not wary and self._short:
-            at, needed = self._run(data, at, frames)
-        while not needed:
-            body = at + HEADER_SIZE
-            entry = known(data[at:body])
+        room = length - HEADER_SIZE
+        needed = 1
+        if speedups.collect is not None:
+            at = speedups.collect(data, at, self._entries, frames, wary)
+            if wary:
+                wary = max(0, wary - len(frames))
+        header = data[at : at + HEADER_SIZE]
+        entry = known(header) if header else None
+        while True:
             if entry is not None:
-                last, packet_id, total, pieces = entry
+                last, packet_id, total, cut = entry
                 end = at + last
-                if end >= length:
+                if end < room and last <= _SHORT:  # one call cuts content, checksum and the next header
+                    content, check, following = cut(data, at)
+                    sums = adler32(content, total)
+                elif end < length:
+                    content = data[at + HEADER_SIZE : end]
+                    check = data[end]
+                    following = None
+                    if last <= _SHORT:
+                        sums = adler32(content, total)
+                    elif cut:
+                        sums = total + sum(map(adler32, cut.unpack(content)))
+                    else:
+                        sums = total + self._block_sums().sum(data, at + HEADER_SIZE, end)
+                else:
                     needed = last + 1
                     break
-                content = data[body:end]
-                if pieces is None:
-                    total += adler32(content)
-                elif pieces:
-                    total += sum(map(adler32, pieces.unpack(content)))
-                else:
-                    total += self._block_sums().sum(data, body, end)
-                if total & 0xFF == data[end]:
+                if sums & 0xFF == check:
+                    # One damaged frame in 256 passes. Waiting for the next to confirm it would delay every
+                    # response: accept it now, let recovery rescan it if sync is lost behind it.
                     frames.append((packet_id, content))
                     at = end + 1
                     if wary:
                         wary -= 1
                         if last >= _ROOMY and MAGIC in content:
-                            self._believed(frames[-1], at)
-                            frames += self._swallowed()
+                            # Damage was seen lately: the frame inside is more likely swallowed than quoted.
+                            self._accept(frames[-1], at)
+                            frames += self._recovery.take_inside(self._wary)
+                            self._reason = PADDING
                             settled = len(frames)
-                    if at < length:
-                        continue
+                    if following is None:
+                        if at == length:
+                            break
+                        following = data[at : at + HEADER_SIZE]
+                    if following != header:  # most frames are followed by others of their kind
+                        header = following
+                        entry = known(header)
+                    continue
             if at == length:
-                needed = 1
                 break
+            # No frame stands here, or none any more.
             if len(frames) > settled:
-                settled = len(frames)
-                self._believed(frames[-1], at)
+                self._accept(frames[-1], at)
             self._wary = wary
-            data, at, needed = self._recover(data, at, frames, damaged=entry is not None)
-            settled, length = len(frames), len(data)
+            data, at, wanted = self._recover(data, at, frames, damaged=entry is not None)
             wary = self._wary
-            if compiled.collect is not None and not needed:
-                at, wary = self._collect(compiled.collect, data, at, frames, wary)
+            length = len(data)  # a rescan can have put bytes in front
+            room = length - HEADER_SIZE
+            settled = len(frames)
+            if wanted:
+                needed = wanted
+                break
+            if speedups.collect is not None:
+                at = speedups.collect(data, at, self._entries, frames, wary)
+                if wary:
+                    wary = max(0, wary - len(frames) + settled)
+            header = data[at : at + HEADER_SIZE]
+            entry = known(header)
         if len(frames) > settled:
-            self._believed(frames[-1], at)
+            self._accept(frames[-1], at)
         self._wary = wary
         self.frames += len(frames)
         self._held = data[at:]
         self._needed = needed
-        if self._replays:
-            self._replays = [end - at for end in self._replays]
+        if self._recovery.rereads:
+            self._recovery.move(at)
         if self._blocks is not None:
             self._blocks.move(at)
         return frames
 
-    def _collect(
-        self, collect: compiled.Collect, data: bytes, at: int, frames: list[Frame], wary: int
-    ) -> tuple[int, int]:
-        """Let the compiled loop collect frames; return where they end, and for how many more to be wary."""
-        before = len(frames)
-        at = collect(data, at, self._entries, frames, wary)
-        return at, max(0, wary - len(frames) + before)
-
-    def _run(self, data: bytes, at: int, frames: list[Frame]) -> tuple[int, int]:
-        """Collect short frames one behind the other, but for the last.
-
-        Return where they end, and how many bytes are needed there if a short frame begins (else 0).
-        One call cuts content, checksum and the next header, which is a fifth faster than three.
-        """
-        known = self._known_short
-        room = len(data) - HEADER_SIZE
-        header = data[at : at + HEADER_SIZE]
-        while (short := known(header)) is not None:
-            size, packet_id, total, cut = short
-            same = header
-            while header == same:  # as the next one is most of the time
-                end = at + size
-                if end > room:
-                    return at, size if end > len(data) else 0
-                content, check, header = cut(data, at)
-                if adler32(content, total) & 0xFF != check:
-                    return at, 0
-                frames.append((packet_id, content))
-                at = end
-        return at, 0
-
-    def _believed(self, frame: Frame, end: int) -> None:
-        """Note that `frame` ends at `end`, in sync."""
-        if self._replays:
-            start = end - OVERHEAD - len(frame[1])
-            self._replays = [again for again in self._replays if again > start]
-        self._last = frame if len(self._replays) < self._deepest else None
-        if self._in_sync:
-            return
-        self._in_sync = True
-        self._rest = None
-        self._shadow = None
-        self._zeros = 0
-        self._reason = PADDING
-
     def _recover(self, data: bytes, at: int, frames: list[Frame], *, damaged: bool) -> tuple[bytes, int, int]:
-        """Go on where no frame is: return buffer, position, and how many bytes are needed there (0: scan on)."""
+        """Continue where no frame is: return buffer, position, and how many bytes are needed there (0: scan on)."""
+        recovery = self._recovery
         head = data[at : at + HEADER_SIZE]
         if len(head) < HEADER_SIZE and MAGIC.startswith(head[: len(MAGIC)]):
-            return data, at, HEADER_SIZE  # before which no frame can be known
-        self._in_sync = False
+            return data, at, HEADER_SIZE  # fewer bytes cannot tell whether it is a frame
+        if recovery.in_sync:
+            self._reason = PADDING
+        recovery.lose_sync(search=True)
         if head.startswith(MAGIC):
             reason = CHECKSUM if damaged else self._admit(head)
             if not reason:
-                return data, at, 0
-            self._reason, self._last = reason, None
+                return data, at, 0  # the next look finds the header among the known ones
+            # A frame that follows the last one, even a damaged one, says that the last one ended where it should.
+            recovery.lose_sync()
+            self._reason = reason
             self._skip(data, at, at + len(MAGIC), frames)
-            return data, at + len(MAGIC), 0  # one byte further would do: the magic cannot overlap itself
+            return data, at + len(MAGIC), 0  # the magic cannot overlap itself
         if self._reason == PADDING:
             if not data[at]:
-                return data, self._skip_zeros(data, at, frames), 0
+                return data, self._skip_padding(data, at, frames), 0
+            # Anything but a frame or zeros behind a frame: it may have ended too late and swallowed others.
             self._reason = NOISE
-            if (last := self._last) is not None:
-                self._last = None
-                return *self._look_back(last, data, at), 0
-        end = _next_magic(data, at + 1)
+            if recovery.can_rescan:
+                self._wary = _WARY
+                return *self._rescan(data, at), 0
+        end = next_magic(data, at + 1)
         self._skip(data, at, end, frames)
         return data, end, 0
 
-    def _skip_zeros(self, data: bytes, at: int, frames: list[Frame]) -> int:
-        match = _ZEROS.match(data, at)
-        end = match.end() if match else at
-        if self._last is not None and self._shadow is None:
-            self._shadow_last(self._last)
-        if self._last is None or self._shadow is None:
-            self._skip(data, at, end, frames)
-            return end
-        if self._shadow._held:
-            end = min(end, at + self._shadow._needed - len(self._shadow._held))
-        self._zeros += end - at
+    def _skip_padding(self, data: bytes, at: int, frames: list[Frame]) -> int:
+        """Skip zeros, add the frames that turn out to end in them, and return where they end."""
+        end = self._recovery.padding_end(data, at, self._wary)
         self._skip(data, at, end, frames)
-        if reaching := self._shadow.feed(data[at:end]):
-            frames += self._shadowed + reaching
+        if found := self._recovery.read_padding(data[at:end]):
+            frames += found
             self._wary = _WARY
-            self._go_on_as(self._shadow)
-        elif (not self._shadow._held and not self._shadowed) or self._zeros > MAX_CONTENT:
-            self._last = None  # nothing begins in it, or nothing reaches that far
         return end
 
-    def _swallowed(self) -> list[Frame]:
-        """Return the frames inside the last one, and keep of it only what may reach out of it."""
-        if self._last is None:
-            return []
-        shadow, found = self._look_inside(self._last)
-        if shadow._held:
-            self._rest = bytes(shadow._held)
-        else:
-            self._go_on_as(shadow)
-        self._in_sync = False
-        return found
-
-    def _go_on_as(self, shadow: FrameParser) -> None:
-        """Take over what ended where `shadow` is, and perhaps zeros before that."""
-        self._last, self._rest, self._zeros = shadow._last, shadow._rest, shadow._zeros
-        self._shadow, self._shadowed = shadow._shadow, shadow._shadowed
-
-    def _shadow_last(self, last: Frame) -> None:
-        inside = self._inside(last)
-        if _next_magic(inside, 0) < len(inside):
-            self._shadow, self._shadowed = self._look_inside(last)
-        else:
-            self._last = None
-
-    def _look_inside(self, frame: Frame) -> tuple[FrameParser, list[Frame]]:
-        """Return a parser that has read what is in `frame`, and the frames it found."""
-        shadow = FrameParser(self.byte_order)
-        shadow._deepest = max(0, self._deepest - 1 - len(self._replays))
-        shadow._wary = self._wary
-        return shadow, shadow.feed(self._inside(frame))
-
-    def _inside(self, frame: Frame) -> bytes:
-        return encode_frame(*frame, self.byte_order)[1:] if self._rest is None else self._rest
-
-    def _look_back(self, last: Frame, data: bytes, at: int) -> tuple[bytes, int]:
-        """Return the buffer, with all of `last` in it, and where in `last` a frame may begin (else `at`)."""
-        self._wary = _WARY
-        again = self._inside(last) + bytes(self._zeros)
-        start = _next_magic(again + data[at : at + len(MAGIC) - 1], 0)
-        if start >= len(again):
-            return data, at
-        if len(again) > at:  # some of it was in the buffer before this one
-            gone = len(again) - at
-            data, at = again[:gone] + data, len(again)
-            self._replays = [end + gone for end in self._replays]
-            if self._blocks is not None:
-                self._blocks.move(-gone)
-        self._replays.append(at)
-        return data, at - len(again) + start
+    def _rescan(self, data: bytes, at: int) -> tuple[bytes, int]:
+        """Go back into the last frame, which may no longer be in the buffer: return buffer and position."""
+        size = len(data)
+        data, at = self._recovery.rescan(data, at)
+        if self._blocks is not None:
+            self._blocks.move(size - len(data))
+        return data, at
 
     def _block_sums(self) -> BlockSums:
         if self._blocks is None:
@@ -337,7 +256,7 @@ class FrameParser:
         return self._blocks
 
     def _admit(self, header: bytes) -> str:
-        """Learn what `header` implies; return why it cannot be one, empty if it can."""
+        """Remember what `header` implies; return why it cannot be one, empty if it can."""
         _, packet_id, length = HEADER[self.byte_order].unpack(header)
         declared = PACKETS.get(packet_id)
         if declared is None:
@@ -346,17 +265,12 @@ class FrameParser:
             return LENGTH
         if len(self._entries) >= _MAX_KNOWN_HEADERS:
             self._entries.clear()
-        pieces: Struct | Literal[False] | None = piecewise(length) if length <= _LONG else False
-        total = sum(header)
-        if pieces is not False:
-            total -= max(1, -(-length // 256))  # adler32 begins at one, for each piece
-        self._entries[header] = length + HEADER_SIZE, packet_id, total, pieces
-        if length <= _SHORT:
-            self._short[header] = length + OVERHEAD, packet_id, sum(header) & 0xFF, _cutter(length)
+        self._entries[header] = length + HEADER_SIZE, packet_id, *_summing(header, length)
         return ""
 
     def _skip(self, data: bytes, start: int, end: int, frames: list[Frame]) -> None:
-        start = max(start, *self._replays) if self._replays else start
+        """Count bytes as skipped, unless they are read again and have been counted before."""
+        start = self._recovery.first_unread(start)
         if start >= end:
             return
         self.skipped[self._reason] += end - start
@@ -366,24 +280,43 @@ class FrameParser:
             self._kept.append((len(frames), data[start:end], self._reason))
 
 
-_SHORT = 255  # bytes of content whose sum adler32 can add to a header's and still be exact
-_MANY = 512  # bytes of a chunk that may hold a run of frames
-_ROOMY = 2 * HEADER_SIZE  # where the checksum of a frame stands that has room for another
-_WARY = 256
-_DEEPEST = 4  # times that a byte is read again at most
+def _summing(header: bytes, length: int) -> tuple[int, Any]:
+    """Return the header's share of the sum, and how to cut the content, for an `_Entry`."""
+    total = sum(header)
+    if length + HEADER_SIZE <= _SHORT:
+        # Adler32 begins at this share, and its low half stays below 65,521: it is the sum of both.
+        return total & 0xFF, _cutter(length)
+    if length > _LONG:
+        return total, False
+    pieces = piecewise(length)
+    return total - -(-length // 256), pieces  # each piece's adler32 begins at one
 
 
 @cache
-def _cutter(length: int) -> _Cut:
-    return cast("_Cut", Struct(f"{HEADER_SIZE}x{length}sB{HEADER_SIZE}s").unpack_from)
+def _cutter(length: int) -> Callable[[bytes, int], tuple[Any, ...]]:
+    return Struct(f"{HEADER_SIZE}x{length}sB{HEADER_SIZE}s").unpack_from
 
 
-def _next_magic(data: bytes, start: int) -> int:
-    """Return where the magic, or at the end of `data` the beginning of one, stands next; its length if nowhere."""
-    found = data.find(MAGIC, start)
-    if found >= 0:
-        return found
-    for size in (3, 2, 1):
-        if data.endswith(MAGIC[:size], start):
-            return len(data) - size
-    return len(data)
+class _InnerParser(FrameParser):
+    """A parser for the inside of a frame, as `recovery` uses it."""
+
+    def __init__(self, byte_order: ByteOrder, deepest: int, wary: int) -> None:
+        super().__init__(byte_order)
+        self._recovery = Recovery(byte_order, partial(_InnerParser, byte_order), deepest)
+        self._accept = self._recovery.accept
+        self._wary = wary
+
+    @property
+    def recovery(self) -> Recovery:
+        """Its own recovery."""
+        return self._recovery
+
+    @property
+    def held(self) -> bytes:
+        """The bytes of the frame that it has not received whole."""
+        return bytes(self._held)
+
+    @property
+    def missing(self) -> int:
+        """How many more bytes it needs at least."""
+        return self._needed - len(self._held)

@@ -132,8 +132,8 @@ class Session:
         if now - self._last_receive >= _SILENCE:
             # Half a frame and then silence: its sender is gone or has given up, but the length that it claims could
             # swallow everything that the next host sends. A host that only paused loses one request and asks again.
-            while self._parser.begun is not None:
-                frames += self._parser.give_up()
+            while self._parser.partial_frame is not None:
+                frames += self._parser.abandon_frame()
         self._last_receive = now
         for packet_id, content in frames + self._parser.feed(data):
             if self in self.board.sessions:  # sending a response can detach the host

@@ -41,7 +41,7 @@ def _parsed(stream: bytes, order: ByteOrder, cuts: int) -> list[object]:
     parser, told = FrameParser(order, keep_skipped=True), list[object]()
     step = max(1 + cuts % 61, len(stream) // (64 if cuts < 16 else 3))
     for at in range(0, len(stream), step):
-        told.append((parser.feed(stream[at : at + step]), parser.begun, parser.take_skipped()))
+        told.append((parser.feed(stream[at : at + step]), parser.partial_frame, parser.take_skipped()))
     told.append((parser.finish(), parser.skipped, parser.frames))
     return told
 

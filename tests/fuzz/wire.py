@@ -80,8 +80,8 @@ def _give_up(stream: bytes, order: ByteOrder, step: int) -> None:
     frames: list[Frame] = []
     for at in range(0, len(stream), step):
         frames += parser.feed(stream[at : at + step])
-        while parser.begun is not None:  # a frame may be begun inside of the one that is given up
-            frames += parser.give_up()
+        while parser.partial_frame is not None:  # a frame may be begun inside of the one that is given up
+            frames += parser.abandon_frame()
     assert all(encode_frame(*frame, order) in stream for frame in frames)
 
 

@@ -25,6 +25,7 @@ from servolink.protocol.layout import Layout
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.records import Step
+from servolink.protocol.recovery import Recovery
 from servolink.protocol.servos import ServoState
 from tests import processes
 from tests.protocol import uncompiled
@@ -46,7 +47,7 @@ def loops(request: pytest.FixtureRequest) -> Any:
 
 def state(thing: Any) -> Any:
     """Return all that `thing` knows, in a form that can be compared."""
-    if isinstance(thing, (FrameParser, BlockSums)):
+    if isinstance(thing, (FrameParser, Recovery, BlockSums)):
         return {name: state(value) for name, value in vars(thing).items() if not callable(value)}
     if isinstance(thing, dict):
         return {key: None if isinstance(value, tuple) else value for key, value in thing.items()}
@@ -58,9 +59,9 @@ def history(stream: bytes, cuts: list[int], loops: Any, byte_order: ByteOrder = 
     parser, told, at = FrameParser(byte_order, keep_skipped=True), list[Any](), 0
     with loading.using(loops):
         for cut in [*cuts, len(stream)]:
-            told.append((parser.feed(stream[at:cut]), parser.begun, state(parser), parser.take_skipped()))
+            told.append((parser.feed(stream[at:cut]), parser.partial_frame, state(parser), parser.take_skipped()))
             at = max(at, cut)
-        told.append((parser.give_up(), parser.finish(), state(parser), parser.take_skipped()))
+        told.append((parser.abandon_frame(), parser.finish(), state(parser), parser.take_skipped()))
     return told
 
 

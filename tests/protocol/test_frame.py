@@ -12,7 +12,6 @@ from servolink.protocol.frame import (
     OVERHEAD,
     ByteOrder,
     checksum,
-    content_sum,
     encode_frame,
     piecewise,
 )
@@ -49,16 +48,14 @@ def test_the_checksum_wraps_at_256() -> None:
 @pytest.mark.parametrize("byte", [0x00, 0x01, 0x7F, 0xFF])
 def test_the_fast_sum_is_exact_at_every_border(size: int, byte: int) -> None:
     content = bytes([byte]) * size
-    assert content_sum(content, piecewise(size)) & 0xFF == sum(content) & 0xFF
+    assert checksum(content) == sum(content) & 0xFF
 
 
 @given(st.binary(max_size=2000))
 def test_the_fast_sum_is_the_sum(content: bytes) -> None:
-    assert content_sum(content, piecewise(len(content))) & 0xFF == checksum(content) == sum(content) & 0xFF
+    assert checksum(content) == sum(content) & 0xFF
 
 
-def test_content_up_to_256_bytes_is_not_cut() -> None:
-    assert piecewise(256) is None
-    cut = piecewise(600)
-    assert cut is not None
-    assert [len(piece) for piece in cut.unpack(bytes(600))] == [256, 256, 88]
+def test_content_is_cut_into_pieces_that_are_summed_exactly() -> None:
+    assert [len(piece) for piece in piecewise(256).unpack(bytes(256))] == [256]
+    assert [len(piece) for piece in piecewise(600).unpack(bytes(600))] == [256, 256, 88]

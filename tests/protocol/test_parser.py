@@ -221,9 +221,9 @@ def test_a_line_is_noisy_no_longer_after_many_good_frames() -> None:
 
 def test_the_empty_parser_and_the_empty_chunk() -> None:
     parser = FrameParser()
-    assert parser.feed(b"") == parser.give_up() == parser.finish() == []
+    assert parser.feed(b"") == parser.abandon_frame() == parser.finish() == []
     assert parser.take_skipped() == []
-    assert parser.begun is None
+    assert parser.partial_frame is None
     assert parser.feed(GOOD) == [FOUND]
 
 
@@ -233,7 +233,7 @@ def test_begun_tells_of_the_frame_that_is_being_received() -> None:
     states = []
     for start, end in ((0, 7), (7, 30), (30, 109)):
         parser.feed(frame[start:end])
-        states.append(parser.begun)
+        states.append(parser.partial_frame)
     assert states == [None, (DUMMY, 30, 109), None]
 
 
@@ -241,16 +241,16 @@ def test_giving_up_frees_the_frames_that_a_false_length_held_back() -> None:
     held_back = HEADER["little"].pack(MAGIC, DUMMY, 5000) + GOOD * 3
     parser = FrameParser()
     assert parser.feed(held_back) == []
-    assert parser.give_up() == [FOUND] * 3
+    assert parser.abandon_frame() == [FOUND] * 3
     assert parser.skipped[INCOMPLETE] == 8
-    assert parser.give_up() == []
+    assert parser.abandon_frame() == []
     assert parser.feed(GOOD) == [FOUND]
 
 
 def test_giving_up_keeps_a_frame_that_has_claimed_no_length_yet() -> None:
     parser = FrameParser()
     parser.feed(GOOD[:7])
-    assert parser.give_up() == []
+    assert parser.abandon_frame() == []
     assert parser.feed(GOOD[7:]) == [FOUND]
 
 
