@@ -89,7 +89,7 @@ def _response(result: ProbeResult) -> str:
     if result.response is None:
         return "" if result.problem else "none"
     mode = "" if result.response.transmission_mode == 1 else ", was in the old transmission mode"
-    return f"project id {result.response.project_id or 'none'}, {result.response.byte_order} byte order{mode}"
+    return f"{result.response.byte_order} endian, project {result.response.project_id or 'none'}{mode}"
 
 
 def configure_use(parser: argparse.ArgumentParser) -> None:

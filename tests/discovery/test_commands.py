@@ -100,7 +100,7 @@ def test_list_asks_each_only_with_probe(here: Callable[..., None], capsys: pytes
     answered, absent = call(capsys, "list", "--probe", "--json").json["boards"]
     assert answered["response"]["byte_order"] == "little"
     assert (absent["response"], "there is no /dev/nowhere" in absent["problem"]) == (None, True)
-    assert "project id none, little byte order" in call(capsys, "list", "--probe").out
+    assert "little endian, project none" in call(capsys, "list", "--probe").out
 
 
 def test_use_says_what_the_name_stands_for(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
