@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncGenerator, Generator
 from types import TracebackType
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from servolink.client.board import Board
 from servolink.client.reconnect import FIRST_PAUSE, LONGEST_PAUSE
@@ -73,14 +73,16 @@ class connect:  # noqa: N801 - reads as the function it stands for
         self._board: Board | None = None
         self._before: Connection | None = None  # the latest one to this board; its late responses are not ours
 
-    def __getattr__(self, name: str) -> NoReturn:
-        """Raise AttributeError; for what a board has, explain how to get one."""
-        if not name.startswith("_") and hasattr(Board, name):
-            raise AttributeError(
-                f"{name!r} belongs to a connected board, and nothing is connected yet: use `async with "
-                "servolink.connect(...) as board:` or `board = await servolink.connect(...)`"
-            )
-        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+    if not TYPE_CHECKING:  # a type checker would take it as a promise that every attribute exists
+
+        def __getattr__(self, name: str) -> NoReturn:
+            """Raise AttributeError; for what a board has, explain how to get one."""
+            if not name.startswith("_") and hasattr(Board, name):
+                raise AttributeError(
+                    f"{name!r} belongs to a connected board, and nothing is connected yet: use `async with "
+                    "servolink.connect(...) as board:` or `board = await servolink.connect(...)`"
+                )
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     async def open(self) -> Board:
         """Open the board, as `await connect(...)` does."""

@@ -49,7 +49,7 @@ class Session:
     def __init__(self, connection: Connection, reopen: Callable[[], Awaitable[Connection]] | None = None) -> None:
         """Use `connection`; with `reopen`, which opens another one to the same board, replace it when it is lost."""
         self.connection = connection
-        """The present connection; parts must not keep it across an `await`, because it is replaced after a loss."""
+        """The present connection, replaced by another one after a loss."""
         self.identity = BoardIdentity()
         self.on_end: Callable[[ConnectionLost], None] = lambda error: None
         """Called when the connection is lost and will not be replaced."""

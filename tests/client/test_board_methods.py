@@ -72,7 +72,7 @@ def test_a_forgotten_await_is_explained(name: str) -> None:
 
 def test_what_no_board_has_is_simply_missing() -> None:
     with pytest.raises(AttributeError, match="'connect' object has no attribute 'servoes'"):
-        connect("virtual://").servoes  # noqa: B018
+        connect("virtual://").servoes  # type: ignore[attr-defined]  # noqa: B018
 
 
 def test_the_package_lists_its_public_names_and_tells_its_version() -> None:
