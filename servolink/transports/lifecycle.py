@@ -156,7 +156,7 @@ class BaseTransport(ABC):
         self._wake_senders(taken=False)
         receiver, self._receiver = self._receiver, None
         if receiver is not None and was_open:
-            _logger.debug("%s: %s", escape(self.url), "closed" if self._error is None else escape(str(self._error)))
+            _logger.debug("%s", self._error or f"{escape(self.url)}: closed")  # the error names the address itself
             receiver.lost(self._error)
 
     def _loss(self, cause: Exception) -> ConnectionLost:

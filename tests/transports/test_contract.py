@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.transports import lifecycle as stall
-from servolink.transports import stream, threaded
+from servolink.transports import lifecycle, stream, threaded
 from servolink.transports.base import Transport
 from servolink.transports.registry import create
 from tests.transports.wires import FLOOD, WIRES, Ear, Wire, on_loop
@@ -186,8 +185,8 @@ async def test_every_waiting_send_learns_that_the_far_end_vanished(make: Callabl
 async def test_a_system_that_takes_no_byte_loses_the_connection(
     make: Callable[[], Wire], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stall, "STALL_LIMIT", 0.2)
-    monkeypatch.setattr(stall, "_STALL_STEP", 0.02)
+    monkeypatch.setattr(lifecycle, "STALL_LIMIT", 0.2)
+    monkeypatch.setattr(lifecycle, "_STALL_STEP", 0.02)
     async with make() as wire:
         ear = await wire.open()
         if not wire.presses_back:
@@ -202,8 +201,8 @@ async def test_a_system_that_takes_no_byte_loses_the_connection(
 
 @on_loop
 async def test_a_slow_reader_is_no_stall(make: Callable[[], Wire], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stall, "STALL_LIMIT", 0.2)
-    monkeypatch.setattr(stall, "_STALL_STEP", 0.02)
+    monkeypatch.setattr(lifecycle, "STALL_LIMIT", 0.2)
+    monkeypatch.setattr(lifecycle, "_STALL_STEP", 0.02)
     async with make() as wire:
         ear = await wire.open()
         if not wire.presses_back:

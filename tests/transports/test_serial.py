@@ -16,9 +16,8 @@ import serial  # type: ignore[import-untyped]
 from serial.tools import list_ports  # type: ignore[import-untyped]
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.transports import lifecycle as stall
-from servolink.transports import serial as kind
-from servolink.transports import stream
+from servolink.transports import lifecycle, stream
+from servolink.transports import serial as serial_transport
 from servolink.transports.registry import create
 from servolink.transports.serial import SerialTransport
 from tests import processes
@@ -198,7 +197,7 @@ async def test_an_opening_that_is_cancelled_leaves_nothing_open(monkeypatch: pyt
         opened.set()
 
     monkeypatch.setattr(serial.Serial, "open", open_slowly)
-    monkeypatch.setattr(kind, "_OPENING_LIMIT", 0.001)
+    monkeypatch.setattr(serial_transport, "_OPENING_LIMIT", 0.001)
     async with PtyWire() as wire:
         opening = asyncio.ensure_future(wire.open())
         await asyncio.sleep(0)
@@ -232,7 +231,7 @@ async def test_a_cancelled_opening_that_fails_later_is_forgotten(
         raise serial.SerialException(errno.ENOENT, "gone")
 
     monkeypatch.setattr(serial.Serial, "open", fail_slowly)
-    monkeypatch.setattr(kind, "_OPENING_LIMIT", 0.001)
+    monkeypatch.setattr(serial_transport, "_OPENING_LIMIT", 0.001)
     opening = asyncio.ensure_future(create("COM3").open(Ear()))
     await asyncio.sleep(0)
     opening.cancel()
@@ -272,7 +271,7 @@ async def test_a_port_closed_while_it_opens_is_closed_after_all(monkeypatch: pyt
 
 @on_loop
 async def test_a_drained_port_no_longer_waits_for_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stall, "_STALL_STEP", 0.001)
+    monkeypatch.setattr(lifecycle, "_STALL_STEP", 0.001)
     async with PtyWire() as wire:
         await wire.open()
         await wire.transport.send(bytes(FLOOD))

@@ -1,4 +1,4 @@
-"""What a device's threads do when device, loop or program misbehave, on HID as on USB."""
+"""A device's threads when the device, the loop or the program misbehaves, on HID and on USB."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from servolink.errors import ConnectionLost, OpenError
-from servolink.transports import threaded as device
+from servolink.errors import ConnectionLost, OpenError, TransportUnavailable
+from servolink.transports import threaded
 from servolink.transports.device_info import PortIdentity
 from servolink.transports.hid import HidDevice, OpenHid
 from servolink.transports.threaded import DeviceTransport, OpenDevice
@@ -64,9 +64,9 @@ def board(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Board]:
 @pytest.fixture
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wait less for a device that is stuck."""
-    assert device._DRAIN_LIMIT + device._END_LIMIT < 1
-    monkeypatch.setattr(device, "_DRAIN_LIMIT", 0.05)
-    monkeypatch.setattr(device, "_END_LIMIT", 0.05)
+    assert threaded._DRAIN_LIMIT + threaded._END_LIMIT < 1
+    monkeypatch.setattr(threaded, "_DRAIN_LIMIT", 0.05)
+    monkeypatch.setattr(threaded, "_END_LIMIT", 0.05)
 
 
 def _device_threads() -> list[threading.Thread]:
@@ -302,7 +302,7 @@ async def test_who_cancels_an_opening_is_told_when_the_device_is_free(
         return really_open()
 
     monkeypatch.setattr(transport._device, "open", open_when_told)
-    monkeypatch.setattr(device, "_END_LIMIT", LIMIT)  # a busy machine may need longer than anybody wants to wait
+    monkeypatch.setattr(threaded, "_END_LIMIT", LIMIT)  # a busy machine may need longer than anybody wants to wait
     opening = asyncio.ensure_future(transport.open(Ear()))
     await asyncio.sleep(0)
     opening.cancel()
@@ -367,3 +367,46 @@ def test_the_end_of_the_program_closes_what_is_open(tmp_path: Path) -> None:
     command = [sys.executable, "-c", FORGETFUL, str(tmp_path / "hidraw0")]
     done = processes.run(command, check=True, cwd=Path(__file__).parents[2])
     assert done.stdout == "closed\n"
+
+
+class Slow:
+    """A device that opens when the test lets it, and then not at all if there is a failure."""
+
+    def __init__(self, failure: Exception) -> None:
+        self.go = threading.Event()
+        self.failure = failure
+
+    def open(self) -> OpenDevice:
+        assert self.go.wait(LIMIT)
+        raise self.failure
+
+
+@pytest.mark.parametrize("failure", [OpenError("no"), TransportUnavailable("no")])
+@on_loop
+async def test_a_failure_to_open_is_told_as_it_is(failure: Exception) -> None:
+    device = Slow(failure)
+    device.go.set()
+    with pytest.raises(type(failure), match=r"^no$"):
+        await DeviceTransport(URL, device).open(Ear())
+
+
+@on_loop
+async def test_any_other_failure_to_open_is_an_open_error() -> None:
+    device = Slow(RuntimeError("a bug\x1b"))
+    device.go.set()
+    with pytest.raises(OpenError, match=r"test://device: cannot open it: a bug\\x1b"):
+        await DeviceTransport(URL, device).open(Ear())
+
+
+@on_loop
+async def test_an_opening_that_is_stuck_does_not_hold_up_the_close() -> None:
+    device = Slow(OSError("late"))
+    transport = DeviceTransport(URL, device)
+    opening = asyncio.ensure_future(transport.open(Ear()))
+    await asyncio.sleep(0)
+    await transport.close()
+    with pytest.raises(OpenError, match="closed while being opened"):
+        await opening
+    device.go.set()
+    while any(thread.name.startswith("servolink device") for thread in threading.enumerate()):
+        await asyncio.sleep(0)
