@@ -14,12 +14,18 @@ from servolink.project.model import Project, is_unfinished, without_neutral
 from servolink.project.transfer.read import BoardConnection, Content, read_content
 from servolink.project.transfer.results import Change, Plan, ProgressCallback
 from servolink.project.validate import validate_project
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddServoParameterRequest
+from servolink.protocol.codec import Codec, response_class
+from servolink.protocol.editing import (
+    AddServoParameterRequest,
+    QueryProjectIDRequest,
+    QueryServoParameterRequest,
+    WriteProjectIDRequest,
+)
 from servolink.protocol.frame import OVERHEAD
-from servolink.protocol.joystick import SetActiveJoystickTableRequest
-from servolink.protocol.packet import Request, Result
-from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType, stored_size
+from servolink.protocol.joystick import QueryActiveJoystickTableRequest, SetActiveJoystickTableRequest
+from servolink.protocol.layout import content_size
+from servolink.protocol.packet import Packet, Request, Result
+from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType
 from servolink.protocol.records import ServoParameter
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
 
@@ -52,14 +58,6 @@ def _by_servo(project: Project) -> dict[int, Any]:
     return {one.servo_id: one for one in project.servo_parameters}
 
 
-_COUNT = 2
-_ID = 4
-_ENTRY = 36  # a record in a list
-_RESULT = OVERHEAD + 1
-_ID_QUERY, _ID_WRITE = 2 * OVERHEAD + _ID, OVERHEAD + _ID + _RESULT
-_OUTLINE = 6  # requests: project id, servo parameters, active table, three lists
-
-
 class Cost(Struct, frozen=True):
     """Requests with their answers, on a line without damage."""
 
@@ -74,25 +72,44 @@ class Cost(Struct, frozen=True):
 
 def cost_of_writing(todo: Iterable[Write], codec: Codec) -> Cost:
     """Return what these requests cost."""
-    sizes = [len(codec.encode(write.request, unchecked=True)) + _RESULT for write in todo]
+    sizes = [
+        len(codec.encode(write.request, unchecked=True)) + _frame_size(response_class(write.request)) for write in todo
+    ]
     return Cost(len(sizes), sum(sizes))
 
 
 def cost_of_marking(times: int) -> Cost:
     """Return what it costs to write the project id so often, and to read it back each time."""
-    return Cost(3 * times, times * (_ID_WRITE + 2 * _ID_QUERY))
+    return Cost(3 * times, times * (_exchange_size(WriteProjectIDRequest(0)) + 2 * _exchange_size(_PROJECT_ID)))
 
 
 def cost_of_reading(project: Project) -> Cost:
     """Return what it costs to read all of it until two readings agree, which on a good line is twice."""
-    records = [record for kind in RECORD_TYPES for record in kind.by_id(project).values()]
-    numbers = 2 * _ID
-    lists = len(RECORD_TYPES) * _COUNT + _ENTRY * len(records)
-    parameters = _COUNT + sum(map(stored_size, project.servo_parameters))
-    outline = 2 * _OUTLINE * OVERHEAD + numbers + lists + parameters
-    each = sum(2 * OVERHEAD + _ID + stored_size(record) for record in records)
+    outline = [
+        _exchange_size(_PROJECT_ID),
+        _exchange_size(QueryServoParameterRequest(), len(project.servo_parameters)),
+        _exchange_size(QueryActiveJoystickTableRequest()),
+        *(_exchange_size(kind.list_request, len(kind.by_id(project))) for kind in RECORD_TYPES),
+    ]
+    records = [
+        _exchange_size(kind.query(record_id), len(kind.parts_of(record)))
+        for kind in RECORD_TYPES
+        for record_id, record in kind.by_id(project).items()
+    ]
     # The outline is read twice before the records and once after them.
-    return Cost(3 * _OUTLINE + 2 * len(records), 3 * outline + 2 * each)
+    return Cost(3 * len(outline) + 2 * len(records), 3 * sum(outline) + 2 * sum(records))
+
+
+_PROJECT_ID = QueryProjectIDRequest()
+
+
+def _exchange_size(request: Request[Any], count: int = 0) -> int:
+    """Return the bytes of a request and its response, which has `count` items in its group."""
+    return _frame_size(type(request)) + _frame_size(response_class(request), count)
+
+
+def _frame_size(declared: type[Packet], count: int = 0) -> int:
+    return OVERHEAD + content_size(declared, count)
 
 
 class Write(Struct, frozen=True):
