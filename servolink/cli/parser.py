@@ -162,10 +162,11 @@ class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         """Print the version; finding it takes a while, so not before."""
         import platform
-        from importlib.metadata import version
+
+        import servolink
 
         python = f"{platform.python_implementation()} {platform.python_version()}"
-        print(f"servolink {version('servolink')} on {python}, {platform.system()} {platform.machine()}", flush=True)
+        print(f"servolink {servolink.__version__} on {python}, {platform.system()} {platform.machine()}", flush=True)
         parser.exit()
 
 

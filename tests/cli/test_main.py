@@ -89,7 +89,7 @@ def test_without_a_board_it_says_what_to_write(
     monkeypatch.setattr(choosing, "search", list)
     said = call(capsys, command)
     assert said.code == 3
-    assert all(text in said.err for text in ("SERVOLINK_URL", "serial:///dev/ttyACM0", "tcp://", "virtual://"))
+    assert all(text in said.err for text in ("SERVOLINK_BOARD", "serial:///dev/ttyACM0", "tcp://", "virtual://"))
     assert said.out == ""
 
 
