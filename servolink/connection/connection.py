@@ -175,8 +175,8 @@ class Connection:
     def _refuse_loop(self) -> NoReturn:
         """Raise RuntimeError: a future of one event loop would never wake who waits in another."""
         raise RuntimeError(
-            f"{escape(self.transport.url)} was connected in another event loop, which has "
-            f"{'ended' if self._loop.is_closed() else 'it still'}: connect in the one that uses it"
+            f"{escape(self.transport.url)} was connected in another event loop"
+            f"{', which has ended: ' if self._loop.is_closed() else ': use it there, or '}connect again in this one"
         )
 
     async def _take_turn(self, lane: Lane | None, *, alone: bool = False, first: bool = False) -> None:

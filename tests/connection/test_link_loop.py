@@ -30,12 +30,14 @@ def test_in_another_loop_it_says_so_at_once(call: Callable[[Board], Awaitable[ob
         await call(board)
 
     async def beside(board: Board) -> None:
-        with pytest.raises(RuntimeError, match="was connected in another event loop, which has it still: connect in"):
+        with pytest.raises(RuntimeError, match="was connected in another event loop: use it there, or connect"):
             await asyncio.to_thread(asyncio.run, used(board))
         assert await board.battery()
         await board.close()
 
     with asyncio.Runner() as runner:
         runner.run(beside(runner.run(connected())))
-    with pytest.raises(RuntimeError, match="was connected in another event loop, which has ended: connect in the one"):
+    with pytest.raises(
+        RuntimeError, match="was connected in another event loop, which has ended: connect again in this one"
+    ):
         asyncio.run(used(asyncio.run(connected())))
