@@ -9,9 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.cli import boards as list_command
-from servolink.cli import boards as use
-from servolink.cli import session as choosing
+from servolink.cli import boards, session
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from tests.cli.programs import call, finished, in_terminal, program, started
 
@@ -38,9 +36,9 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
         async def discover() -> list[DeviceInfo]:
             return list(candidates)
 
-        for module in (choosing, use):
+        for module in (session, boards):
             monkeypatch.setattr(module, "search", lambda: list(candidates))
-        monkeypatch.setattr(list_command, "discover", discover)
+        monkeypatch.setattr(boards, "discover", discover)
 
     return here
 
