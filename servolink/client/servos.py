@@ -36,7 +36,7 @@ from servolink.protocol.servos import (
 
 
 class AngleUnits:
-    """Knows which unit each servo is set to, and sets the one this program wants.
+    """Tracks the unit of each servo, and sets the one that the program asked for.
 
     A board keeps its units when the program ends, and a query does not say in which unit it is answered. So the unit
     of all servos is set before the first command with an angle. An angle that was computed or read before a unit was
@@ -195,8 +195,8 @@ class ServoController:
         """Move servos together (see `Board.move`)."""
         stops = self._session.connection.stops
         seconds_for(0, duration, speed)  # refuse an impossible pace before anything is sent
-        targets = checked_targets(targets)  # a copy, because the caller may change his while this waits
-        if not self.units.is_changing:  # or the units are not known yet
+        targets = checked_targets(targets)  # a copy, because the caller may change the original meanwhile
+        if not self.units.is_changing:  # while they change, only `_planned` can say what is possible
             self._goals(targets, speed)
         while True:
             goals, intervals = await self._planned(targets, duration, speed)
