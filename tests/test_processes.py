@@ -1,0 +1,77 @@
+"""Programs that tests start end with their test, with all that they started, even where the tests are killed."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests import processes
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="process groups are those of Unix")
+
+ROOT = Path(__file__).parents[1]
+PARENT = """
+import subprocess, sys
+child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+print(child.pid, flush=True)
+child.wait()
+"""
+"""A program with a program of its own."""
+
+KILLED = f"""
+import os, signal, sys
+from tests import processes
+program = processes.start([sys.executable, "-c", {PARENT!r}], stderr=None)
+print(program.stdout.readline().strip(), flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+"""What pytest is when it is killed."""
+
+
+def read_to_the_end(pipe: int) -> None:
+    """Return when nobody holds the other end any more."""
+    while os.read(pipe, 1024):
+        pass
+
+
+def test_what_a_test_leaves_is_ended_with_all_that_it_started() -> None:
+    reading, writing = os.pipe()
+    with processes.sessions.ending():
+        program = processes.start([sys.executable, "-c", PARENT], stderr=writing)
+        os.close(writing)
+        assert program.stdout is not None
+        assert int(program.stdout.readline())
+    assert program.returncode == -signal.SIGKILL
+    read_to_the_end(reading)  # the program's own program had it too
+    os.close(reading)
+
+
+def test_nothing_is_left_of_tests_that_are_killed() -> None:
+    reading, writing = os.pipe()
+    killed = processes.start([sys.executable, "-c", KILLED], cwd=ROOT, stderr=writing)
+    os.close(writing)
+    processes.finish(killed)
+    read_to_the_end(reading)
+    os.close(reading)
+
+
+def test_programs_can_be_interrupted() -> None:
+    program = processes.start([sys.executable, "-c", "print('here', flush=True); input()"], stdin=subprocess.PIPE)
+    assert program.stdout is not None
+    assert program.stdout.readline() == "here\n"
+    processes.finish(program, signal.SIGINT)
+    assert program.returncode == -signal.SIGINT
+
+
+def test_programs_can_be_interrupted_where_the_tests_cannot() -> None:
+    one = f"{__file__}::{test_programs_can_be_interrupted.__name__}"
+    command = shlex.join([sys.executable, "-m", "pytest", "--numprocesses=0", "-p", "no:cacheprovider", one])
+    ran = processes.run(["/bin/sh", "-c", f"trap '' INT; exec {command}"], cwd=ROOT)
+    assert ran.returncode == 0, ran.stdout
+    assert "1 passed" in ran.stdout
