@@ -78,7 +78,12 @@ COMMANDS = {
         "show angle, current and temperature of each servo",
         ("servos", "servos --adc", "servos --json"),
     ),
-    "teach": Command(MOVE, "teach:configure", "record poses of limbs that are moved by hand"),
+    "teach": Command(
+        MOVE,
+        "teach:configure",
+        "record poses of limbs that are moved by hand",
+        ("teach Wave 1 2", "teach Nod --file robot.servolink.json --interval 0.5"),
+    ),
     "events": Command(
         MOVE, "events:configure", "show button events as they come", ("events --seconds 2", "events --seconds 1 --json")
     ),
@@ -107,18 +112,19 @@ COMMANDS = {
         PROJECTS,
         "plan:configure",
         "show what a project file would change on the board",
-        ("plan robot.servolink.json",),
+        ("plan robot.servolink.json", "plan robot.servolink.json --replace --json"),
     ),
     "apply": Command(
         PROJECTS,
         "apply:configure_apply",
         "make the board hold what a project file holds, after a backup",
-        ("apply robot.servolink.json --yes",),
+        ("apply robot.servolink.json --yes", "apply robot.servolink.json --replace --yes"),
     ),
     "rollback": Command(
         PROJECTS,
         "apply:configure_rollback",
         "bring back what was on the board before the last import",
+        ("rollback --yes",),
     ),
     "backups": Command(
         PROJECTS,
@@ -131,12 +137,14 @@ COMMANDS = {
         PROJECTS,
         "project:configure",
         "show, check, edit and play projects in files, without a board",
+        ("project new arm.servolink.json --servos 6", "project show robot.servolink.json"),
         takes_board=False,
     ),
     "virtual": Command(
         DEVELOPERS,
         "virtual:configure",
         "serve a virtual board over a pseudo-terminal, TCP or USB/IP",
+        ("virtual", "virtual --tcp 127.0.0.1:7878 --servos 4", "virtual --state arm.state --faults drop=0.01"),
         takes_board=False,
     ),
     "decode": Command(
@@ -150,6 +158,7 @@ COMMANDS = {
         DEVELOPERS,
         "packets:configure_encode",
         "turn packets into frames",
+        ("""encode '{"packet": "QueryServoRequest", "fields": {"servo_id": 7}}'""",),
         takes_board=False,
     ),
     "bench": Command(

@@ -25,6 +25,12 @@ SLOW = {"demo"}
 EXAMPLES = {example: name for name, command in ALL.items() for example in command.examples}
 
 
+@pytest.mark.parametrize("name", ALL)
+def test_every_command_has_examples(name: str) -> None:
+    assert ALL[name].examples
+    assert all(example.startswith(name) for example in ALL[name].examples)
+
+
 @pytest.mark.parametrize(
     ("typed", "said"),
     [
@@ -114,7 +120,7 @@ def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
     async def store(board: Board) -> None:
         await board.add_action(Action(1, "Bow", (Step(1, 30, 5),)))
-        await board.add_macro(Macro(1, "Greet", (MacroCommand(1),)))
+        await board.add_macro(Macro(1, "Greet", (MacroCommand(1, total_interval=50),)))
         await board.add_joystick_table(JoystickTable(1, "Pad", (Button(3, "greet", button_press_macro=1),)))
 
     for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME"):

@@ -7,22 +7,57 @@ from servolink.cli.parser import Parser
 
 
 def _command(place: str, text: str, *examples: str) -> Command:
-    return Command("", f"project.{place}", text, examples, takes_board=False)
+    return Command("", f"project.{place}", text, tuple(f"project {one}" for one in examples), takes_board=False)
 
 
 COMMANDS = {
-    "show": _command("show:configure", "show what is in a project, or some of it whole"),
-    "new": _command("edit:configure_new", "write a small project to begin with"),
-    "check": _command("check:configure_check", "find what is wrong with a project, and repair it"),
-    "preflight": _command("check:configure_preflight", "find movements that are too fast or go too far"),
-    "play": _command("play:configure", "play an action or a macro on a virtual board, with a chart of its times"),
-    "mirror": _command("edit:configure_mirror", "add actions and macros with left and right exchanged"),
-    "scale-time": _command("edit:configure_scale_time", "make actions, or everything, slower or faster"),
-    "merge": _command("edit:configure_merge", "put two projects into one"),
-    "rename": _command("edit:configure_rename", "give an action, a macro, a table or a servo another caption"),
-    "schema": _command("edit:configure_schema", "print the JSON Schema of project files"),
+    "show": _command(
+        "show:configure",
+        "show what is in a project, or some of it whole",
+        "show robot.servolink.json",
+        "show robot.servolink.json Bow",
+    ),
+    "new": _command("edit:configure_new", "write a small project to start with", "new arm.servolink.json --servos 6"),
+    "check": _command(
+        "check:configure_check",
+        "find what is wrong with a project, and repair it",
+        "check robot.servolink.json",
+        "check robot.servolink.json --fix",
+    ),
+    "preflight": _command(
+        "check:configure_preflight",
+        "find movements that are too fast or go too far",
+        "preflight robot.servolink.json --speed-cap 120 --limit -90 90",
+    ),
+    "play": _command(
+        "play:configure",
+        "play an action or a macro on a virtual board, with a chart of its times",
+        "play robot.servolink.json Bow --fast",
+    ),
+    "mirror": _command(
+        "edit:configure_mirror",
+        "add actions and macros with left and right exchanged",
+        "mirror robot.servolink.json Bow --map 1=2 -o both.servolink.json",
+    ),
+    "scale-time": _command(
+        "edit:configure_scale_time",
+        "make actions, or everything, slower or faster",
+        "scale-time robot.servolink.json 2 -o slow.servolink.json",
+        "scale-time robot.servolink.json 0.5 Bow --in-place",
+    ),
+    "merge": _command(
+        "edit:configure_merge",
+        "put two projects into one",
+        "merge robot.servolink.json other.servolink.json -o all.servolink.json",
+    ),
+    "rename": _command(
+        "edit:configure_rename",
+        "give an action, a macro, a table or a servo another caption",
+        "rename robot.servolink.json action 1 Hello --in-place",
+    ),
+    "schema": _command("edit:configure_schema", "print the JSON Schema of project files", "schema"),
 }
-"""As `servolink.cli.commands.COMMANDS`; the examples follow `servolink project`."""
+"""As `servolink.cli.commands.COMMANDS`."""
 
 
 def configure(parser: Parser) -> None:
