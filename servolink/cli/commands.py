@@ -26,6 +26,8 @@ class Command:
     """What may be typed after `servolink`, each on a board of its own; a test runs all of them on virtual boards."""
     takes_board: bool = True
     """Whether it has the option `--board`."""
+    needs_records: bool = False
+    """Whether its examples need something stored on the board."""
 
 
 COMMANDS = {
@@ -71,6 +73,7 @@ COMMANDS = {
         "motion:configure_run",
         "run an action or a macro stored on the board",
         ("run action 1", "run macro 1 --start"),
+        needs_records=True,
     ),
     "servos": Command(
         MOVE,
@@ -94,13 +97,25 @@ COMMANDS = {
         ("info", "info --json"),
     ),
     "actions": Command(
-        STORED, "records:configure", "list the actions stored on the board, or show one", ("actions", "actions 1")
+        STORED,
+        "records:configure",
+        "list the actions stored on the board, or show one",
+        ("actions", "actions 1"),
+        needs_records=True,
     ),
     "macros": Command(
-        STORED, "records:configure", "list the macros stored on the board, or show one", ("macros", "macros 1")
+        STORED,
+        "records:configure",
+        "list the macros stored on the board, or show one",
+        ("macros", "macros 1"),
+        needs_records=True,
     ),
     "tables": Command(
-        STORED, "records:configure", "list the joystick tables stored on the board, or show one", ("tables", "tables 1")
+        STORED,
+        "records:configure",
+        "list the joystick tables stored on the board, or show one",
+        ("tables", "tables 1"),
+        needs_records=True,
     ),
     "export": Command(
         PROJECTS,
@@ -125,6 +140,7 @@ COMMANDS = {
         "apply:configure_rollback",
         "bring back what was on the board before the last import",
         ("rollback --yes",),
+        needs_records=True,
     ),
     "backups": Command(
         PROJECTS,
@@ -158,7 +174,7 @@ COMMANDS = {
         DEVELOPERS,
         "packets:configure_encode",
         "turn packets into frames",
-        ("""encode '{"packet": "QueryServoRequest", "fields": {"servo_id": 7}}'""",),
+        ("""encode '{"packet":"QueryServoRequest","fields":{"servo_id":7}}'""",),
         takes_board=False,
     ),
     "bench": Command(

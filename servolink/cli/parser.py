@@ -182,8 +182,10 @@ def _topics() -> str:
 
 def _epilog(command: Command) -> str:
     examples = "\n".join(f"  servolink {example}" for example in command.examples)
-    hint = "\n  (add --board virtual:// to try them without a board)" if command.takes_board else ""
-    return f"examples:\n{examples}{hint}\n\n{EXIT_CODES}" if examples else EXIT_CODES
+    hint = "  (add --board virtual:// to try them without a board)\n"
+    if command.needs_records:
+        hint = "  (on a board with something stored, as by `servolink apply FILE`)\n"
+    return f"examples:\n{examples}\n{hint if command.takes_board else ''}\n{EXIT_CODES}"
 
 
 def _suggestion(word: str, known: Iterable[str]) -> str:

@@ -14,6 +14,7 @@ from servolink.cli.project import COMMANDS as PROJECT_COMMANDS
 from servolink.client.board import Board
 from servolink.project.project_file import save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, Step
+from servolink.virtual.board import VirtualBoard
 from tests.cli.programs import Said, call, program
 from tests.cli.robot import Robot
 
@@ -80,6 +81,7 @@ def test_help_fits_and_names_no_section(name: str, capsys: pytest.CaptureFixture
     assert said.code == 0
     assert said.out.endswith(f"{EXIT_CODES}\n")
     assert max(map(len, said.out.splitlines())) <= 80
+    assert all(f"\n  servolink {example}\n" in said.out for example in (ALL[name].examples if name else ()))
     assert not re.search(r"\b3\.\d\.\d|\(3\.\d", said.out), "people have no idea of the document's sections"
 
 
@@ -106,7 +108,7 @@ def test_examples_work(
     if name in UNTIL_CTRL_C | SLOW:
         assert build_parser().parse_args(shlex.split(example)).run
         return
-    _prepare(robot, tmp_path, monkeypatch)
+    _prepare(robot, tmp_path, monkeypatch, stored=ALL[name].needs_records)
     if name == "rollback":
         call(capsys, "apply", "robot.servolink.json", "--yes")
     if example.startswith("use --remove"):
@@ -115,8 +117,8 @@ def test_examples_work(
     assert said.code in {"plan": (1,), "list": (0, 3)}.get(name, (0,)), said.err
 
 
-def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Store something on the board, and something else in the files that examples name."""
+def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch, *, stored: bool) -> None:
+    """Write the files that examples name, and store something else on the board, or nothing."""
 
     async def store(board: Board) -> None:
         await board.add_action(Action(1, "Bow", (Step(1, 30, 5),)))
@@ -131,4 +133,7 @@ def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     project = robot.ask(lambda board: board.export_project())
     for name in ("robot.servolink.json", "other.servolink.json"):
         save_project(folder / name, project)
-    robot.ask(lambda board: board.add_action(Action(2, "Nod", (Step(2, 10, 5),))))
+    if stored:
+        robot.ask(lambda board: board.add_action(Action(2, "Nod", (Step(2, 10, 5),))))
+    else:
+        robot.board = VirtualBoard(3)

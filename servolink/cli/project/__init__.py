@@ -27,7 +27,7 @@ COMMANDS = {
     "preflight": _command(
         "check:configure_preflight",
         "find movements that are too fast or go too far",
-        "preflight robot.servolink.json --speed-cap 120 --limit -90 90",
+        "preflight robot.servolink.json --speed-cap 120",
     ),
     "play": _command(
         "play:configure",
@@ -37,7 +37,7 @@ COMMANDS = {
     "mirror": _command(
         "edit:configure_mirror",
         "add actions and macros with left and right exchanged",
-        "mirror robot.servolink.json Bow --map 1=2 -o both.servolink.json",
+        "mirror robot.servolink.json Bow --map 1=2 -o both.json",
     ),
     "scale-time": _command(
         "edit:configure_scale_time",
@@ -48,7 +48,7 @@ COMMANDS = {
     "merge": _command(
         "edit:configure_merge",
         "put two projects into one",
-        "merge robot.servolink.json other.servolink.json -o all.servolink.json",
+        "merge robot.servolink.json other.servolink.json -o all.json",
     ),
     "rename": _command(
         "edit:configure_rename",
