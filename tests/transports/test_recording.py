@@ -96,7 +96,8 @@ def test_a_connection_that_cannot_be_opened_leaves_no_file(tmp_path: Path) -> No
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device here that is always full")
-def test_a_full_disk_ends_the_connection_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("sends", [False, True])
+def test_a_full_disk_ends_the_connection_and_says_so(sends: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Path, "open", lambda path, _, **options: open(path, "w", **options))  # noqa: SIM115
 
     async def main() -> None:
@@ -104,7 +105,11 @@ def test_a_full_disk_ends_the_connection_and_says_so(monkeypatch: pytest.MonkeyP
         transport, ear, end = RecordingTransport(near, "/dev/full"), Ear(), Ear()
         await far.open(end)
         await transport.open(ear)
-        await far.send(b"x")
+        if sends:
+            with pytest.raises(ConnectionLost, match="cannot be written"):
+                await transport.send(b"x")
+        else:
+            await far.send(b"x")
         error = await ear.end()
         assert isinstance(error, ConnectionLost)
         assert "/dev/full cannot be written" in str(error)
@@ -113,6 +118,7 @@ def test_a_full_disk_ends_the_connection_and_says_so(monkeypatch: pytest.MonkeyP
             await transport.send(b"y")
         await transport.close()
         assert len(ear.losses) == 1
+        assert end.heard == b""
 
     run(main())
 
