@@ -9,6 +9,7 @@ from typing import cast
 
 from servolink.errors import ServolinkError
 from servolink.protocol.codec import Codec
+from servolink.protocol.frame import ByteOrder
 from servolink.transports.address import Address
 from servolink.transports.faults import Faults, FaultyTransport
 from servolink.transports.lifecycle import BaseTransport
@@ -103,7 +104,7 @@ def from_address(address: Address) -> VirtualTransport | FaultyVirtualTransport:
     board = VirtualBoard(
         servos=address.integer("servos", 16, 0, MAX_SERVOS),
         seed=seed,
-        codec=Codec("big" if address.choice("byte_order", "little", ("little", "big")) == "big" else "little"),
+        codec=Codec(cast("ByteOrder", address.choice("byte_order", "little", ("little", "big")))),
         memory=address.integer("memory", MEMORY, 0, 2**31 - 1),
         on_duplicate=cast("OnDuplicate", address.choice("on_duplicate", "replace", ON_DUPLICATE)),
         clear=cast("Clear", address.choice("clear", "all", CLEAR)),

@@ -99,6 +99,21 @@ def test_the_three_ways_are_conversations_of_their_own_with_one_board() -> None:
     in_time(main)
 
 
+def test_the_list_has_the_device_with_its_interfaces() -> None:
+    async def main() -> None:
+        async with exported() as (place, _):
+            reader, writer = await asyncio.open_connection(*place)
+            writer.write(struct.pack(">HHI", 0x0111, 0x8005, 0))
+            listed = await reader.read()
+            writer.close()
+        version, code, status, count = struct.unpack_from(">HHII", listed)
+        assert (version, code, status, count) == (0x0111, 0x0005, 0, 1)
+        assert listed[12 + 256 :].startswith(b"1-1\0")
+        assert listed[12 + 312 :] == bytes.fromhex("02020000 0a000000 03000000 ff000000")
+
+    in_time(main)
+
+
 def test_a_urb_that_the_host_takes_back_is_told_of_once() -> None:
     async def main() -> None:
         async with exported() as (place, _), attached(*place) as host:

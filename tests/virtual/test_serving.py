@@ -21,7 +21,9 @@ from servolink.protocol.joystick import PRESS, UP, ButtonEventResponse, Subscrib
 from servolink.protocol.records import Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
 from servolink.transports.faults import Faults
+from servolink.transports.memory import MemoryTransport
 from servolink.transports.registry import create
+from servolink.transports.stream import keep_alive
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import serve
 from tests.virtual.receiving import GUARD, Heard, ask
@@ -229,6 +231,52 @@ def test_hosts_that_ask_a_lot_and_never_read_cost_little_and_others_are_served(m
         assert max(most) <= listeners.MAX_WAITING
 
     monkeypatch.setattr(listeners, "bridge", watched)
+    asyncio.run(main())
+
+
+def test_a_host_that_does_not_read_keeps_nothing_open_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(listeners, "_LINGER", 0.0)
+
+    async def main() -> None:
+        ours, theirs = MemoryTransport.pair()
+        async with listeners.serve_network(lambda: ours, "127.0.0.1", 0) as url:
+            with socket.socket() as line:
+                line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+                line.connect(host_and_port(url.removeprefix("tcp://")))
+                line.sendall(FRAME)
+                heard = Heard()
+                await theirs.open(heard)
+                await heard.until(1)
+                await theirs.send(bytes(5 * 1024 * 1024))
+                await theirs.close()
+                async with asyncio.timeout(GUARD):
+                    while len(asyncio.all_tasks()) > 2:  # this one and the one that accepts
+                        await asyncio.sleep(0)
+
+    asyncio.run(main())
+
+
+def test_a_host_that_is_gone_before_it_is_served_harms_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    gone = [True]
+
+    def fail_once(line: socket.socket, **times: int) -> None:
+        if gone:
+            gone.clear()
+            raise OSError(errno.EINVAL, "Invalid argument")
+        keep_alive(line, **times)
+
+    async def main() -> None:
+        async with serve(VirtualBoard(servos=3), tcp=ANY_PORT) as (url,):
+            reader, writer = await client(url)
+            async with asyncio.timeout(GUARD):
+                assert await reader.read() == b""
+            writer.close()
+            transport, heard = create(url), Heard()
+            await transport.open(heard)
+            assert await ask(transport, heard, LIST) == ANSWER
+            await transport.close()
+
+    monkeypatch.setattr(listeners, "keep_alive", fail_once)
     asyncio.run(main())
 
 

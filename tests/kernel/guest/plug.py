@@ -144,10 +144,10 @@ def board_use(board: VirtualBoard) -> Use:
 
     @contextmanager
     def use(device: UsbDevice) -> Iterator[None]:
-        pacemaker = BoardDriver(board)
+        driver = BoardDriver(board)
         with plugged(board, device):
             yield
-        pacemaker.stop()
+        driver.stop()
 
     return use
 
