@@ -70,18 +70,17 @@ class Parser(argparse.ArgumentParser):
         if not name.startswith("-") or name == "-" or " " in word or _NEGATIVE.match(word) or name in known:
             return
         if name.startswith("--") or name[:2] not in known:  # -vv is -v twice
-            self.error(f"`{self.prog}` has no option {name}{_suggestion(name, known)}")
+            meant = _closest(name, known)
+            self.error(f"`{self.prog}` has no option {name}{f'; did you mean {meant}?' if meant else ''}")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is None or value in action.choices:
             return
         if action is not self.commands:
             raise argparse.ArgumentError(action, f"must be {' or '.join(map(str, action.choices))}, not {value!r}")
-        suggestion = _suggestion(value, [*action.choices, *_ELSEWHERE])
-        for name, option in _ELSEWHERE.items():
-            suggestion = suggestion.replace(f" {name}?", f" {option}?")
-        help_text = f"; `{self.prog} --help` lists the commands"
-        raise argparse.ArgumentError(None, f"there is no command {value!r}{suggestion or help_text}")
+        meant = _closest(value, [*action.choices, *_ELSEWHERE])
+        hint = f"did you mean {_ELSEWHERE.get(meant, meant)}?" if meant else f"`{self.prog} --help` lists the commands"
+        raise argparse.ArgumentError(None, f"there is no command {value!r}; {hint}")
 
     def error(self, message: str) -> NoReturn:
         """End as wrong usage."""
@@ -188,9 +187,10 @@ def _epilog(command: Command) -> str:
     return f"examples:\n{examples}\n{hint if command.takes_board else ''}\n{EXIT_CODES}"
 
 
-def _suggestion(word: str, known: Iterable[str]) -> str:
+def _closest(word: str, known: Iterable[str]) -> str:
+    """Return what was probably meant by `word`, or "" if nothing is like it."""
     from difflib import get_close_matches
 
     known = list(known)
     found = [each for each in known if each.startswith(word)] or get_close_matches(word, known, 1)
-    return f"; did you mean {found[0]}?" if found else ""
+    return found[0] if found else ""

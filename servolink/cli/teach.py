@@ -29,55 +29,6 @@ from servolink.project.project_file import load_project, save_project
 from servolink.project.teaching import LONGEST, SHORTEST, PoseRecorder, refuse_taken
 from servolink.protocol.records import Action, Macro
 
-
-async def check_name(board: Board, name: str, file: Path | None) -> None:
-    """Raise ProjectError if the poses could not be stored under `name`: before anything goes limp."""
-    project = _in(file) if file is not None else await _outline(board)
-    refuse_taken(project, name)
-    build_project(Action.pose(f"{name} 99", {}), Macro.of(name))
-
-
-async def write(board: Board, lesson: PoseRecorder, file: Path | None) -> str:
-    """Add the poses to the file, or to the board by an import, and return where they are.
-
-    If that fails, write them to a file of their own and raise an error that names it.
-    """
-    try:
-        if file is not None:
-            save_project(file, _taught_to(_in(file), lesson))
-            return str(file)
-        await board.apply_project(_taught_to(await board.export_project(), lesson))
-    except ServolinkError as error:
-        kept = _free_file(lesson.caption)
-        save_project(kept, build_project(lesson.record()))
-        raise ProjectError(f"{error}. The poses are in {kept}; `servolink project merge` adds them") from error
-    return "on the board"
-
-
-def _taught_to(project: Project, lesson: PoseRecorder) -> Project:
-    """Return `project` with what was taught. Raise ProjectError if it has something of that name."""
-    refuse_taken(project, lesson.caption)
-    return extend_project(project, lesson.record())
-
-
-def _in(file: Path) -> Project:
-    return load_project(file) if file.exists() else Project()
-
-
-async def _outline(board: Board) -> Project:
-    """Return a project with the captions used on the board."""
-    actions = [Action(entry.action_id, entry.action_caption) for entry in await board.actions()]
-    macros = [Macro(entry.macro_id, entry.macro_caption) for entry in await board.macros()]
-    return Project(actions=tuple(actions), macros=tuple(macros))
-
-
-def _free_file(caption: str) -> Path:
-    """Return a path in this folder at which there is no file yet."""
-    name = re.sub(r"[^\w-]+", "_", caption).strip("_") or "lesson"
-    names = (Path(f"{name}{f'-{number}' if number > 1 else ''}.servolink.json") for number in count(1))
-    return next(path for path in names if not path.exists())
-
-
 _SPEED_CAP = 120.0
 
 
@@ -118,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     check_can_release(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        await check_name(board, args.name, args.file)
+        await _check_name(board, args.name, args.file)
         servos = await reported(board, args.servo_ids)
         if not await may_release(args, interruption, listed(args.servo_ids) if args.servo_ids else "all servos"):
             return FAILED
@@ -132,15 +83,15 @@ def run(args: argparse.Namespace) -> int:
             seconds=args.interval,
         )
         ids = frozenset(servo.servo_id for servo in servos)
-        taking = CaptureSession(board, lesson, ids, button=args.button, json=args.json)
-        if not await _taught(taking, ReleasedServos(board, servos), interruption):
+        session = CaptureSession(board, lesson, ids, button=args.button, json=args.json)
+        if not await _record(session, ReleasedServos(board, servos), interruption):
             interruption.state += f"; {counted(len(lesson.poses), 'pose')} not written"
             interruption.report()
             return INTERRUPTED
         if not lesson.poses:
             print_text("no pose was recorded; nothing is written")
             return FAILED
-        where = await write(board, lesson, args.file)
+        where = await _write(board, lesson, args.file)
         if args.json:
             print_json({"name": args.name, "poses": len(lesson.poses), "written": where})
         else:
@@ -150,27 +101,27 @@ def run(args: argparse.Namespace) -> int:
     return run_with_board(args, talk, reconnect=True)
 
 
-async def _taught(taking: CaptureSession, limp: ReleasedServos, interruption: Interruption) -> bool:
+async def _record(session: CaptureSession, released: ReleasedServos, interruption: Interruption) -> bool:
     """Record poses with limp servos and hold them again. Return whether it was not interrupted."""
-    interruption.state = f"{listed(limp.ids)} may be limp; `servolink stop` holds all servos"
+    interruption.state = f"{listed(released.ids)} may be limp; `servolink stop` holds all servos"
     lost = False
-    with _gentle() as stop:
+    with _stop_on_signal() as stop:
         try:
-            await limp.release()
-            await taking.until(stop)
+            await released.release()
+            await session.until(stop)
         except ConnectionLost as error:
             lost = True
-            _note(f"{error}; {listed(limp.ids)} will be held as soon as the board is back, Ctrl-C twice gives up")
+            _note(f"{error}; {listed(released.ids)} will be held as soon as the board is back, Ctrl-C twice gives up")
         finally:
-            await limp.hold_when_back()
-        interruption.state = f"{are(limp.ids)} held again"
+            await released.hold_when_back()
+        interruption.state = f"{are(released.ids)} held again"
         if lost:
-            _note(f"the board is back, and {are(limp.ids)} held")
+            _note(f"the board is back, and {are(released.ids)} held")
         return not stop.is_set()
 
 
 @contextmanager
-def _gentle() -> Iterator[asyncio.Event]:
+def _stop_on_signal() -> Iterator[asyncio.Event]:
     """Yield an event that the first Ctrl-C sets, so that limp servos can be held; a second one cancels the task."""
     stop, task = asyncio.Event(), asyncio.current_task()
 
@@ -185,3 +136,51 @@ def _gentle() -> Iterator[asyncio.Event]:
 
 def _note(text: str) -> None:
     print_error(f"servolink: {text}")
+
+
+async def _check_name(board: Board, name: str, file: Path | None) -> None:
+    """Raise ProjectError if the poses could not be stored under `name`: before anything goes limp."""
+    project = _in(file) if file is not None else await _outline(board)
+    refuse_taken(project, name)
+    build_project(Action.pose(f"{name} 99", {}), Macro.of(name))
+
+
+async def _write(board: Board, lesson: PoseRecorder, file: Path | None) -> str:
+    """Add the poses to the file, or to the board by an import, and return where they are.
+
+    If that fails, write them to a file of their own and raise an error that names it.
+    """
+    try:
+        if file is not None:
+            save_project(file, _taught_to(_in(file), lesson))
+            return str(file)
+        await board.apply_project(_taught_to(await board.export_project(), lesson))
+    except ServolinkError as error:
+        kept = _free_file(lesson.caption)
+        save_project(kept, build_project(lesson.record()))
+        raise ProjectError(f"{error}. The poses are in {kept}; `servolink project merge` adds them") from error
+    return "on the board"
+
+
+def _taught_to(project: Project, lesson: PoseRecorder) -> Project:
+    """Return `project` with what was taught. Raise ProjectError if it has something of that name."""
+    refuse_taken(project, lesson.caption)
+    return extend_project(project, lesson.record())
+
+
+def _in(file: Path) -> Project:
+    return load_project(file) if file.exists() else Project()
+
+
+async def _outline(board: Board) -> Project:
+    """Return a project with the captions used on the board."""
+    actions = [Action(entry.action_id, entry.action_caption) for entry in await board.actions()]
+    macros = [Macro(entry.macro_id, entry.macro_caption) for entry in await board.macros()]
+    return Project(actions=tuple(actions), macros=tuple(macros))
+
+
+def _free_file(caption: str) -> Path:
+    """Return a path in this folder at which there is no file yet."""
+    name = re.sub(r"[^\w-]+", "_", caption).strip("_") or "lesson"
+    names = (Path(f"{name}{f'-{number}' if number > 1 else ''}.servolink.json") for number in count(1))
+    return next(path for path in names if not path.exists())

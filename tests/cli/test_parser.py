@@ -131,7 +131,7 @@ def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch, *, sto
     monkeypatch.chdir(folder)
     robot.ask(store)
     project = robot.ask(lambda board: board.export_project())
-    for name in ("robot.servolink.json", "other.servolink.json"):
+    for name in ("robot.servolink.json", "other.json"):
         save_project(folder / name, project)
     if stored:
         robot.ask(lambda board: board.add_action(Action(2, "Nod", (Step(2, 10, 5),))))

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from servolink.cli.session import Interruption, run_interruptible
-from servolink.cli.teach import _gentle
+from servolink.cli.teach import _stop_on_signal
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.client.servos import Servo
@@ -124,7 +124,7 @@ def test_ctrl_c_holds_the_servos_again_and_writes_nothing(robot: Robot) -> None:
 def test_ctrl_c_twice_gives_up(robot: Robot, capsys: pytest.CaptureFixture[str]) -> None:
     async def lost(interruption: Interruption) -> int:
         interruption.state = "servos may be limp"
-        with _gentle() as stop:
+        with _stop_on_signal() as stop:
             signal.raise_signal(signal.SIGINT)
             await stop.wait()
             signal.raise_signal(signal.SIGINT)

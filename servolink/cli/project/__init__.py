@@ -48,7 +48,7 @@ COMMANDS = {
     "merge": _command(
         "edit:configure_merge",
         "put two projects into one",
-        "merge robot.servolink.json other.servolink.json -o all.json",
+        "merge robot.servolink.json other.json -o all.json",
     ),
     "rename": _command(
         "edit:configure_rename",
