@@ -8,7 +8,8 @@ from collections.abc import Iterable, Sequence
 from importlib import import_module
 from typing import NamedTuple
 
-from servolink.errors import OpenError, TransportError
+from servolink.errors import InvalidAddress, OpenError, TransportError
+from servolink.transports.address import Address
 from servolink.transports.device_info import DeviceInfo
 from servolink.transports.registry import DISCOVERY, PlugIn, plug_ins
 
@@ -68,6 +69,10 @@ def _find_with(plug_in: PlugIn) -> list[DeviceInfo]:
     for device in devices:
         if not isinstance(device, DeviceInfo):
             raise plug_in.broken(f"it returned {type(device).__name__} instead of a DeviceInfo")
+        try:
+            Address.parse(device.url)  # all users of the result parse it
+        except InvalidAddress as error:
+            raise plug_in.broken(str(error)) from error
     return devices
 
 

@@ -7,13 +7,29 @@ from pathlib import PurePosixPath
 
 from servolink.doctor import Finding
 from servolink.doctor.permissions import ADAPTERS, INSTALL, rule_named
-from servolink.doctor.system import Process, SystemFacts, UsbDevice, device_nodes, device_of, usb_device, usb_devices
+from servolink.doctor.system import (
+    Process,
+    SystemFacts,
+    UsbDevice,
+    device_nodes,
+    serial_device,
+    usb_device,
+    usb_devices,
+)
 from servolink.escaping import escape
+
+LATENCY_TIMER = "latency timer"
+_HELD_BACK = "an FTDI adapter holds short responses back until its latency timer, usually 16 ms, has expired"
+_LONGEST_TIMER = 2  # milliseconds that are not noticed
+_NEAR_16_MS = (0.0135, 0.0185)  # seconds: the timer itself, and the short way there and back
+_FEWEST_ROUND_TRIPS = 10  # round trips that allow a conclusion
+_PTY_MASTERS = {"/dev/ptmx", "/dev/pts/ptmx"}
+_COMPILED = (".so", ".pyd")  # hidapi's modules are; those of the other package are not
 
 
 def check_modem_manager(facts: SystemFacts, url: str) -> Iterator[Finding]:
     """Find ModemManager if no rule keeps it away from the port."""
-    device = device_of(url)
+    device = serial_device(url)
     if not device or usb_device(facts, url) is None or not _is_running(facts, "ModemManager"):
         return
     number = facts.text(f"/sys/class/tty/{PurePosixPath(facts.real(device)).name}/dev")
@@ -59,12 +75,9 @@ def _has_port(facts: SystemFacts, device: UsbDevice) -> bool:
     )
 
 
-_PTY_MASTERS = {"/dev/ptmx", "/dev/pts/ptmx"}
-
-
 def check_holders(facts: SystemFacts, url: str) -> Iterator[Finding]:
     """Find programs that have the device of `url` open; those of other users can be seen only by root."""
-    nodes = {path for path in device_nodes(facts, url) if not device_of(url) or _is_terminal(facts, path)}
+    nodes = {path for path in device_nodes(facts, url) if not serial_device(url) or _is_terminal(facts, path)}
     if not nodes:
         return
     for process in facts.processes():
@@ -89,19 +102,12 @@ def _serves(process: Process, path: str) -> bool:
     return path.startswith("/dev/pts/") and bool(process.files & _PTY_MASTERS)
 
 
-LATENCY_TIMER = "latency timer"
-_HELD_BACK = "an FTDI adapter holds short responses back until its latency timer, usually 16 ms, has expired"
-_LONGEST = 2  # milliseconds that are not noticed
-_NEAR_16_MS = (0.0135, 0.0185)  # seconds: the timer itself, and the short way there and back
-_FEWEST = 10  # round trips that allow a conclusion
-
-
 def check_latency_timer(facts: SystemFacts, url: str) -> Iterator[Finding]:
     """Find a latency timer that is longer than needed, as it is by default."""
-    name = PurePosixPath(facts.real(device_of(url))).name
+    name = PurePosixPath(facts.real(serial_device(url))).name
     path = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
     timer = facts.text(path)
-    if timer.isdecimal() and int(timer) > _LONGEST:
+    if timer.isdecimal() and int(timer) > _LONGEST_TIMER:
         yield Finding(LATENCY_TIMER, f"{path} is {timer} ms", _HELD_BACK, _remedy(facts, name))
 
 
@@ -109,8 +115,8 @@ def check_round_trips(facts: SystemFacts, url: str, round_trips: Sequence[float]
     """Find round trips (in seconds) that cluster at the default of the latency timer."""
     low, high = _NEAR_16_MS
     near = [seconds for seconds in round_trips if low <= seconds <= high]
-    if len(round_trips) >= _FEWEST and len(near) * 2 >= len(round_trips):
-        name = PurePosixPath(facts.real(device_of(url))).name
+    if len(round_trips) >= _FEWEST_ROUND_TRIPS and len(near) * 2 >= len(round_trips):
+        name = PurePosixPath(facts.real(serial_device(url))).name
         seen = f"{len(near)} of {len(round_trips)} responses took {low * 1000:g} to {high * 1000:g} ms"
         yield Finding(LATENCY_TIMER, seen, f"this is typical when {_HELD_BACK}", _remedy(facts, name))
 
@@ -124,9 +130,6 @@ def _remedy(facts: SystemFacts, name: str) -> str:
             "for good: install the rule that `servolink doctor --print-udev` prints"
         )
     return "set the latency timer of the adapter to 1 ms on the machine where it is plugged in"
-
-
-_COMPILED = (".so", ".pyd")  # hidapi's modules are; those of the other package are not
 
 
 def check_hid(facts: SystemFacts) -> Iterator[Finding]:
@@ -189,7 +192,7 @@ def check_surroundings(facts: SystemFacts) -> Iterator[Finding]:
 
 def check_address(facts: SystemFacts, url: str) -> Iterator[Finding]:
     """Find an address that has another purpose on this system."""
-    device = device_of(url)
+    device = serial_device(url)
     if facts.platform == "darwin" and device.startswith("/dev/tty."):
         right = escape(device.replace("/dev/tty.", "/dev/cu.", 1))
         yield Finding(

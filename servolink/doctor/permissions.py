@@ -33,6 +33,7 @@ SERIAL_GROUPS = ("dialout", "uucp")
 _FOLDERS = ("/etc/udev/rules.d", "/run/udev/rules.d", "/usr/lib/udev/rules.d", "/lib/udev/rules.d")
 _TOO_LATE = "73-seat-late.rules"  # the system's own file that acts on the tag `uaccess`
 _PLAIN = re.compile(r"[A-Za-z0-9._:-]{1,126}", re.ASCII)  # no character has a meaning in a rule
+_GROUP_READS_AND_WRITES = 0o060
 _HEAD = f"""\
 # {RULES}: permission to use the servo board.
 # To install it:
@@ -58,7 +59,7 @@ def is_installed(facts: SystemFacts) -> bool:
     return bool(facts.text(RULES))
 
 
-def check_order(facts: SystemFacts, device: UsbDevice | None) -> Iterator[Finding]:
+def check_rule_order(facts: SystemFacts, device: UsbDevice | None) -> Iterator[Finding]:
     """Find rules for `device` that are read too late for their tag."""
     if device is None:
         return
@@ -110,9 +111,6 @@ def _rules_for(device: UsbDevice, access: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-_GROUP_READS_AND_WRITES = 0o060
-
-
 def check_permissions(facts: SystemFacts, url: str) -> Iterator[Finding]:
     """Find device files of `url` that this user may not open."""
     refused = False
@@ -122,7 +120,7 @@ def check_permissions(facts: SystemFacts, url: str) -> Iterator[Finding]:
             refused = True
             yield _refused(facts, url, path, node)
     if refused:
-        yield from check_order(facts, usb_device(facts, url))
+        yield from check_rule_order(facts, usb_device(facts, url))
 
 
 def _refused(facts: SystemFacts, url: str, path: str, node: Node) -> Finding:

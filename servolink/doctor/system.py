@@ -18,6 +18,8 @@ if sys.platform != "win32":
     import grp
     import pwd
 
+_USB_DEVICES = "/sys/bus/usb/devices"
+
 _LONGEST = 65536  # characters that are read of one file
 
 
@@ -168,9 +170,6 @@ def _group_name(number: int) -> str:
         return str(number)
 
 
-USB_DEVICES = "/sys/bus/usb/devices"
-
-
 @dataclass(frozen=True, slots=True)
 class UsbDevice:
     """A USB device as the system describes it; its texts come from the device itself."""
@@ -187,14 +186,14 @@ class UsbDevice:
         return PortIdentity(self.vendor_id, self.product_id, self.serial_number)
 
 
-def device_of(url: str) -> str:
+def serial_device(url: str) -> str:
     """Return the device file or COM port of a serial port's address; empty for other addresses."""
     return Address.parse(url).serial_device
 
 
 def device_nodes(facts: SystemFacts, url: str) -> list[str]:
     """Return the device files that have to be opened for `url`."""
-    if device := device_of(url):
+    if device := serial_device(url):
         return [facts.real(device)]
     scheme = Address.parse(url).scheme
     if scheme == "hid":
@@ -214,7 +213,7 @@ def device_nodes(facts: SystemFacts, url: str) -> list[str]:
 
 def usb_device(facts: SystemFacts, url: str) -> UsbDevice | None:
     """Return the USB device that `url` leads to; None if it is not on USB or not plugged in."""
-    if device := device_of(url):
+    if device := serial_device(url):
         return _usb_parent(facts, f"/sys/class/tty/{PurePosixPath(facts.real(device)).name}/device")
     if Address.parse(url).scheme in {"hid", "usb"}:
         return next((device for device in usb_devices(facts) if _is_meant(url, device)), None)
@@ -223,8 +222,8 @@ def usb_device(facts: SystemFacts, url: str) -> UsbDevice | None:
 
 def usb_devices(facts: SystemFacts) -> Iterator[UsbDevice]:
     """Yield the USB devices that are plugged in."""
-    for name in facts.names(USB_DEVICES):
-        if (device := _described(facts, facts.real(f"{USB_DEVICES}/{name}"))) is not None:
+    for name in facts.names(_USB_DEVICES):
+        if (device := _described(facts, facts.real(f"{_USB_DEVICES}/{name}"))) is not None:
             yield device
 
 

@@ -137,6 +137,9 @@ def misses_its_library():
 
 def returns_texts():
     return ["acme://3"]
+
+def returns_no_address():
+    return [DeviceInfo("acme")]
 """
 
 
@@ -147,7 +150,7 @@ def _plug_ins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     information = tmp_path / "acme_search-1.0.dist-info"
     information.mkdir()
     (information / "METADATA").write_text("Metadata-Version: 2.1\nName: acme-search\nVersion: 1.0\n")
-    names = ["fails", "finds", "misses_its_library", "returns_texts", "missing"]
+    names = ["fails", "finds", "misses_its_library", "returns_texts", "returns_no_address", "missing"]
     (information / "entry_points.txt").write_text(
         "\n".join(["[servolink.discovery]", *(f"{name} = acme_search:{name}" for name in names)])
     )
@@ -167,6 +170,7 @@ def test_another_package_may_add_to_the_search_and_a_broken_one_hides_nothing_el
             for reason in (
                 "AttributeError: module 'acme_search' has no attribute 'missing'",
                 "KeyError: 'acme\\x1b'",
+                "acme: is not an address; write it as serial:///dev/ttyACM0, serial://COM3, tcp://host:port or virtual://",
                 "it returned str instead of a DeviceInfo",
             )
         ),
@@ -177,7 +181,7 @@ def test_another_package_may_add_to_the_search_and_a_broken_one_hides_nothing_el
 def test_the_doctor_names_the_plug_ins_that_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     report = run(examine(SystemFacts(), None))
     named = [finding for finding in report.findings if finding.check == "plug-in"]
-    assert len(named) == 4
+    assert len(named) == 5
     assert all("miss the devices" in finding.meaning for finding in named)
 
 
