@@ -45,8 +45,8 @@ def test_chapters_come_in_the_documents_order() -> None:
     headings = [line for line in PAGE.splitlines() if line.startswith("## ")]
     assert headings == [
         "## 3.1 Settings",
-        "## 3.2 Driving servos",
-        "## 3.3 Editing what is stored",
+        "## 3.2 Servos",
+        "## 3.3 Stored records",
         "## 3.4 Remote control",
     ]
     ids = [int(line.split()[1]) for line in PAGE.splitlines() if line.startswith("### ")]

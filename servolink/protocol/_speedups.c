@@ -1,5 +1,5 @@
-/* The two loops that cost most, for `SERVOLINK_COMPILE=1 pip install`. Without it, Python does the same:
- * parser.py and row.py are the reference, and tests/protocol/test_speedups.py holds this to it byte by byte. */
+/* The two most expensive loops, for `SERVOLINK_COMPILE=1 pip install`. Without them Python does the same: parser.py and
+ * row.py are the reference, and tests/protocol/test_compiled.py compares both byte by byte. */
 
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
@@ -43,7 +43,7 @@ holds_magic(const unsigned char *bytes, Py_ssize_t size)
     return 0;
 }
 
-/* Fill `slot` with what `known` says of `header`: 1, 0 if that is nothing that can be read here, -1 with an error. */
+/* Fill `slot` from the entry of `header` in `known`. Return 1, 0 if there is none that can be used here, -1 on error. */
 static int
 look_up(Slot *slot, const unsigned char *header, PyObject *known)
 {
@@ -57,18 +57,18 @@ look_up(Slot *slot, const unsigned char *header, PyObject *known)
         return PyErr_Occurred() ? -1 : 0;
     }
     if (!PyTuple_CheckExact(entry) || PyTuple_GET_SIZE(entry) != 4) {
-        PyErr_SetString(PyExc_TypeError, "an entry is no tuple of 4");
+        PyErr_SetString(PyExc_TypeError, "an entry must be a tuple of 4");
         return -1;
     }
     if (PyTuple_GET_ITEM(entry, 3) == Py_False) {
-        return 0; /* so long that its sum is made of sums that the parser remembers */
+        return 0; /* so long that the parser sums it from blocks */
     }
     Py_ssize_t last = PyLong_AsSsize_t(PyTuple_GET_ITEM(entry, 0));
     if (last == -1 && PyErr_Occurred()) {
         return -1;
     }
     if (last < HEADER_SIZE) {
-        PyErr_SetString(PyExc_ValueError, "a frame ends in its header");
+        PyErr_SetString(PyExc_ValueError, "a frame must not end in its header");
         return -1;
     }
     memcpy(slot->header, header, HEADER_SIZE);
@@ -98,9 +98,9 @@ append_frame(PyObject *frames, PyObject *packet_id, const unsigned char *content
 
 PyDoc_STRVAR(collect_doc,
 "collect(data, at, known, frames, wary)\n--\n\n"
-"Append to `frames` what stands in `data` one behind the other from `at` on, and return where that ends.\n\n"
-"It ends before whatever needs a closer look: an end, a header that is not in `known`, a wrong sum, a content that\n"
-"is summed from blocks, and in the first `wary` frames a content with a frame start inside.");
+"Append to `frames` the frames that follow each other in `data` from `at` on, and return where they end.\n\n"
+"They end before anything that needs a closer look: an incomplete frame, a header that is not in `known`, a wrong\n"
+"sum, a content that is summed from blocks, and in the first `wary` frames a content with a frame start inside.");
 
 static PyObject *
 collect(PyObject *module, PyObject *const *args, Py_ssize_t count)
@@ -117,7 +117,7 @@ collect(PyObject *module, PyObject *const *args, Py_ssize_t count)
     const unsigned char *data = (const unsigned char *)PyBytes_AS_STRING(args[0]);
     Py_ssize_t length = PyBytes_GET_SIZE(args[0]);
     if (at < 0) {
-        PyErr_SetString(PyExc_ValueError, "collect from before the beginning");
+        PyErr_SetString(PyExc_ValueError, "at must not be negative");
         return NULL;
     }
     Slot slots[SLOTS];
@@ -162,7 +162,7 @@ typedef struct {
     Py_ssize_t size;
 } Value;
 
-/* Read a format such as "<ih32s" into `values`: how many there are, -1 with an error. */
+/* Read a format such as "<ih32s" into `values`. Return the number of values, -1 on error. */
 static int
 read_format(PyObject *format, int *big, Value *values, Py_ssize_t *row)
 {
@@ -190,7 +190,7 @@ read_format(PyObject *format, int *big, Value *values, Py_ssize_t *row)
             return count + 1;
         }
     }
-    PyErr_Format(PyExc_ValueError, "no format of rows: %R", format);
+    PyErr_Format(PyExc_ValueError, "not a format of rows: %R", format);
     return -1;
 }
 
@@ -239,8 +239,8 @@ read_row(const unsigned char *bytes, const Value *values, int width, int big, Py
 
 PyDoc_STRVAR(read_rows_doc,
 "read_rows(content, start, format, record, encoding)\n--\n\n"
-"Return a tuple of what `record` makes of each row from `start` on, or (None) of the rows' only values.\n\n"
-"`format` has codes of `struct` for numbers and captions; `encoding` must end captions with a single zero byte.");
+"Return a tuple with a `record` for each row from `start` on, or (None) with the only value of each.\n\n"
+"`format` has codes of `struct` for numbers and captions; in `encoding` a single zero byte must end a caption.");
 
 static PyObject *
 read_rows(PyObject *module, PyObject *const *args, Py_ssize_t count)
@@ -261,7 +261,7 @@ read_rows(PyObject *module, PyObject *const *args, Py_ssize_t count)
     }
     PyObject *rows = NULL;
     if (start < 0 || start > content.len || (content.len - start) % row != 0) {
-        PyErr_SetString(PyExc_ValueError, "no whole rows");
+        PyErr_SetString(PyExc_ValueError, "the content must be whole rows");
     } else {
         rows = PyTuple_New((content.len - start) / row);
     }
@@ -287,7 +287,7 @@ static PyMethodDef methods[] = {
 static struct PyModuleDef definition = {
     PyModuleDef_HEAD_INIT,
     .m_name = "_speedups",
-    .m_doc = "The two loops that cost most.",
+    .m_doc = "The two most expensive loops.",
     .m_size = 0,
     .m_methods = methods,
 };

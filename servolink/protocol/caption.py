@@ -1,4 +1,4 @@
-"""Captions: 32 bytes of text, NUL padded, in an encoding the document leaves open."""
+"""Captions: 32 bytes of text, padded with NUL, in an encoding that the document leaves open."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _KEPT_BYTES = re.compile("([\udc00-\udcff]+)")
 
 
 def _keep_bytes(error: UnicodeError) -> tuple[str, int]:
-    """Map each byte that is no text to U+DC00 + byte: `surrogateescape`, but for every encoding and byte."""
+    """Decode each byte that is not text to U+DC00 + byte: `surrogateescape` for every encoding and every byte."""
     assert isinstance(error, UnicodeDecodeError)  # noqa: S101 - narrows the type; only decoding uses it
     return _kept(error.object[error.start : error.end]), error.end
 
@@ -30,7 +30,7 @@ codecs.register_error(_BYTES_AS_CODE_POINTS, _keep_bytes)
 
 
 def _encode_kept(text: str, encoding: str) -> bytes:
-    """Encode `text`, giving kept bytes back as they were."""
+    """Encode `text`, turning kept bytes back into what they were."""
     texts_and_bytes = enumerate(_KEPT_BYTES.split(text))
     return b"".join(
         bytes(ord(kept) - 0xDC00 for kept in part) if at % 2 else part.encode(encoding) for at, part in texts_and_bytes
@@ -38,7 +38,10 @@ def _encode_kept(text: str, encoding: str) -> bytes:
 
 
 def check_encoding(encoding: str) -> str:
-    """Return `encoding` if captions can be written in it: Python's, without a byte order mark, NUL as zeros."""
+    """Return `encoding` if captions can be written in it, else raise ValueError.
+
+    Python must know it, without a byte order mark, and it must encode NUL as zeros.
+    """
     try:
         usable = not "".encode(encoding) and not any("\0".encode(encoding))
         b"\xff".decode(encoding, _BYTES_AS_CODE_POINTS)
@@ -46,13 +49,13 @@ def check_encoding(encoding: str) -> str:
         usable = False
     if not usable:
         raise ValueError(
-            f"caption encoding {quote(encoding)} cannot be used; take one such as utf-8, big5 or utf-16-le"
+            f"caption encoding {quote(encoding)} cannot be used; choose one such as utf-8, big5 or utf-16-le"
         )
     return encoding
 
 
 def decode_caption(raw: bytes, encoding: str) -> str:
-    """Return the text before the terminating NUL; never fails and loses no byte before it."""
+    """Return the text before the terminating NUL. It never fails and keeps every byte before the NUL."""
     width = len("\0\0".encode(encoding)) - len("\0".encode(encoding)) if encoding != "utf-8" else 1
     if width == 1:
         text = raw.partition(b"\0")[0]
@@ -64,7 +67,7 @@ def decode_caption(raw: bytes, encoding: str) -> str:
 
 
 def _is_form(raw: bytes, text: str, encoding: str) -> bool:
-    """Tell whether `text` is written as `raw`, which for a character with two codes in Big5 is only one of them."""
+    """Return whether `text` is encoded as `raw`: some characters of Big5 have two codes, and are read from both."""
     try:
         return _encode_kept(text, encoding) == raw
     except UnicodeError:
@@ -72,7 +75,7 @@ def _is_form(raw: bytes, text: str, encoding: str) -> bool:
 
 
 def _decode_forms(raw: bytes, encoding: str) -> str:
-    """Return the text of `raw`, with the bytes kept of each character that would be written in another form."""
+    """Return the text of `raw`, keeping the bytes of each character that would be encoded in another form."""
     text, begun = "", 0
     decoder = codecs.getincrementaldecoder(encoding)(_BYTES_AS_CODE_POINTS)
     for end in range(1, len(raw) + 1):
@@ -84,7 +87,7 @@ def _decode_forms(raw: bytes, encoding: str) -> str:
 
 
 def decode_captions(raws: Sequence[bytes], encoding: str) -> list[str]:
-    """Return what `decode_caption` does for each; where they are UTF-8, all at once."""
+    """Decode each like `decode_caption`, in UTF-8 all at once."""
     if encoding == "utf-8" and raws:
         texts = b"\0".join([raw.partition(b"\0")[0] for raw in raws])
         return texts.decode(encoding, _BYTES_AS_CODE_POINTS).split("\0")
@@ -92,10 +95,10 @@ def decode_captions(raws: Sequence[bytes], encoding: str) -> list[str]:
 
 
 def encode_caption(text: object, encoding: str, path: str, *, from_us: bool) -> bytes:
-    """Return the 32 bytes for `text`; EncodeError, naming `path`, if it does not fit whole and unchanged.
+    """Return the 32 bytes for `text`. Raise EncodeError naming `path` if it does not fit whole and unchanged.
 
-    `from_us` also refuses control characters and a hidden frame start, so that no caption written by
-    this library can be taken for a frame. A board may hold what it likes.
+    `from_us` also refuses control characters and a hidden frame start: no caption composed by this library can be
+    mistaken for a frame. Captions from a board may have both.
     """
     if not isinstance(text, str):
         raise EncodeError(f"must be text, not {quote(text)}", path)
@@ -108,19 +111,19 @@ def encode_caption(text: object, encoding: str, path: str, *, from_us: bool) -> 
 
 
 def encode_captions(texts: Sequence[str], encoding: str, *, from_us: bool) -> list[bytes]:
-    """Return the bytes of each, not all padded; EncodeError or TypeError if one does not fit."""
+    """Return the bytes of each, not always padded. Raise EncodeError or TypeError if one does not fit."""
     if _is_simple("".join(texts), encoding) and max(map(len, texts), default=0) <= CAPTION_SIZE:
         return [*map(str.encode, texts)]
     return [encode_caption(text, encoding, "", from_us=from_us) for text in texts]
 
 
 def _is_simple(text: str, encoding: str) -> bool:
-    """Tell whether `text` is what most captions are, and needs none of the checks but for its length."""
+    """Return whether `text` is plain ASCII, like most captions: only its length has to be checked."""
     return encoding == "utf-8" and text.isascii() and text.isprintable()
 
 
 def _raw_caption(text: str, encoding: str, *, from_us: bool) -> tuple[bytes, str]:
-    """Return the bytes of `text` and what is wrong with it, empty if nothing is."""
+    """Return the bytes of `text` and what is wrong with it, empty if nothing is wrong."""
     if from_us and any(_is_control(character) for character in text):
         return b"", "holds control characters; captions are plain text"
     try:

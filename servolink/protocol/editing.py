@@ -1,4 +1,4 @@
-"""Editing what is stored (document, 3.3): actions, macros, servo parameters, project id."""
+"""Stored records (document, 3.3): actions, macros, servo parameters, project id."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class QueryActionListRequest(Query[QueryActionListResponse], frozen=True, gc=Fal
 
 
 class QueryActionResponse(Action, Response, frozen=True, gc=False):
-    """One action; id 0 if there is none, the caption then means nothing."""
+    """One action; id 0 if there is none, the caption is then meaningless."""
 
     packet_id: ClassVar[int] = 30021
     section: ClassVar[str] = "3.3.2.2"
@@ -91,7 +91,7 @@ class QueryMacroListRequest(Query[QueryMacroListResponse], frozen=True, gc=False
 
 
 class QueryMacroResponse(Macro, Response, frozen=True, gc=False):
-    """One macro; id 0 if there is none, the caption then means nothing."""
+    """One macro; id 0 if there is none, the caption is then meaningless."""
 
     packet_id: ClassVar[int] = 30061
     section: ClassVar[str] = "3.3.6.2"
@@ -151,7 +151,7 @@ class ExecuteMacroRequest(Request[ExecuteMacroResponse], frozen=True, gc=False):
 
 
 class QueryServoParameterResponse(Response, frozen=True, gc=False):
-    """The parameters of all servos; none after an error."""
+    """The parameters of all servos; empty after an error."""
 
     packet_id: ClassVar[int] = 30101
     section: ClassVar[str] = "3.3.10.2"
@@ -188,7 +188,7 @@ class WriteProjectIDResponse(Result, frozen=True, gc=False):
 
 
 class WriteProjectIDRequest(Request[WriteProjectIDResponse], frozen=True, gc=False):
-    """Write the project id over the one the board has."""
+    """Replace the board's project id."""
 
     packet_id: ClassVar[int] = 30120
     section: ClassVar[str] = "3.3.12.1"

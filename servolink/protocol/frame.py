@@ -6,7 +6,7 @@ from struct import Struct
 from typing import Literal
 from zlib import adler32
 
-_MOST_BLOCKS = 4096  # of which running sums are kept: 1 MiB of stream
+_MOST_BLOCKS = 4096  # running sums kept: those of 1 MiB of stream
 
 
 def piecewise(size: int) -> Struct:
@@ -16,16 +16,19 @@ def piecewise(size: int) -> Struct:
 
 
 class BlockSums:
-    """Sums of long spans of a moving buffer, from running sums of 256-byte blocks that are taken once."""
+    """Sums of long spans of a moving buffer, from running sums of blocks of 256 bytes that are summed once.
+
+    Headers that claim overlapping contents would otherwise make the parser sum the same bytes again and again.
+    """
 
     def __init__(self) -> None:
-        """Begin at the start of a stream."""
+        """Start at the beginning of a stream."""
         self._origin = 0  # stream offset of the buffer's first byte
         self._first = 0  # the block at which the running sums begin
         self._running = [0]
 
     def move(self, by: int) -> None:
-        """Note that the buffer now begins `by` bytes further on in the stream."""
+        """Record that the buffer now begins `by` bytes further on in the stream."""
         self._origin += by
 
     def sum(self, data: bytes, start: int, end: int) -> int:
@@ -54,7 +57,7 @@ Frame = tuple[int, bytes]
 MAGIC = b"\x13\x4c\x05\x1d"
 HEADER_SIZE = 8
 OVERHEAD = HEADER_SIZE + 1
-"""Bytes of a frame that are not content: header and checksum."""
+"""The bytes of a frame besides its content: header and checksum."""
 MAX_CONTENT = 0xFFFF
 
 HEADER = {"little": Struct("<4sHH"), "big": Struct(">4sHH")}
@@ -73,7 +76,7 @@ def checksum(data: bytes) -> int:
 
 
 def encode_frame(packet_id: int, content: bytes, byte_order: ByteOrder) -> bytes:
-    """Return the whole frame for `content` of at most 65,535 bytes."""
+    """Return the frame for `content` of at most 65,535 bytes."""
     frame = HEADER[byte_order].pack(MAGIC, packet_id, len(content)) + content
     return frame + _BYTES[checksum(frame)]
 

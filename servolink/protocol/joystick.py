@@ -26,7 +26,7 @@ class QueryJoystickTableListRequest(Query[QueryJoystickTableListResponse], froze
 
 
 class QueryJoystickTableResponse(JoystickTable, Response, frozen=True, gc=False):
-    """One joystick table; id 0 if there is none, the caption then means nothing."""
+    """One joystick table; id 0 if there is none, the caption is then meaningless."""
 
     packet_id: ClassVar[int] = 40021
     section: ClassVar[str] = "3.4.2.2"
@@ -86,7 +86,7 @@ class SetActiveJoystickTableRequest(Request[SetActiveJoystickTableResponse], fro
 
 
 class QueryActiveJoystickTableResponse(Response, frozen=True, gc=False):
-    """The active joystick table; 0 if the board has no table."""
+    """The id of the active joystick table; 0 if the board has no table."""
 
     packet_id: ClassVar[int] = 40061
     section: ClassVar[str] = "3.4.6.2"
@@ -94,7 +94,7 @@ class QueryActiveJoystickTableResponse(Response, frozen=True, gc=False):
 
 
 class QueryActiveJoystickTableRequest(Query[QueryActiveJoystickTableResponse], frozen=True, gc=False):
-    """Ask which joystick table is active."""
+    """Ask for the id of the active joystick table."""
 
     packet_id: ClassVar[int] = 40060
     section: ClassVar[str] = "3.4.6.1"
@@ -108,7 +108,7 @@ class SubscribeButtonEventResponse(Result, frozen=True, gc=False):
 
 
 class SubscribeButtonEventRequest(Request[SubscribeButtonEventResponse], frozen=True, gc=False):
-    """Start or end the pushes of button events."""
+    """Start or end button events."""
 
     packet_id: ClassVar[int] = 40070
     section: ClassVar[str] = "3.4.7.1"
@@ -120,7 +120,7 @@ PRESS, LONG_PRESS, UP = 1, 2, 4
 
 
 class ButtonEventResponse(Response, frozen=True, gc=False):
-    """A button event, pushed by the board after a subscription."""
+    """A button event, sent by the board without a request after a subscription."""
 
     packet_id: ClassVar[int] = 40081
     section: ClassVar[str] = "3.4.8.2"
@@ -129,5 +129,5 @@ class ButtonEventResponse(Response, frozen=True, gc=False):
 
     @property
     def kind(self) -> str:
-        """The event in words: `press`, `long_press`, `up`, or `event N` for a number the document does not name."""
+        """The event in words: `press`, `long_press`, `up`, or `event N` for a number the document does not define."""
         return {PRESS: "press", LONG_PRESS: "long_press", UP: "up"}.get(self.event, f"event {self.event}")

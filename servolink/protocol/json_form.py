@@ -93,7 +93,7 @@ _DESCRIPTIONS = {
     "macro_id": None,
     "table_id": None,
     "interval_ms": "time, ms",
-    "total_interval_ms": "time of the whole command with its loops, ms; 0 if not given",
+    "total_interval_ms": "duration of the command with its loops, ms; 0 if not given",
 }
 """Descriptions where those of the packets speak of responses or of other units."""
 _COMMANDS = {

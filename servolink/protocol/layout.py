@@ -1,7 +1,7 @@
-"""A packet's declaration, compiled: its content to and from values, and the lengths it may have.
+"""Compiled declarations of packets: content to and from values, and the lengths that a content may have.
 
-A content is fixed fields, then at most one variable part: a counted group, the rest of the bytes, or an
-optional last field. That covers all 60 packets, so nothing more general is built.
+A content has fixed fields, then at most one variable part: a counted group, the rest of the bytes, or an optional
+last field. That covers all 60 packets, so nothing more general is built.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from servolink.protocol.packet import Counted, Packet, Response, bare, counted, 
 from servolink.protocol.row import Row, Writing
 
 Decoder = Callable[[bytes, str], Packet]
-"""Content and caption encoding to packet; DecodeError, with the content, if it is none."""
+"""Returns the packet for a content and a caption encoding. Raises DecodeError, which keeps the content."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class LengthRule:
     limit: int = 0
 
     def admits(self, length: int) -> bool:
-        """Tell whether a content of `length` bytes obeys the rule."""
+        """Return whether a content of `length` bytes obeys the rule."""
         if self.unit == 0 or length < self.base:
             return length == self.base
         count, rest = divmod(length - self.base, self.unit)
@@ -41,7 +41,7 @@ class LengthRule:
 
 
 class Layout:
-    """How the content of one packet class is laid out in one byte order."""
+    """The content of one packet class in one byte order."""
 
     def __init__(self, declared: type[Packet], byte_order: ByteOrder) -> None:
         """Compile the declaration of `declared`."""
@@ -80,9 +80,10 @@ class Layout:
         return LengthRule(base)
 
     def encode(self, packet: Packet, encoding: str, *, unchecked: bool = False) -> bytes:
-        """Return the content of `packet`; EncodeError names the field whose value does not fit.
+        """Return the content of `packet`. Raise EncodeError naming the field whose value does not fit.
 
-        `unchecked` writes whatever a board can have said, which is more than this library says by itself.
+        `unchecked` allows everything a board can have sent: numbers outside their declared range that the wire
+        carries, captions with control characters.
         """
         values = astuple(packet)
         if self._pack is not None:
@@ -123,15 +124,15 @@ class Layout:
         return head + item.pack_group(records, self._record, self._tail, how)
 
     def _decoder(self) -> Decoder:
-        """Return the decoder that fits this shape."""
+        """Return the decoder for this kind of content."""
         if self._item is not None:
             return self._group_decoder(self._item)
         if self._tail:
             if self._head.values:
-                raise TypeError(f"{self._name}: the rest of the bytes is decoded only alone")
+                raise TypeError(f"{self._name}: data is supported only as the only field")
             return lambda content, encoding: self._packet(bytes(content))
         if self._head.captions:
-            raise TypeError(f"{self._name}: captions are decoded only before a group")
+            raise TypeError(f"{self._name}: captions are supported only in records and before a group")
         return self._fixed_decoder() if self._whole is None else self._optional_decoder(self._whole)
 
     def _fixed_decoder(self) -> Decoder:
@@ -187,7 +188,7 @@ class Layout:
         """Return the error for a content whose length breaks the rule."""
         rule = self.rule
         wanted = str(rule.base) if rule.unit == 0 else f"{rule.base} + n * {rule.unit}"
-        return DecodeError(f"{self._name}: a content of {len(content)} bytes, not {wanted}", content)
+        return DecodeError(f"{self._name}: the content has {len(content)} bytes, not {wanted}", content)
 
     def _wrong_count(self, content: bytes, count: int) -> DecodeError:
         size = self.rule.base + count * self.rule.unit

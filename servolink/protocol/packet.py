@@ -1,4 +1,4 @@
-"""What a packet is: the bases of all declarations."""
+"""The base classes and field types with which packets are declared."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from servolink.escaping import quote
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """How one value lies on the wire: a `struct` code without byte order."""
+    """The form of a value on the wire: a `struct` code without byte order."""
 
     code: str
 
 
 @dataclass(frozen=True, slots=True)
 class Counted:
-    """A repeated group, preceded (after the fixed fields) by its count in this `struct` code."""
+    """A repeated group behind the fixed fields; its count, in this `struct` code, comes first."""
 
     count: str
 
@@ -33,7 +33,7 @@ U32 = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF), Wire("I")]
 I16 = Annotated[int, Meta(ge=-0x8000, le=0x7FFF), Wire("h")]
 I32 = Annotated[int, Meta(ge=-0x8000_0000, le=0x7FFF_FFFF), Wire("i")]
 
-# The same on the wire, with fewer values allowed when written. What a board sends is shown as it is.
+# The same on the wire, with a narrower range for values we write. Values from a board may be outside of it.
 Flag = Annotated[int, Meta(ge=0, le=1), Wire("B")]
 CommandType = Annotated[int, Meta(ge=0, le=2), Wire("B")]
 Percent = Annotated[int, Meta(ge=1, le=100), Wire("B")]
@@ -42,7 +42,7 @@ Natural32 = Annotated[int, Meta(ge=0, le=0x7FFF_FFFF), Wire("i")]
 
 Caption = Annotated[str, Wire("32s")]
 Data = bytes
-"""All remaining content; only as the last field."""
+"""All the remaining content; allowed only as the last field."""
 
 U8_COUNT = Counted("B")
 U16_COUNT = Counted("H")
@@ -50,7 +50,7 @@ U16_COUNT = Counted("H")
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """One number or caption."""
+    """One number or caption of a packet or a record."""
 
     name: str
     code: str
@@ -60,16 +60,16 @@ class Value:
 
     @property
     def is_caption(self) -> bool:
-        """Whether it is text, not a number."""
+        """Whether the value is text."""
         return self.code == "32s"
 
     @property
     def narrow(self) -> bool:
-        """Whether it is a number that may have fewer values than fit the wire."""
+        """Whether the value is a number whose range is narrower than that of the wire."""
         return not self.is_caption and (self.low, self.high) != wire_range(self.code)
 
     def fault(self, value: object) -> str:
-        """Say what is wrong with `value`, in words that follow the field's name; empty if nothing is."""
+        """Return what is wrong with `value`, to follow the name of the field; empty if it fits."""
         try:
             fits = self.low <= index(value) <= self.high  # type: ignore[arg-type]
         except TypeError:
@@ -78,11 +78,11 @@ class Value:
 
 
 def value(name: str, hint: Any) -> Value:
-    """Return the value that a field of this name and annotation is; TypeError if it has no place on the wire."""
+    """Return the value that a field declares. Raise TypeError if its annotation has no wire form."""
     optional = types.NoneType in _choices(hint)
     wire = metadata(hint, Wire)
     if wire is None:
-        raise TypeError(f"{name}: {hint} says nothing of the wire")
+        raise TypeError(f"{name}: {hint} has no wire form")
     low, high = wire_range(wire.code)
     for meta in _all_metadata(hint):
         if isinstance(meta, Meta):
@@ -92,7 +92,7 @@ def value(name: str, hint: Any) -> Value:
 
 
 def group(hint: Any) -> tuple[type[Record] | None, list[Value]]:
-    """Return record class (None for bare numbers) and values of a group declared as `tuple[item, ...]`."""
+    """Return record class (None for plain numbers) and values of a group declared as `tuple[item, ...]`."""
     item = get_args(bare(hint))[0]
     if isinstance(item, type) and issubclass(item, Record):
         hints = get_type_hints(item, include_extras=True)
@@ -101,7 +101,7 @@ def group(hint: Any) -> tuple[type[Record] | None, list[Value]]:
 
 
 def counted(hint: Any) -> Counted | None:
-    """Return how a group is counted; None if `hint` declares no group."""
+    """Return how the group is counted that `hint` declares; None if it declares none."""
     found: Counted | None = metadata(hint, Counted)
     return found
 
@@ -120,12 +120,12 @@ def bare(hint: Any) -> Any:
 
 
 def metadata(hint: Any, kind: type) -> Any:
-    """Return the annotation of this kind, None if there is none."""
+    """Return the first metadata of this type, None if there is none."""
     return next((entry for entry in _all_metadata(hint) if isinstance(entry, kind)), None)
 
 
 def _choices(hint: Any) -> tuple[Any, ...]:
-    """Return the members of a union, looking through annotations; the hint itself if it is none."""
+    """Return the members of a union, ignoring annotations; of any other type that type itself."""
     found = bare(hint)
     return get_args(found) if get_origin(found) in (Union, types.UnionType) else (found,)
 
@@ -139,19 +139,19 @@ def _all_metadata(hint: Any) -> list[Any]:
 
 
 class Packet(Struct, frozen=True, gc=False):
-    """One of the document's 60 packets; its fields, in their order on the wire, are the class's fields."""
+    """One of the document's 60 packets; the fields of the class stand in their order on the wire."""
 
     packet_id: ClassVar[int]
     section: ClassVar[str]
-    """Where the document defines it."""
+    """The section of the document that defines the packet."""
 
 
 class Response(Packet, frozen=True, gc=False):
-    """Sent by the board."""
+    """A packet sent by the board."""
 
 
 class Result(Response, frozen=True, gc=False):
-    """An answer that says only whether it was done."""
+    """A response that only says whether the request was carried out."""
 
     result: Annotated[U8, Meta(description="0 failed, 1 done")]
 
@@ -160,21 +160,21 @@ R_co = TypeVar("R_co", bound=Response, covariant=True)
 
 
 class Command(Packet, frozen=True, gc=False):
-    """Sent by the host and never answered."""
+    """A packet sent by the host that has no response."""
 
 
 class Request(Packet, Generic[R_co], frozen=True, gc=False):
-    """Sent by the host and answered by `R_co`, whose id is one higher; it may change something on the board."""
+    """A packet sent by the host with the response `R_co`, whose id is one higher. It may change the board."""
 
     echoed: ClassVar[str] = ""
-    """The field that the answer repeats; 0 in its place is the board's way to say no."""
+    """The field that the response repeats; a board that refuses sends 0 in its place."""
 
     def accepts(self, response: Response) -> bool:
-        """Tell whether `response`, of the right id, can be the answer to this very request."""
+        """Return whether `response`, which has the right id, can be the response to exactly this request."""
         if not self.echoed:
             return True
         return getattr(response, self.echoed) in (getattr(self, self.echoed), 0)
 
 
 class Query(Request[R_co], frozen=True, gc=False):
-    """A request that changes nothing and may be repeated."""
+    """A request that changes nothing, so it may be repeated."""

@@ -1,4 +1,4 @@
-"""Rows: consecutive values with one `struct` format, to bytes and back."""
+"""Rows: consecutive values in one `struct` format, to bytes and back."""
 
 from __future__ import annotations
 
@@ -14,40 +14,40 @@ from msgspec import Struct as Record
 from msgspec.structs import astuple
 
 from servolink.errors import EncodeError
-from servolink.protocol import speedups as compiled
+from servolink.protocol import speedups
 from servolink.protocol.caption import decode_caption, decode_captions, encode_caption, encode_captions
 from servolink.protocol.packet import Value
 
 Reader = Callable[[bytes, int, str], tuple[Any, ...]]
-"""Content, where its rows begin, and the encoding of captions to a group."""
+"""Reads a group: takes the content, the position of its first row, and the encoding of captions."""
 
 
 @dataclass(frozen=True, slots=True)
 class Writing:
-    """How values are to be written."""
+    """How to write values."""
 
     encoding: str
     plain: bool
-    """Captions have neither control characters nor a hidden frame start: what this library makes up itself."""
+    """Refuse captions with control characters or a hidden frame start, as for everything this library composes."""
     narrow: bool
-    """Numbers are within what their declaration allows, not only within what the wire carries."""
+    """Refuse numbers outside their declared range, not only those the wire cannot carry."""
 
 
 class Row:
     """Consecutive values."""
 
     def __init__(self, values: list[Value], prefix: str, suffix: str = "") -> None:
-        """Lay `values` out in the byte order of `prefix`; `suffix` is the code of a count behind them."""
+        """Lay out `values` in the byte order of `prefix`; `suffix` is the code of a count behind them."""
         self.values = values
         self._prefix = prefix
         self.format = Format(prefix + "".join(value.code for value in values) + suffix)
         self.captions = tuple(at for at, value in enumerate(values) if value.is_caption)
-        # Only where fewer values are allowed than fit the wire: the rest is checked by struct itself.
+        # Only numbers whose range is narrower than the wire: struct itself checks the others.
         self._narrow = tuple((at, value.low, value.high) for at, value in enumerate(values) if value.narrow)
-        self.free = not self.captions and not self._narrow  # struct does all checks
+        self.free = not self.captions and not self._narrow  # struct checks everything
 
     def in_range(self, row: Sequence[Any]) -> bool:
-        """Tell whether no number is outside what its declaration allows; TypeError if one is no number."""
+        """Return whether all numbers are in their declared range. Raise TypeError for anything but a number."""
         for at, low, high in self._narrow:  # noqa: SIM110 - all() of a generator costs several times as much
             if not low <= row[at] <= high:
                 return False
@@ -76,7 +76,7 @@ class Row:
         raise EncodeError("; ".join([text, *(f"{other}: {fault}" for other, fault in others)]), first)
 
     def pack_group(self, group: Sequence[Any], record: type[Record] | None, path: str, how: Writing) -> bytes:
-        """Return the bytes of many rows, each a `record` or a bare number; EncodeError as from `pack`."""
+        """Return the bytes of many rows, each a `record` or a plain number. Raise EncodeError like `pack`."""
         try:
             packed = self._pack_at_once(group, record, how)
         except (struct_error, TypeError, EncodeError):
@@ -84,7 +84,7 @@ class Row:
         return self._pack_one_by_one(group, record, path, how) if packed is None else packed
 
     def _pack_at_once(self, group: Sequence[Any], record: type[Record] | None, how: Writing) -> bytes | None:
-        """Return what `pack_group` does, several times as fast; None or any error if a value may not fit."""
+        """Do what `pack_group` does, several times as fast; return None or fail if a value may not fit."""
         if record is None:
             return self._bare(len(group)).pack(*group) if self.free else None
         if not {*map(type, group)} <= {record}:
@@ -102,7 +102,7 @@ class Row:
         return b"".join(starmap(self.format.pack, rows))
 
     def _bare(self, count: int) -> Format:
-        """Return the format of so many bare numbers."""
+        """Return the format of `count` plain numbers."""
         return Format(f"{self._prefix}{count}{self.values[0].code}")
 
     def _pack_one_by_one(self, group: Sequence[Any], record: type[Record] | None, path: str, how: Writing) -> bytes:
@@ -118,14 +118,14 @@ class Row:
         return b"".join(parts)
 
     def text(self, row: list[Any], encoding: str) -> list[Any]:
-        """Decode the captions in `row` and return it."""
+        """Decode the captions of `row` in place and return it."""
         for at in self.captions:
             row[at] = decode_caption(row[at], encoding)
         return row
 
     def reader(self, record: type[Record] | None) -> Reader:
-        """Return what makes records (or bare numbers) of whole rows."""
-        in_python, read_rows, layout = self._reader(record), compiled.read_rows, self.format.format
+        """Return the function that reads whole rows as records, or as plain numbers."""
+        in_python, read_rows, layout = self._reader(record), speedups.read_rows, self.format.format
         if read_rows is None:
             return in_python
 
@@ -156,5 +156,5 @@ class Row:
 
 
 def _inside(path: str, name: str) -> str:
-    """Return the path of a field; a bare number has no name."""
+    """Return the path of a field; a plain number has no name."""
     return ".".join(filter(None, (path, name)))

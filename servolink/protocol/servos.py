@@ -1,4 +1,4 @@
-"""Driving servos (document, 3.2): list, state, start and hold, angle unit, movement."""
+"""Servos (document, 3.2): list, state, start and hold, angle unit, motion."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from servolink.protocol.packet import I16, I32, U8, U8_COUNT, Command, Flag, Que
 from servolink.protocol.records import Step
 
 ALL_SERVOS = 0xFF
-"""The servo id that means every servo, in requests that allow it."""
+"""The servo id for all servos, in requests that allow it."""
 
 
 class ServoState(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """What the board reports of one servo."""
+    """The state of one servo as the board reports it."""
 
     servo_id: U8
     angle: Annotated[I16, Meta(description="degrees or raw ADC, as set for this servo")]
@@ -41,7 +41,7 @@ class QueryServoListRequest(Query[QueryServoListResponse], frozen=True, gc=False
 
 
 class QueryServoResponse(Response, frozen=True, gc=False):
-    """State of the servos asked for; none if there is no such servo."""
+    """The state of the servos asked for; empty if no servo has the id."""
 
     packet_id: ClassVar[int] = 20021
     section: ClassVar[str] = "3.2.2.2"
@@ -56,14 +56,14 @@ class QueryServoRequest(Query[QueryServoResponse], frozen=True, gc=False):
     servo_id: Annotated[U8, Meta(description="255 for all")]
 
     def accepts(self, response: Response) -> bool:
-        """A list of everything answers "all"; one servo is answered by itself or by an empty list."""
+        """Return whether the response lists all servos for "all", or only the one asked for, or none."""
         if self.servo_id == ALL_SERVOS or not isinstance(response, QueryServoResponse):
             return True
         return [servo.servo_id for servo in response.servos] in ([], [self.servo_id])
 
 
 class SetServoParameterResponse(Response, frozen=True, gc=False):
-    """The start and hold flags now in force (an echo, not a success)."""
+    """The start and hold flags now in force (an echo, not success)."""
 
     packet_id: ClassVar[int] = 20031
     section: ClassVar[str] = "3.2.3.2"
@@ -84,7 +84,7 @@ class SetServoParameterRequest(Request[SetServoParameterResponse], frozen=True, 
 
 
 class SetAngleUnitResponse(Response, frozen=True, gc=False):
-    """The angle unit now in force (an echo, not a success)."""
+    """The angle unit now in force (an echo, not success)."""
 
     packet_id: ClassVar[int] = 20041
     section: ClassVar[str] = "3.2.4.2"
@@ -93,7 +93,7 @@ class SetAngleUnitResponse(Response, frozen=True, gc=False):
 
 
 class SetAngleUnitRequest(Request[SetAngleUnitResponse], frozen=True, gc=False):
-    """Set the unit in which angles of one servo or of all are given and reported."""
+    """Set the angle unit of one servo or of all, for commands and for reports."""
 
     packet_id: ClassVar[int] = 20040
     section: ClassVar[str] = "3.2.4.1"
@@ -103,7 +103,7 @@ class SetAngleUnitRequest(Request[SetAngleUnitResponse], frozen=True, gc=False):
 
 
 class ExecuteActionRequest(Command, frozen=True, gc=False):
-    """Move servos, all at once; not answered."""
+    """Move servos, all at once; no response."""
 
     packet_id: ClassVar[int] = 20050
     section: ClassVar[str] = "3.2.5.1"
@@ -111,7 +111,7 @@ class ExecuteActionRequest(Command, frozen=True, gc=False):
 
 
 class ExecuteActionExRequest(Command, frozen=True, gc=False):
-    """Run an action stored on the board; not answered."""
+    """Run an action stored on the board; no response."""
 
     packet_id: ClassVar[int] = 20060
     section: ClassVar[str] = "3.2.6.1"

@@ -10,15 +10,15 @@ from servolink.protocol.packet import U8, Command, Data, Flag, Natural16, Natura
 
 
 class TransmissionModeSettingResponse(Response, frozen=True, gc=False):
-    """The mode now in force."""
+    """The transmission mode now in force."""
 
     packet_id: ClassVar[int] = 10011
     section: ClassVar[str] = "3.1.1.2"
-    result: Annotated[U8, Meta(description="0 old protocol, 1 new protocol (an echo, not a success)")]
+    result: Annotated[U8, Meta(description="0 old protocol, 1 new protocol (an echo, not success)")]
 
 
 class TransmissionModeSettingRequest(Request[TransmissionModeSettingResponse], frozen=True, gc=False):
-    """Set the transmission mode; mode 0, the old protocol, leaves this protocol."""
+    """Set the transmission mode; mode 0 switches the board to the old protocol."""
 
     packet_id: ClassVar[int] = 10010
     section: ClassVar[str] = "3.1.1.1"
@@ -26,7 +26,7 @@ class TransmissionModeSettingRequest(Request[TransmissionModeSettingResponse], f
 
 
 class ClearAllDataResponse(Result, frozen=True, gc=False):
-    """Whether the board's data was deleted."""
+    """Whether the stored data was deleted."""
 
     packet_id: ClassVar[int] = 10021
     section: ClassVar[str] = "3.1.2.2"
@@ -46,7 +46,7 @@ class QueryMemorySizeResponse(Response, frozen=True, gc=False):
     section: ClassVar[str] = "3.1.3.2"
     size: Annotated[Natural32, Meta(description="free memory, bytes")]
     total_size: Annotated[
-        Natural32 | None, Meta(description="total memory, bytes; none on boards that send 4 bytes")
+        Natural32 | None, Meta(description="total memory, bytes; none from boards that send 4 bytes")
     ] = None
 
 
@@ -73,7 +73,7 @@ class QueryRemainPowerRequest(Query[QueryRemainPowerResponse], frozen=True, gc=F
 
 
 class SendDummyDataRequest(Command, frozen=True, gc=False):
-    """Test data, which the board throws away."""
+    """Test data, which the board discards; no response."""
 
     packet_id: ClassVar[int] = 10050
     section: ClassVar[str] = "3.1.5.1"

@@ -1,6 +1,6 @@
-"""The two loops that cost most, compiled, if this installation was built with them; see docs/how-to/compiled-build.md.
+"""The two most expensive loops, compiled, if this installation was built with them; see docs/how-to/compiled-build.md.
 
-Nothing else differs: without them `parser.py` and `row.py` do the same in Python, and are what they are tested by.
+Without them `parser.py` and `row.py` do the same in Python, which the compiled loops are tested against.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ from importlib import import_module
 from typing import Any
 
 Collect = Callable[[bytes, int, dict[bytes, Any], list[tuple[int, bytes]], int], int]
-"""Buffer, position, known headers, frames, how many of them to be wary of: appends the frames that stand there one
-behind the other, and returns where something else begins."""
+"""Takes buffer, position, known headers, a list of frames, and how many frames to be wary of. Appends the frames that
+stand there one behind the other, and returns where anything else begins."""
 ReadRows = Callable[[bytes, int, str, Callable[..., Any] | None, str], tuple[Any, ...]]
-"""Content, start, `struct` format of a row, record (None: bare numbers), encoding of captions: the group there."""
+"""Takes content, start, `struct` format of a row, record class (None: plain numbers) and encoding of captions. Returns
+the group there."""
 
 collect: Collect | None = None
 read_rows: ReadRows | None = None

@@ -93,9 +93,9 @@ def test_each_argument_is_a_frame_and_what_is_none_is_said_in_its_place(capsys: 
     found = objects(capsys)
     assert found[0] == found[-1] == ASKED
     assert [entry.get("bytes") for entry in found[1:-1]] == ["134c051d", "", ASK[:-2] + "0c", LYING.hex()]
-    assert found[1]["error"] == "4 bytes are less than the 9 of the shortest frame"
+    assert found[1]["error"] == "4 bytes are fewer than the 9 of the shortest frame"
     assert found[2]["error"] == "must be hex digits in pairs, not 'hello'"
-    assert found[3]["error"] == "the checksum is 0x0c, the bytes sum to 0x0b"
+    assert found[3]["error"] == "the checksum is 0x0c, but the bytes sum to 0x0b"
     assert found[4]["error"] == "ExecuteActionRequest: 2 steps take 11 bytes, the content has 6"
 
 
@@ -178,7 +178,7 @@ def test_text_for_people_is_a_line_for_each_packet_and_record(capsys: Capture) -
         "    servo_id=1 degree=-9 interval=50",
         "    servo_id=1 degree=-9 interval=50",
         "QueryServoRequest (20020) servo_id=7",
-        "error: 1 bytes are less than the 9 of the shortest frame  13",
+        "error: 1 bytes are fewer than the 9 of the shortest frame  13",
     ]
 
 
@@ -262,7 +262,7 @@ def test_hostile_objects_are_errors_for_people_too(line: bytes, fault: str, caps
         (["decode", "--hex", "x", "--file", "x"], "not allowed with"),
         (["decode", ASK, "--byte-order", "middle"], "must be little or big, not 'middle'"),
         (["decode", ASK, "--caption-encoding", "klingon"], "caption encoding 'klingon' cannot be used"),
-        (["encode", "{}", "--caption-encoding", "utf-16"], "take one such as utf-8, big5 or utf-16-le"),
+        (["encode", "{}", "--caption-encoding", "utf-16"], "choose one such as utf-8, big5 or utf-16-le"),
     ],
 )
 def test_wrong_usage_is_exit_code_2(arguments: list[str], fault: str, capsys: Capture) -> None:

@@ -120,7 +120,7 @@ def test_half_a_character_is_kept_as_bytes() -> None:
     "encoding", ["no-such", "rot13", "hex", "undefined", "idna", "punycode", "unicode_escape", "a\x1bb"]
 )
 def test_an_encoding_that_cannot_hold_captions_is_refused(encoding: str) -> None:
-    with pytest.raises(ValueError, match="cannot be used; take one such as utf-8, big5 or utf-16-le") as refused:
+    with pytest.raises(ValueError, match="cannot be used; choose one such as utf-8, big5 or utf-16-le") as refused:
         check_encoding(encoding)
     assert "\x1b" not in str(refused.value)
 

@@ -63,11 +63,11 @@ def test_any_content_is_a_packet_or_a_decode_error(content: bytes, packet_id: in
 @pytest.mark.parametrize(
     ("frame", "fault"),
     [
-        ("", "0 bytes are less than the 9 of the shortest frame"),
-        ("134c051d 344e 0100", "8 bytes are less than the 9 of the shortest frame"),
-        ("134c051e 344e 0100 07 0a", "starts with 13 4c 05 1e, not with the magic 13 4c 05 1d"),
-        ("134c051d 344e 0200 07 0a", "the header announces 11 bytes in all, here are 10"),
-        ("134c051d 344e 0100 07 0c", "the checksum is 0x0c, the bytes sum to 0x0b"),
+        ("", "0 bytes are fewer than the 9 of the shortest frame"),
+        ("134c051d 344e 0100", "8 bytes are fewer than the 9 of the shortest frame"),
+        ("134c051e 344e 0100 07 0a", "the frame begins with 13 4c 05 1e, not with the magic 13 4c 05 1d"),
+        ("134c051d 344e 0200 07 0a", "the header announces 11 bytes in all, not 10"),
+        ("134c051d 344e 0100 07 0c", "the checksum is 0x0c, but the bytes sum to 0x0b"),
         ("134c051d 3930 0000 ea", "no packet has the id 12345"),
     ],
 )
@@ -98,7 +98,7 @@ def test_byte_order_and_encoding_are_settings() -> None:
 @pytest.mark.parametrize(
     ("settings", "fault"),
     [
-        ({"byte_order": "middle"}, "byte order 'middle' is neither 'little' nor 'big'"),
+        ({"byte_order": "middle"}, "byte_order must be 'little' or 'big', not 'middle'"),
         ({"caption_encoding": "klingon"}, "caption encoding 'klingon' cannot be used"),
     ],
 )

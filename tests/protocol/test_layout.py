@@ -137,11 +137,11 @@ def decode(declared: type[Packet], content: str) -> Packet:
 @pytest.mark.parametrize(
     ("declared", "content", "fault"),
     [
-        (QueryServoRequest, "", "QueryServoRequest: a content of 0 bytes, not 1"),
-        (QueryServoRequest, "0102", "QueryServoRequest: a content of 2 bytes, not 1"),
-        (QueryMemorySizeResponse, "010203", "QueryMemorySizeResponse: a content of 3 bytes, not 4 + n * 4"),
-        (QueryActionListResponse, "01", "QueryActionListResponse: a content of 1 bytes, not 2 + n * 36"),
-        (AddActionRequest, "0100", "AddActionRequest: a content of 2 bytes, not 38 + n * 5"),
+        (QueryServoRequest, "", "QueryServoRequest: the content has 0 bytes, not 1"),
+        (QueryServoRequest, "0102", "QueryServoRequest: the content has 2 bytes, not 1"),
+        (QueryMemorySizeResponse, "010203", "QueryMemorySizeResponse: the content has 3 bytes, not 4 + n * 4"),
+        (QueryActionListResponse, "01", "QueryActionListResponse: the content has 1 bytes, not 2 + n * 36"),
+        (AddActionRequest, "0100", "AddActionRequest: the content has 2 bytes, not 38 + n * 5"),
         (AddActionRequest, "00" * 36 + "0100", "AddActionRequest: 1 steps take 43 bytes, the content has 38"),
         (ExecuteActionRequest, "02 0102000300", "ExecuteActionRequest: 2 steps take 11 bytes, the content has 6"),
         (ExecuteActionRequest, "00 0102000300", "ExecuteActionRequest: 0 steps take 1 bytes, the content has 6"),
@@ -209,9 +209,9 @@ class NumberAndBytes(Command, frozen=True):
 @pytest.mark.parametrize(
     ("declared", "fault"),
     [
-        (NoWire, "says nothing of the wire"),
-        (LastCaption, "captions are decoded only before a group"),
-        (NumberAndBytes, "the rest of the bytes is decoded only alone"),
+        (NoWire, "has no wire form"),
+        (LastCaption, "captions are supported only in records and before a group"),
+        (NumberAndBytes, "data is supported only as the only field"),
     ],
 )
 def test_a_declaration_that_cannot_be_laid_out_is_refused_at_once(declared: type[Packet], fault: str) -> None:

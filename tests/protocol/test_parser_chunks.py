@@ -1,4 +1,4 @@
-"""Long chunks of a clean line are cut faster, a run of frames at a time; nothing else may differ."""
+"""Frames that follow each other in long chunks are cut by another call than single ones; nothing else differs."""
 
 from __future__ import annotations
 
