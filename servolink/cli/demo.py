@@ -13,17 +13,15 @@ import sys
 import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from servolink.cli.demo_stage import FaultyLine, Outcome, Stage
-from servolink.cli.live import PHASES, follow
+from servolink.cli.demo_stage import FaultyLine, Outcome, Scene, Stage
+from servolink.cli.live import PHASES
 from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import Table
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.terminal import cleanup
-from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
 from servolink.listeners import AVAILABLE
@@ -37,7 +35,6 @@ from servolink.protocol.records import (
     MacroCommand,
     MacroCommandType,
     ServoParameter,
-    Step,
 )
 from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest
 from servolink.transports.registry import create
@@ -49,62 +46,6 @@ _BOW, _LEAN, _RISE, _WAVE, _PAD, _BUTTON, _PROJECT = 1, 2, 3, 1, 1, 3, 42  # ids
 _FAST = 0.05  # the duration of movements with `--fast`, as a share of the usual one
 _IMPATIENT, _TOO_LATE = 0.3, 0.6  # seconds that the client waits for a response, and that one is held back
 _REACTION = 2.0  # seconds in which a button event must have come
-
-
-@dataclass
-class Scene:
-    """The boards and the client that take part."""
-
-    board: Board
-    """The client, with `virtual` at the other end of `line`."""
-    virtual: VirtualBoard
-    line: FaultyLine
-    second: VirtualBoard
-    """Another board, at `second_url`."""
-    second_url: str
-    stage: Stage
-    file: Path
-    """The project file that the demo writes."""
-    pace: float
-    """1.0 for movements that a person can follow, less for faster ones."""
-
-    @property
-    def angles(self) -> dict[int, int]:
-        """The true angles of the virtual board's servos."""
-        return {servo_id: round(servo.angle) for servo_id, servo in self.virtual.servos.items()}
-
-    def interval(self, seconds: float) -> int:
-        """Return a time in the protocol's units of 10 ms."""
-        return max(1, round(seconds * self.pace * 100))
-
-    def action(self, action_id: int, caption: str, angle_of: Callable[[int], float]) -> Action:
-        """Return an action that moves each servo to the angle of its id."""
-        interval = self.interval(0.7)
-        return Action(action_id, caption, tuple(Step(each, round(angle_of(each)), interval) for each in self.angles))
-
-    async def watch(self, targets: dict[int, int], seconds: float) -> float:
-        """Show the servos until they are at `targets`; return how long that took."""
-        start = asyncio.get_running_loop().time()
-        with self.stage.motion() as draw:
-            await follow(self.board, targets, seconds, draw)
-        return round(asyncio.get_running_loop().time() - start, 3)
-
-    async def watch_wave(self) -> float:
-        """Show the servos until the macro Wave has ended; return how long that took."""
-        move, pause = self.interval(0.7), self.interval(0.1)
-        return await self.watch(_targets(await self.board.action(_RISE)), (move + pause + move / 0.8) / 100)
-
-    def counters(self) -> dict[str, int]:
-        """Return what the client has counted of the faults on the line."""
-        stats = self.board.stats
-        counters = {"skipped_bytes": sum(stats.skipped.values())}
-        return counters | {each: getattr(stats, each) for each in ("timeouts", "late_responses", "fences", "retries")}
-
-    def counted_since(self, before: dict[str, int]) -> dict[str, int]:
-        """Return, and show, what was counted since `before`."""
-        since = {name: count - before[name] for name, count in self.counters().items()}
-        self.stage.say(", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in since.items()))
-        return since
 
 
 async def show_servos(scene: Scene) -> Outcome:
@@ -162,7 +103,7 @@ async def run_macro(scene: Scene) -> Outcome:
     stored = await scene.board.macro(_WAVE)
     scene.stage.say(f"stored and read back: macro {_WAVE} 'Wave': lean, wait, rise at 80 % speed")
     await scene.board.run_macro(_WAVE)
-    seconds = await scene.watch_wave()
+    seconds = await _watch_wave(scene)
     return Outcome(
         {"macro_id": _WAVE, "commands": len(wave.commands), "seconds": seconds},
         {
@@ -186,7 +127,7 @@ async def press_button(scene: Scene) -> Outcome:
         virtual.release_button(_BUTTON, loop.time())
         released = await asyncio.wait_for(anext(events), _REACTION)
     scene.stage.say(f"button {pressed.button_id}: {pressed.kind}, {latency * 1000:.1f} ms after it went down")
-    await scene.watch_wave()
+    await _watch_wave(scene)
     seen = [(event.button_id, event.kind) for event in (pressed, released)]
     in_last_pose = scene.angles == _targets(await scene.board.action(_RISE))
     return Outcome(
@@ -313,6 +254,12 @@ STEPS: tuple[tuple[str, str, Callable[[Scene], Awaitable[Outcome]]], ...] = (
     ("resumed", "Plugged in again", finish_import),
 )
 """Name, title and function of each step."""
+
+
+async def _watch_wave(scene: Scene) -> float:
+    """Show the servos until the macro Wave has ended; return how long that took."""
+    move, pause = scene.interval(0.7), scene.interval(0.1)
+    return await scene.watch(_targets(await scene.board.action(_RISE)), (move + pause + move / 0.8) / 100)
 
 
 def _targets(action: Action) -> dict[int, int]:

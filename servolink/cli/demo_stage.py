@@ -1,19 +1,23 @@
-"""The display of the demo: text for a person, or one JSON object for each step; and its faulty line."""
+"""The stage of the demo: who takes part, a line with faults, and what is shown, as text or as JSON."""
 
 from __future__ import annotations
 
 import asyncio
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
-from servolink.cli.live import Draw, live_bars
+from servolink.cli.live import Draw, follow, live_bars
 from servolink.cli.output import Table, console, is_terminal, print_json, print_table, print_text
+from servolink.client.board import Board
 from servolink.client.servos import Servo
+from servolink.protocol.records import Action, Step
 from servolink.transports.base import Transport
 from servolink.transports.lifecycle import WrappedTransport
+from servolink.virtual.board import VirtualBoard
 
 _SAMPLE = 0.5  # seconds between the lines that stand for a moving picture
 _READING = 0.5  # seconds to read what a step has shown
@@ -166,14 +170,59 @@ class FaultyLine(WrappedTransport):
         else:
             self._held.append(chunk)
 
-    async def close(self) -> None:
-        """Close the line; chunks that are held back are lost."""
-        if self._timer is not None:
-            self._timer.cancel()
-        await super().close()
-
     def _release(self) -> None:
         self._timer = None
         held, self._held = self._held, []
         for chunk in held:
             self._deliver(chunk)
+
+
+@dataclass
+class Scene:
+    """The boards and the client that take part."""
+
+    board: Board
+    """The client, with `virtual` at the other end of `line`."""
+    virtual: VirtualBoard
+    line: FaultyLine
+    second: VirtualBoard
+    """Another board, at `second_url`."""
+    second_url: str
+    stage: Stage
+    file: Path
+    """The project file that the demo writes."""
+    pace: float
+    """1.0 for movements that a person can follow, less for faster ones."""
+
+    @property
+    def angles(self) -> dict[int, int]:
+        """The true angles of the virtual board's servos."""
+        return {servo_id: round(servo.angle) for servo_id, servo in self.virtual.servos.items()}
+
+    def interval(self, seconds: float) -> int:
+        """Return a time in the protocol's units of 10 ms."""
+        return max(1, round(seconds * self.pace * 100))
+
+    def action(self, action_id: int, caption: str, angle_of: Callable[[int], float]) -> Action:
+        """Return an action that moves each servo to the angle of its id."""
+        interval = self.interval(0.7)
+        return Action(action_id, caption, tuple(Step(each, round(angle_of(each)), interval) for each in self.angles))
+
+    async def watch(self, targets: dict[int, int], seconds: float) -> float:
+        """Show the servos until they are at `targets`; return how long that took."""
+        start = asyncio.get_running_loop().time()
+        with self.stage.motion() as draw:
+            await follow(self.board, targets, seconds, draw)
+        return round(asyncio.get_running_loop().time() - start, 3)
+
+    def counters(self) -> dict[str, int]:
+        """Return what the client has counted of the faults on the line."""
+        stats = self.board.stats
+        counters = {"skipped_bytes": sum(stats.skipped.values())}
+        return counters | {each: getattr(stats, each) for each in ("timeouts", "late_responses", "fences", "retries")}
+
+    def counted_since(self, before: dict[str, int]) -> dict[str, int]:
+        """Return, and show, what was counted since `before`."""
+        since = {name: count - before[name] for name, count in self.counters().items()}
+        self.stage.say(", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in since.items()))
+        return since
