@@ -47,24 +47,26 @@ class Layout:
         """Compile the declaration of `declared`."""
         self._packet: Callable[..., Packet] = declared
         self._name = declared.__name__
-        self._from_us = not issubclass(declared, Response)
+        self._from_us = not issubclass(declared, Response)  # its captions are composed here, so they are checked
         prefix = "<" if byte_order == "little" else ">"
         hints = get_type_hints(declared, include_extras=True)
         names = list(declared.__struct_fields__)
-        self._tail = ""
+        self._tail = ""  # the name of the group, or of the rest of the bytes
         last = hints[names[-1]] if names else None
         count = counted(last)
         if count is not None or bare(last) is bytes:
             self._tail = names.pop()
         fixed = [value(name, hints[name]) for name in names]
-        self._whole = Row(fixed, prefix) if fixed and fixed[-1].optional else None  # with its optional last field
+        # An optional last field makes two rows: the head without it and the whole with it.
+        self._whole = Row(fixed, prefix) if fixed and fixed[-1].optional else None
         self._head = Row(fixed[:-1] if self._whole else fixed, prefix, count.count if count else "")
-        self._record: type[Record] | None = None
-        self._item: Row | None = None
+        self._record: type[Record] | None = None  # None for a group of plain numbers
+        self._item: Row | None = None  # one item of the group
         if count is not None:
             self._record, values = group(last)
             self._item = Row(values, prefix)
         self.rule = self._rule(count)
+        # Most requests have only fixed numbers: struct packs them in one call.
         self._pack = self._head.format.pack if self.rule.unit == 0 and not self._head.captions else None
         self.decode: Decoder = self._decoder()
 
@@ -142,7 +144,7 @@ class Layout:
             try:
                 return packet(*unpack(content))
             except struct_error:
-                raise self.wrong_length(content) from None
+                raise self._wrong_length(content) from None
 
         return decode
 
@@ -162,7 +164,7 @@ class Layout:
             try:
                 *values, count = unpack(content)
             except struct_error:
-                raise self.wrong_length(content) from None
+                raise self._wrong_length(content) from None
             if len(content) != base + count * unit:
                 raise self._wrong_count(content, count)
             return packet(*head.text(values, encoding), read(content, base, encoding))
@@ -171,20 +173,14 @@ class Layout:
             try:
                 (count,) = unpack(content)
             except struct_error:
-                raise self.wrong_length(content) from None
+                raise self._wrong_length(content) from None
             if len(content) != base + count * unit:
                 raise self._wrong_count(content, count)
             return packet(read(content, base, encoding))
 
         return decode if head.values else decode_bare
 
-    def fault(self, name: str, value: object) -> str:
-        """Say what is wrong with `value` as the number `name`, of the packet or its records; empty if nothing is."""
-        rows = [row for row in (self._head, self._item, self._whole) if row is not None]
-        numbers = {number.name or self._tail: number for row in rows for number in row.values if not number.is_caption}
-        return numbers[name].fault(value) if name in numbers else ""
-
-    def wrong_length(self, content: bytes) -> DecodeError:
+    def _wrong_length(self, content: bytes) -> DecodeError:
         """Return the error for a content whose length breaks the rule."""
         rule = self.rule
         wanted = str(rule.base) if rule.unit == 0 else f"{rule.base} + n * {rule.unit}"

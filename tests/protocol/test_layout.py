@@ -172,13 +172,6 @@ def test_a_length_rule_admits_base_and_whole_records_only(base: int, unit: int, 
     assert LengthRule(base, unit, limit).admits(length) == (length in lengths)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "fault"), [("degree", 9**9, "387420489 is outside"), ("steps", 1, ""), ("x", 1, "")]
-)
-def test_a_fault_is_told_for_numbers_of_records_too(name: str, value: int, fault: str) -> None:
-    assert layout(AddActionRequest, "big").fault(name, value).startswith(fault)
-
-
 def test_a_layout_is_compiled_once_for_each_byte_order() -> None:
     assert layout(QueryServoRequest, "little") is layout(QueryServoRequest, "little")
     assert layout(QueryServoRequest, "little") is not layout(QueryServoRequest, "big")
