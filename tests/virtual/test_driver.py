@@ -40,11 +40,11 @@ def test_a_timer_that_fires_early_does_what_was_due() -> None:
         board = VirtualBoard()
         host = Host(board)
         host.session.subscribed = True
-        pacemaker = BoardDriver(board)
+        driver = BoardDriver(board)
         board.press_button(1, loop.time())
         await asyncio.sleep(1)
         assert host.heard == [ButtonEventResponse(1, PRESS), ButtonEventResponse(1, LONG_PRESS)]
-        pacemaker.stop()
+        driver.stop()
 
     _run(main)
 
@@ -52,9 +52,9 @@ def test_a_timer_that_fires_early_does_what_was_due() -> None:
 def test_stopped_it_sets_no_more_timers() -> None:
     async def main(loop: EarlyLoop) -> None:
         board = VirtualBoard()
-        pacemaker = BoardDriver(board)
+        driver = BoardDriver(board)
         board.press_button(1, loop.time())
-        pacemaker.stop()
+        driver.stop()
         before = loop.timers
         board.release_button(1, loop.time())
         board.press_button(1, loop.time())
