@@ -1,35 +1,50 @@
-"""`servolink apply` and `servolink rollback`: a project onto a board, and what was there before back again."""
+"""`servolink apply` and `servolink rollback`: write a project to a board, and restore what was there before."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import TypeVar
 
 from servolink.cli.arguments import not_empty
 from servolink.cli.export import backup_named
 from servolink.cli.live import PHASES, shown_progress
 from servolink.cli.main import FAILED, OK, usage_error
-from servolink.cli.output import print_json, print_text
-from servolink.cli.plan import plan_object, print_plan
+from servolink.cli.output import print_error, print_json, print_text
+from servolink.cli.plan import plan_to_json, print_plan
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.terminal import can_ask, confirm
 from servolink.client.board import Board
 from servolink.errors import ProjectError, ServolinkError
 from servolink.escaping import escape
-from servolink.project.project_file import load_project
+from servolink.project.project_file import read_project_file
 from servolink.project.transfer.apply import backup_for
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.results import ApplyResult, Phase, Plan, Progress, ProgressCallback
 
+T = TypeVar("T")
+
 _UNTOUCHED = "nothing was changed on the board"
+_NAMED = 5  # records that the question names
+
+
+def configure_apply(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink apply`."""
+    parser.set_defaults(run=_apply)
+    parser.description = (
+        "Make the board hold exactly what a project file holds: records that the file lacks are deleted. "
+        "Before anything changes, the content of the board is saved in a backup, which `servolink rollback` restores."
+    )
+    parser.add_argument("file", type=Path, metavar="FILE", help="a project file")
+    parser.add_argument("--replace", action="store_true", help="delete and write everything, not only what differs")
+    parser.add_argument("--no-backup", action="store_true", help="save no backup; what is replaced is lost")
+    parser.add_argument("--yes", action="store_true", help="do not ask")
 
 
 def configure_rollback(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink rollback`."""
-    parser.set_defaults(run=run)
-    parser.add_argument("--yes", action="store_true", help="do not ask")
+    parser.set_defaults(run=_roll_back)
     parser.add_argument(
         "backup",
         nargs="?",
@@ -37,60 +52,45 @@ def configure_rollback(parser: argparse.ArgumentParser) -> None:
         metavar="BACKUP",
         help="a number of `servolink backups`, or a file (the last)",
     )
-
-
-def configure_apply(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink apply`."""
-    parser.set_defaults(run=run)
     parser.add_argument("--yes", action="store_true", help="do not ask")
-    parser.add_argument("file", type=Path, metavar="FILE", help="a project file")
-    parser.add_argument(
-        "--replace", action="store_true", help="delete everything on the board first, instead of only what differs"
-    )
-    parser.add_argument(
-        "--no-backup", action="store_true", help="keep nothing of what is on the board; what is replaced is lost"
-    )
-
-
-def run(args: argparse.Namespace) -> int:
-    """Show what would change, ask, and do it."""
-    if not args.yes and args.json:
-        usage_error(args, "--json asks nothing; --yes goes on without asking")
-    if not (args.yes or can_ask()):
-        usage_error(args, "there is no terminal to ask on; --yes goes on without asking")
-    return _apply(args) if args.command == "apply" else _roll_back(args)
 
 
 def _apply(args: argparse.Namespace) -> int:
-    project = load_project(args.file)
+    project, unchecked = read_project_file(args.file)  # before any question: it may be missing
+    _refuse_without_answer(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:
+        async def plan(on_progress: ProgressCallback) -> Plan:
+            return await board.plan_project(project, replace=args.replace, unchecked=unchecked, on_progress=on_progress)
+
         async def work(on_progress: ProgressCallback) -> ApplyResult:
             return await board.apply_project(
-                project, replace=args.replace, backup=not args.no_backup, on_progress=on_progress
+                project,
+                replace=args.replace,
+                backup=not args.no_backup,
+                unchecked=unchecked,
+                on_progress=on_progress,
             )
 
-        async def plan(on_progress: ProgressCallback) -> Plan:
-            return await board.plan_project(project, replace=args.replace, on_progress=on_progress)
-
-        ways = (
-            "the same command goes on; without a backup nothing goes back"
+        ways_out = (
+            "the same command finishes it; without a backup nothing can undo it"
             if args.no_backup
-            else "nothing is lost: the same command goes on, `servolink rollback` goes back"
+            else "nothing is lost: the same command finishes it, `servolink rollback` undoes it"
         )
-        return await _Change(args, board, interruption, ways).make(plan, work)
+        return await _Import(args, board, interruption, ways_out).run(plan, work)
 
     return run_with_board(args, talk, state=_UNTOUCHED)
 
 
 def _roll_back(args: argparse.Namespace) -> int:
-    named = backup_named(args.backup) if args.backup else None
+    given = backup_named(args.backup) if args.backup else None
     store = BackupStore()
-    named_project = store.load(named, args.caption_encoding) if named else None
+    given_project = store.load(given, args.caption_encoding) if given else None
+    _refuse_without_answer(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        path = named or await backup_for(board, store)
-        project = named_project or store.load(path, args.caption_encoding)
+        path = given or await backup_for(board, store)
+        project = given_project or store.load(path, args.caption_encoding)
         if not args.json:
             print_text(f"from {path}")
 
@@ -100,75 +100,85 @@ def _roll_back(args: argparse.Namespace) -> int:
         async def work(on_progress: ProgressCallback) -> ApplyResult:
             return await board.rollback_project(path, on_progress=on_progress)
 
-        return await _Change(args, board, interruption, "nothing is lost: the same command goes on").make(plan, work)
+        ways_out = "nothing is lost: the same command finishes it"
+        return await _Import(args, board, interruption, ways_out).run(plan, work)
 
     return run_with_board(args, talk, state=_UNTOUCHED)
 
 
-class _Change:
-    """Asks, works, and keeps true what Ctrl-C or an error says."""
+def _refuse_without_answer(args: argparse.Namespace) -> None:
+    """End as wrong usage if nobody can be asked and `--yes` was not given."""
+    if args.yes:
+        return
+    if args.json:
+        usage_error(args, "--json needs --yes, because it asks nothing")
+    if not can_ask():
+        usage_error(args, "there is no terminal to ask on; --yes goes on without asking")
 
-    def __init__(self, args: argparse.Namespace, board: Board, interruption: Interruption, ways: str) -> None:
-        """`ways` are those out of an unfinished import."""
+
+class _Import:
+    """Shows the plan, asks, imports, and keeps the interruption's state up to date."""
+
+    def __init__(self, args: argparse.Namespace, board: Board, interruption: Interruption, ways_out: str) -> None:
+        """`ways_out` says how to get out of an unfinished import."""
         self._args = args
         self._board = board
         self._interruption = interruption
-        self._ways = ways
+        self._ways_out = ways_out
 
-    async def make(
+    async def run(
         self,
-        planned: Callable[[ProgressCallback], Awaitable[Plan]],
+        make_plan: Callable[[ProgressCallback], Awaitable[Plan]],
         work: Callable[[ProgressCallback], Awaitable[ApplyResult]],
     ) -> int:
-        """Do what is planned, if it is wanted; ProjectError if it is not the same any more when the answer comes."""
-        plan = await self._shown(planned)
+        """Import after a yes. Raise ProjectError if the plan changed before the answer came."""
+        plan = await self._with_progress(make_plan)
         if not self._args.json:
             print_plan(plan)
         if not plan.differs:
             if self._args.json:
-                print_json({"changed": False, "plan": plan_object(plan)})
+                print_json({"changed": False, "plan": plan_to_json(plan)})
             return OK
-        if not (self._args.yes or await confirm("do it?")):
-            print_text(_UNTOUCHED)
-            return FAILED
-        if not self._args.yes and _done(await self._shown(planned)) != _done(plan):
-            raise ProjectError(
-                f"what is on {escape(self._board.url)} has changed meanwhile, and so has what would be done; "
-                f"{_UNTOUCHED} by this command: look at the new plan"
-            )
+        if not self._args.yes:
+            if not await confirm(_question(plan)):
+                print_text(_UNTOUCHED)
+                return FAILED
+            if _content(await self._with_progress(make_plan)) != _content(plan):
+                raise ProjectError(
+                    f"the content of {self._board.url} changed before the answer, and so did the plan; "
+                    f"{_UNTOUCHED} by this command: look at the new plan"
+                )
         try:
-            with shown_progress(self._board, quiet=self._args.json) as on_progress:
-                applied = await work(lambda progress: self._note(progress, on_progress))
+            result = await self._with_progress(lambda show: work(lambda progress: self._note(progress, show)))
         except ServolinkError:
-            print(f"servolink: {self._interruption.state}", file=sys.stderr)
+            print_error(f"servolink: {escape(self._interruption.state)}")
             raise
-        self._report(plan, applied)
+        self._report(plan, result)
         return OK
 
-    async def _shown(self, planned: Callable[[ProgressCallback], Awaitable[Plan]]) -> Plan:
+    async def _with_progress(self, work: Callable[[ProgressCallback], Awaitable[T]]) -> T:
         with shown_progress(self._board, quiet=self._args.json) as on_progress:
-            return await planned(on_progress)
+            return await work(on_progress)
 
-    def _note(self, progress: Progress, on_progress: ProgressCallback) -> None:
-        on_progress(progress)
+    def _note(self, progress: Progress, show: ProgressCallback) -> None:
+        show(progress)
         if progress.phase not in ("reading", "saving"):
             self._interruption.state = (
                 f"{_LEFT.get(progress.phase, 'the board holds an unfinished import')}, stopped while "
-                f"{PHASES[progress.phase]}, at {escape(progress.item)} ({progress.done} of {progress.total}); "
-                f"{self._ways}"
+                f"{PHASES[progress.phase]}, at {progress.item} ({progress.done} of {progress.total}); {self._ways_out}"
             )
 
-    def _report(self, plan: Plan, applied: ApplyResult) -> None:
+    def _report(self, plan: Plan, result: ApplyResult) -> None:
         self._interruption.state = "the import is finished"
-        backup = applied.backup and str(applied.backup)
+        backup = result.backup and str(result.backup)
         if self._args.json:
-            described = {"changed": applied.changed, "resumed": applied.resumed, "backup": backup}
-            print_json({**described, "plan": plan_object(plan)})
+            described = {"changed": result.changed, "resumed": result.resumed, "backup": backup}
+            print_json({**described, "plan": plan_to_json(plan)})
             return
         print_text("done, and verified by reading the whole board twice", "green")
-        if backup and not (applied.resumed and self._args.command == "rollback"):
-            begun = " the unfinished import" if applied.resumed else ""
-            print_text(f"what was there before{begun} is in {backup}; `servolink rollback` brings it back")
+        if backup and not (result.resumed and self._args.command == "rollback"):
+            what = "content before the unfinished import" if result.resumed else "content before"
+            print_text(f"the {what} is saved in {backup}; `servolink rollback` restores it")
 
 
 _LEFT: dict[Phase, str] = {
@@ -177,6 +187,15 @@ _LEFT: dict[Phase, str] = {
 }
 
 
-def _done(plan: Plan) -> object:
-    """Return what is done, without what it takes."""
+def _question(plan: Plan) -> str:
+    """Return the question before an import, which names the records that will be deleted."""
+    deleted = [one.what for one in plan.changes if one.new is None and not isinstance(one.old, int)]
+    if not deleted:
+        return "write this to the board?"
+    more = f" and {len(deleted) - _NAMED} more" if len(deleted) > _NAMED else ""
+    return f"write this to the board, and delete {', '.join(deleted[:_NAMED])}{more} from it?"
+
+
+def _content(plan: Plan) -> object:
+    """Return what a plan changes, without what that costs."""
     return plan.changes, plan.inconsistencies, plan.is_unfinished

@@ -1,4 +1,4 @@
-"""`servolink export`: everything on a board into a project file."""
+"""`servolink export` and `servolink backups`: save a board in a project file, and list the backups of imports."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ from pathlib import Path
 
 from servolink.cli.live import shown_progress
 from servolink.cli.main import OK
-from servolink.cli.output import Table, print_json, print_table, print_text
+from servolink.cli.output import Table, counted, print_error, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.errors import ProjectError
 from servolink.escaping import escape
+from servolink.project.model import Project
 from servolink.project.project_file import load_project, save_project
 from servolink.project.transfer.backups import BackupStore
+from servolink.project.validate import validate_project
+from servolink.protocol.record_types import STORED_TYPES
 
 
 def configure_export(parser: argparse.ArgumentParser) -> None:
@@ -29,37 +32,41 @@ def run_export(args: argparse.Namespace) -> int:
     async def talk(board: Board, interruption: Interruption) -> int:
         with shown_progress(board, quiet=args.json) as on_progress:
             project = await board.export_project(on_progress=on_progress)
-        save_project(args.file, project)
-        interruption.state = f"{escape(str(args.file))} is written"
-        counts = {name: len(getattr(project, name)) for name in _COUNTED}
+        odd = _first_error(project, args.caption_encoding)
+        save_project(args.file, project, unchecked=bool(odd))
+        interruption.state = f"{args.file} is written"
+        counts = {kind.field: len(getattr(project, kind.field)) for kind in STORED_TYPES}
         if args.json:
             print_json({"file": str(args.file), "project_id": project.project_id, **counts})
         else:
-            counted = ", ".join(f"{count} {_words(name, count)}" for name, count in counts.items())
-            print_text(f"{args.file}: project {project.project_id or 'without id'}, {counted}")
+            texts = ", ".join(counted(counts[kind.field], kind.label) for kind in STORED_TYPES)
+            print_text(f"{args.file}: project {project.project_id or 'without id'}, {texts}")
+        if odd:
+            print_error(
+                "servolink: the board holds values that servolink would not write unasked, such as "
+                f"{escape(odd)}; `servolink apply` of this file writes them as they are"
+            )
         return OK
 
-    return run_with_board(args, talk, state=f"{escape(str(args.file))} was not written")
+    return run_with_board(args, talk, state=f"{args.file} was not written")
 
 
-_COUNTED = ("servo_parameters", "actions", "macros", "joystick_tables")
-
-
-def _words(name: str, count: int) -> str:
-    words = name.replace("_", " ")
-    return words.removesuffix("s") if count == 1 else words
+def _first_error(project: Project, caption_encoding: str) -> str:
+    """Return the first reason why `apply` would refuse the project from another file, empty if there is none."""
+    found = validate_project(project, caption_encoding=caption_encoding)
+    return next((str(one) for one in found if one.severity == "error"), "")
 
 
 def _refuse_other_files(path: Path) -> None:
-    """Raise ProjectError, before a board is read for nothing, rather than write over what is no project."""
+    """Raise ProjectError, before the board is read for nothing, rather than overwrite anything but a project file."""
     if not path.parent.is_dir():
-        raise ProjectError(f"{escape(str(path.parent))} is no folder; make it, or take another name")
+        raise ProjectError(f"{path}: the folder does not exist; create it first, or choose another name")
     if path.exists():
         try:
             load_project(path, unchecked=True)
         except ProjectError as error:
             raise ProjectError(
-                f"{escape(str(path))} is there and is no project file, so it is not overwritten; take another name"
+                f"{path} exists and is not a project file, so it is not overwritten; choose another name"
             ) from error
 
 

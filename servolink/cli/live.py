@@ -123,14 +123,13 @@ def _bar(board: Board) -> Iterator[ProgressCallback]:
     phase: Phase | None = None
     displayed = console(stderr=True)
     with cleanup(displayed.show_cursor), Bar(*columns, console=displayed, transient=True) as bar:
-        task = bar.add_task("", item="", size="")
+        task = bar.add_task(PHASES["reading"], total=None, item="", size="")
 
         def update(progress: Progress) -> None:
-            nonlocal phase, task
+            nonlocal phase
             if progress.phase != phase:
                 phase = progress.phase
-                bar.remove_task(task)
-                task = bar.add_task(PHASES[phase], item="", size="")
+                bar.reset(task, description=PHASES[phase], item="", size="")  # one call: no picture lacks the label
             size = f"{board.stats.bytes_sent + board.stats.bytes_received:,} bytes"
             bar.update(task, completed=progress.done, total=progress.total, item=escape(progress.item), size=size)
 

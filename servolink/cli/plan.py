@@ -9,10 +9,10 @@ from typing import Any
 from servolink.cli.live import shown_progress
 from servolink.cli.main import FAILED, OK
 from servolink.cli.output import Table, print_json, print_table, print_text
-from servolink.cli.records import kind_of, print_changes
+from servolink.cli.records import change_word, print_changes
 from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
-from servolink.project.project_file import load_project
+from servolink.project.project_file import read_project_file
 from servolink.project.transfer.results import Plan
 from servolink.protocol.json_form import record_to_json
 
@@ -25,14 +25,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the differences: 0 if there are none, 1 if there are."""
-    project = load_project(args.file)
+    """Print the differences; return 0 if there are none, else 1."""
+    project, unchecked = read_project_file(args.file)
 
     async def talk(board: Board, interruption: Interruption) -> int:
         with shown_progress(board, quiet=args.json) as on_progress:
-            plan = await board.plan_project(project, replace=args.replace, on_progress=on_progress)
+            plan = await board.plan_project(project, replace=args.replace, unchecked=unchecked, on_progress=on_progress)
         if args.json:
-            print_json(plan_object(plan))
+            print_json(plan_to_json(plan))
         else:
             print_plan(plan)
         return FAILED if plan.differs else OK
@@ -40,10 +40,10 @@ def run(args: argparse.Namespace) -> int:
     return run_with_board(args, talk, state="nothing was changed")
 
 
-def plan_object(plan: Plan) -> dict[str, object]:
-    """Return a plan for programs."""
+def plan_to_json(plan: Plan) -> dict[str, object]:
+    """Return a plan for programs, with records in the form of project files."""
     changes = [
-        {"what": one.what, "change": kind_of(one), "old": _object(one.old), "new": _object(one.new)}
+        {"what": one.what, "change": change_word(one), "old": _to_json(one.old), "new": _to_json(one.new)}
         for one in plan.changes
     ]
     return {
@@ -59,7 +59,7 @@ def plan_object(plan: Plan) -> dict[str, object]:
     }
 
 
-def _object(value: Any) -> Any:
+def _to_json(value: Any) -> Any:
     return value if value is None or isinstance(value, int) else record_to_json(value)
 
 
@@ -69,12 +69,12 @@ def print_plan(plan: Plan) -> None:
         print_text("0 differences: the board holds this project")
         return
     print_changes(plan.changes)
-    for fault in plan.inconsistencies:
-        print_text(f"! {fault}", "yellow")
+    for inconsistency in plan.inconsistencies:
+        print_text(f"! {inconsistency}", "yellow")
     size = "" if plan.memory_size is None else f" of {plan.memory_size:,}"
     facts = [
         ("differences", len(plan.changes) + len(plan.inconsistencies)),
-        ("on the line", f"{plan.wire_bytes:,} bytes in {plan.requests:,} requests, with backup and verification"),
+        ("transfer", f"{plan.wire_bytes:,} bytes in {plan.requests:,} requests, with backup and verification"),
         ("takes about", f"{plan.seconds:.0f} s" if plan.seconds >= 1 else "less than a second"),
         ("memory free", f"{plan.free_before:,} bytes{size}, afterwards {plan.free_after:,}"),
     ]

@@ -1,278 +1,213 @@
-"""`servolink actions`, `macros` and `tables`: what is stored on the board."""
+"""Show stored records to people and programs: `servolink actions`, `macros`, `tables`, and differences of records."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from difflib import SequenceMatcher
 from typing import Any
 
 from servolink.cli.main import OK
-from servolink.cli.output import Table, print_json, print_table, print_text
+from servolink.cli.output import Table, counted, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.project.model import is_unfinished
+from servolink.project.records import name_of
 from servolink.project.transfer.results import Change
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.protocol.json_form import record_to_json
+from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, TABLE, RecordType, StoredType, type_of
+from servolink.protocol.records import (
+    Action,
+    Button,
+    Macro,
+    MacroCommand,
+    MacroCommandType,
+    ServoParameter,
+    Step,
+)
 
-_KINDS = {"actions": "action", "macros": "macro", "tables": "joystick table"}
-_TYPES = {0: "action", 1: "delay", 2: "macro"}
-_DELAY = 1
+_TYPES: dict[str, RecordType[Any]] = {"actions": ACTION, "macros": MACRO, "tables": TABLE}
+"""By command."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `command`."""
+    """Add the options of `servolink actions`, `macros` or `tables`."""
     parser.set_defaults(run=run)
-    parser.add_argument("id", nargs="?", type=record_id, metavar="ID", help="show this one whole")
-
-
-def run(args: argparse.Namespace) -> int:
-    """Print the list, or one record."""
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        if args.id is None:
-            found = await _list(board, args.command)
-            show = _show_list
-        else:
-            found = await _one(board, args.command, args.id)
-            show = _show_one
-        if args.json:
-            print_json(found)
-        else:
-            show(args.command, found)
-        return OK
-
-    return run_with_board(args, talk)
+    parser.add_argument("id", nargs="?", type=record_id, metavar="ID", help="show this one in full")
 
 
 def record_id(text: str) -> int:
     """Read the id of an action, a macro or a table."""
     if not (text.isascii() and text.isdecimal() and 0 < int(text) < 2**31):
-        raise argparse.ArgumentTypeError(f"{text!r} is no id, 1 to {2**31 - 1}")
+        raise argparse.ArgumentTypeError(f"an id must be a number from 1 to {2**31 - 1}, not {text!r}")
     return int(text)
 
 
-async def _list(board: Board, command: str) -> dict[str, Any]:
-    if command == "actions":
-        actions = await board.actions()
-        return {command: [{"action_id": one.action_id, "action_caption": one.action_caption} for one in actions]}
-    if command == "macros":
-        macros = await board.macros()
-        return {command: [{"macro_id": one.macro_id, "macro_caption": one.macro_caption} for one in macros]}
-    active = await board.active_joystick_table()
-    tables = await board.joystick_tables()
-    return {
-        command: [
-            {"table_id": one.table_id, "table_caption": one.table_caption, "is_active": one.table_id == active}
-            for one in tables
+def run(args: argparse.Namespace) -> int:
+    """Print the list, or one record."""
+    kind = _TYPES[args.command]
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        if args.id is None:
+            await _print_list(board, kind, json=args.json)
+        else:
+            read: Any = {ACTION: board.action, MACRO: board.macro, TABLE: board.joystick_table}[kind]
+            record = await read(args.id)
+            if args.json:
+                print_json(record_to_json(record))
+            else:
+                print_table(record_table(record))
+        return OK
+
+    return run_with_board(args, talk)
+
+
+async def _print_list(board: Board, kind: RecordType[Any], *, json: bool) -> None:
+    active = await board.active_joystick_table() if kind is TABLE else None
+    entries = kind.entries_in(await board.request(kind.list_request))
+    if json:
+        more = [{"is_active": kind.id_of(one) == active} if kind is TABLE else {} for one in entries]
+        print_json({kind.field: [record_to_json(one) | extra for one, extra in zip(entries, more, strict=True)]})
+    elif not entries:
+        print_text(f"no {kind} is stored on the board")
+    else:
+        rows = [
+            (kind.id_of(one), kind.caption_of(one), *([kind.id_of(one) == active] if kind is TABLE else []))
+            for one in entries
         ]
-    }
-
-
-async def _one(board: Board, command: str, wanted: int) -> dict[str, Any]:
-    if command == "actions":
-        return described(await board.action(wanted))
-    if command == "macros":
-        return described(await board.macro(wanted))
-    return described(await board.joystick_table(wanted))
-
-
-def described(record: Action | Macro | JoystickTable) -> dict[str, Any]:
-    """Return a record for programs, with times in seconds."""
-    if isinstance(record, Action):
-        return _action(record)
-    return _macro(record) if isinstance(record, Macro) else _table(record)
-
-
-def _action(action: Action) -> dict[str, Any]:
-    steps = [
-        {"servo_id": step.servo_id, "degree": step.degree, "interval_seconds": step.interval / 100}
-        for step in action.steps
-    ]
-    return {"action_id": action.action_id, "action_caption": action.action_caption, "steps": steps}
-
-
-def _macro(macro: Macro) -> dict[str, Any]:
-    commands = [_command(command) for command in macro.commands]
-    return {"macro_id": macro.macro_id, "macro_caption": macro.macro_caption, "commands": commands}
-
-
-def _command(command: MacroCommand) -> dict[str, Any]:
-    what = (
-        {"delay_seconds": command.command_id / 1000} if command.type == _DELAY else {"command_id": command.command_id}
-    )
-    return {
-        "type": _TYPES.get(command.type, command.type),
-        **what,
-        "ratio_percent": command.ratio,
-        "loop": command.loop,
-        "total_interval_seconds": command.total_interval / 1000,
-    }
-
-
-def _table(table: JoystickTable) -> dict[str, Any]:
-    buttons = [
-        {
-            "button_id": button.button_id,
-            "button_caption": button.button_caption,
-            "button_press_macro": button.button_press_macro or None,
-            "button_long_press_macro": button.button_long_press_macro or None,
-            "button_up_macro": button.button_up_macro or None,
-            "uninterruptible": bool(button.uninterruptible),
-        }
-        for button in table.buttons
-    ]
-    return {"table_id": table.table_id, "table_caption": table.table_caption, "buttons": buttons}
-
-
-def _show_list(command: str, found: dict[str, Any]) -> None:
-    records = found[command]
-    if not records:
-        print_text(f"no {_KINDS[command]} is stored on the board")
-        return
-    columns = [_KINDS[command], "caption", *(["active"] if command == "tables" else [])]
-    print_table(Table(columns, [tuple(record.values()) for record in records]))
-
-
-def _show_one(command: str, found: dict[str, Any]) -> None:
-    print_table(whole_table(command, found))
-
-
-def whole_table(command: str, record: dict[str, Any]) -> Table:
-    """Return what `described` says of one of the `actions`, `macros` or `tables`, as a table for people."""
-    number, caption, records = record.values()
-    rows = [tuple(_as_row(record)) for record in records]
-    return Table(_COLUMNS[command], rows, f"{_KINDS[command]} {number} '{caption}'")
+        print_table(Table((kind.label, "caption", *(["active"] if kind is TABLE else [])), rows))
 
 
 _COLUMNS = {
-    "actions": ("servo", "angle", "seconds"),
-    "macros": ("does", "speed %", "times", "whole seconds"),
-    "tables": ("button", "caption", "press macro", "long press macro", "up macro", "uninterruptible"),
+    ACTION: ("servo", "angle", "seconds"),
+    MACRO: ("does", "speed %", "times", "seconds in all"),
+    TABLE: ("button", "caption", "press macro", "long press macro", "up macro", "uninterruptible"),
 }
 
 
-def _as_row(record: dict[str, Any]) -> Iterable[object]:
-    """Return a step, a command or a button as the cells of its row."""
-    if "type" not in record:
-        return record.values()
-    does = (
-        f"wait {record['delay_seconds']:g} s"
-        if "delay_seconds" in record
-        else f"{record['type']} {record['command_id']}"
-    )
-    return does, record["ratio_percent"], record["loop"], record["total_interval_seconds"]
+def record_table(record: Action | Macro | Any) -> Table:
+    """Return a record as a table for people, with one row for each part."""
+    kind = type_of(record)
+    return Table(_COLUMNS[kind], [_row(part) for part in kind.parts_of(record)], name_of(record))
+
+
+def _row(part: Step | MacroCommand | Button) -> tuple[object, ...]:
+    match part:
+        case Step():
+            return part.servo_id, part.degree, part.seconds
+        case MacroCommand():
+            return command_text(part), part.ratio, part.loop, part.total_interval / 1000
+        case Button():
+            macros = (part.button_press_macro, part.button_long_press_macro, part.button_up_macro)
+            return part.button_id, part.button_caption, *(one or None for one in macros), bool(part.uninterruptible)
+
+
+def command_text(command: MacroCommand, captions: Mapping[tuple[str, int], str] | None = None) -> str:
+    """Return what a command does once: `wait 0.3 s`, or the record it runs, by caption if `captions` has it.
+
+    `captions` are by label of the type and id of the record.
+    """
+    if command.type == MacroCommandType.DELAY:
+        return f"wait {command.command_id / 1000:g} s"
+    for _, kind in MACRO.links(command):
+        return (captions or {}).get((kind.label, command.command_id)) or f"{kind} {command.command_id}"
+    return f"command of type {int(command.type)}: {command.command_id}"
 
 
 _STYLES = {"+": "green", "-": "red", "~": "yellow"}
-_COMPARED = 1_000_000
-"""Pairs of lines; comparing more takes seconds."""
-_DOES = {0: "action {}", 1: "wait {} ms", 2: "macro {}"}
+_MOST_COMPARED = 1_000_000
+"""The most pairs of lines to compare; more take seconds."""
 
 
 def print_changes(changes: Sequence[Change]) -> None:
-    """Print all changes, a line or more for each."""
+    """Print changes, each on one line or more."""
     for change in changes:
         for line in lines_of(change):
             print_text(line, _STYLES.get(line.strip()[:1], ""))
 
 
-def kind_of(change: Change) -> str:
+def change_word(change: Change) -> str:
     """Return "added", "removed" or "changed"."""
     return "added" if change.old is None else "removed" if change.new is None else "changed"
 
 
 def lines_of(change: Change) -> Iterator[str]:
-    """Yield `+ action 3 'Wave': 2 steps`, and for a change what differs inside, line by line."""
+    """Yield `+ action 3 'Wave': 2 steps, 0.5 s`; for a changed record also each part that differs."""
     if change.old is None:
         yield f"+ {change.what}{_summary(change.new)}"
     elif change.new is None:
         yield f"- {change.what}{_summary(change.old)}"
     elif isinstance(change.new, int):
-        yield f"~ {change.what}: {_number(change.old)} -> {_number(change.new)}"
+        yield f"~ {change.what}: {_id_text(change.old)} -> {_id_text(change.new)}"
     else:
-        yield f"~ {change.what} '{_caption(change.new)}'"
-        if _caption(change.old) != _caption(change.new):
-            yield f"    caption '{_caption(change.old)}' -> '{_caption(change.new)}'"
-        yield from _inside(_items(change.old), _items(change.new))
+        old, new = _caption(change.old), _caption(change.new)
+        yield f"~ {change.what} '{new}'"
+        if old != new:
+            yield f"    caption '{old}' -> '{new}'"
+        yield from _differences(_part_texts(change.old), _part_texts(change.new))
 
 
-def _inside(old: list[str], new: list[str]) -> Iterator[str]:
-    """Yield the lines that go and come; of long lists without much in common all of them."""
-    begin = _alike(old, new)
-    end = _alike(old[begin:][::-1], new[begin:][::-1])
+def _differences(old: list[str], new: list[str]) -> Iterator[str]:
+    """Yield the lines that go and come, or all lines if the lists are long and have little in common."""
+    begin = _common_prefix(old, new)
+    end = _common_prefix(old[begin:][::-1], new[begin:][::-1])
     old, new = old[begin : len(old) - end], new[begin : len(new) - end]
-    pairs = len(old) * len(new)
-    whole = [("replace", 0, len(old), 0, len(new))]
-    codes = SequenceMatcher(None, old, new, autojunk=False).get_opcodes() if pairs <= _COMPARED else whole
+    codes = [("replace", 0, len(old), 0, len(new))]
+    if len(old) * len(new) <= _MOST_COMPARED:
+        codes = list(SequenceMatcher(None, old, new, autojunk=False).get_opcodes())
     for tag, low, high, first, last in codes:
         if tag != "equal":
             yield from (f"    - {item}" for item in old[low:high])
             yield from (f"    + {item}" for item in new[first:last])
 
 
-def _alike(old: list[str], new: list[str]) -> int:
-    """Return how many items both begin with."""
+def _common_prefix(old: list[str], new: list[str]) -> int:
     pairs = enumerate(zip(old, new, strict=False))
     return next((at for at, (before, after) in pairs if before != after), min(len(old), len(new)))
 
 
-def _caption(record: Any) -> str:
-    return (
-        record.servo_caption
-        if isinstance(record, ServoParameter)
-        else str(getattr(record, record.__struct_fields__[1]))
-    )
+def _caption(stored: Any) -> str:
+    kind: StoredType[Any] = SERVO_PARAMETER if isinstance(stored, ServoParameter) else type_of(stored)
+    return kind.caption_of(stored)
+
+
+_PART_WORDS = {ACTION: "step", MACRO: "command", TABLE: "button"}
 
 
 def _summary(value: Any) -> str:
-    match value:
-        case Action():
-            seconds = max((step.interval for step in value.steps), default=0) / 100
-            return f" '{value.action_caption}': {_count(value.steps, 'step')}, {seconds:g} s"
-        case Macro():
-            return f" '{value.macro_caption}': {_count(value.commands, 'command')}"
-        case JoystickTable():
-            return f" '{value.table_caption}': {_count(value.buttons, 'button')}"
-        case ServoParameter():
-            return f" '{value.servo_caption}': corrected by {value.adjusted_degree}°"
-        case _:
-            return f": {_number(value)}"
+    """Return caption and size of a record, or the id."""
+    if isinstance(value, int):
+        return f": {_id_text(value)}"
+    if isinstance(value, ServoParameter):
+        return f" '{value.servo_caption}': corrected by {value.adjusted_degree}°"
+    kind = type_of(value)
+    parts = counted(len(kind.parts_of(value)), _PART_WORDS[kind])
+    seconds = f", {value.seconds:g} s" if isinstance(value, Action) else ""
+    return f" '{kind.caption_of(value)}': {parts}{seconds}"
 
 
-def _number(value: int) -> str:
-    """Return an id; the project id of a board in the middle of an import is none."""
+def _id_text(value: int) -> str:
+    """Return an id; during an import the project id is none."""
     return "an unfinished import" if is_unfinished(value) else str(value)
 
 
-def _count(items: Sequence[object], word: str) -> str:
-    return f"{len(items)} {word}{'' if len(items) == 1 else 's'}"
+def _part_texts(stored: Any) -> list[str]:
+    """Return a text for each part of a record, different for different parts."""
+    if isinstance(stored, ServoParameter):
+        return [f"corrected by {stored.adjusted_degree}°"]
+    return [_part_text(at, part) for at, part in enumerate(type_of(stored).parts_of(stored), 1)]
 
 
-def _items(record: Any) -> list[str]:
-    """Return the parts of a record, each in words that tell it from every other."""
-    match record:
-        case Action():
-            return [f"step {at}: {_step(step)}" for at, step in enumerate(record.steps, 1)]
-        case Macro():
-            return [_command_words(command) for command in record.commands]
-        case JoystickTable():
-            return [_button(button) for button in record.buttons]
-        case _:
-            return [f"corrected by {record.adjusted_degree}°"]
-
-
-def _step(step: Step) -> str:
-    return f"servo {step.servo_id} to {step.degree} in {step.interval / 100:g} s"
-
-
-def _command_words(command: MacroCommand) -> str:
-    does = _DOES.get(command.type, f"type {command.type} {{}}").format(command.command_id)
-    return f"{does}, {command.ratio} % speed, {command.loop} times, {command.total_interval} ms in all"
-
-
-def _button(button: Button) -> str:
-    macros = (button.button_press_macro, button.button_long_press_macro, button.button_up_macro)
-    press, long_press, up = (macro or "none" for macro in macros)
-    ends = ", uninterruptible" if button.uninterruptible else ""
-    return f"button {button.button_id} '{button.button_caption}': press {press}, long press {long_press}, up {up}{ends}"
+def _part_text(at: int, part: Step | MacroCommand | Button) -> str:
+    match part:
+        case Step():
+            return f"step {at}: servo {part.servo_id} to {part.degree} in {part.seconds:g} s"
+        case MacroCommand():
+            times = "once" if part.loop == 1 else f"{part.loop} times"
+            return f"{command_text(part)}, {part.ratio} % speed, {times}, {part.total_interval / 1000:g} s in all"
+        case Button():
+            macros = (part.button_press_macro, part.button_long_press_macro, part.button_up_macro)
+            press, long_press, up = (macro or "none" for macro in macros)
+            ending = ", uninterruptible" if part.uninterruptible else ""
+            starts = f"press {press}, long press {long_press}, up {up}"
+            return f"button {part.button_id} '{part.button_caption}': {starts}{ending}"

@@ -383,21 +383,30 @@ class Board:
         replace: bool = False,
         backup: bool = True,
         folder: Path | None = None,
+        unchecked: bool = False,
         on_progress: ProgressCallback = ignore_progress,
     ) -> ApplyResult:
         """Make the board hold exactly `project` (4.2): what differs is written, what is not in it is deleted.
 
         With `replace` everything is deleted and written again. First the content of the board is saved in `folder`
         (by default the user's data folder). After any interruption, a cancellation too, applying again finishes the
-        import and `rollback_project` undoes it. Raise ProjectError if the project cannot be written or does not fit,
-        if the backup fails, or if the board refuses.
+        import and `rollback_project` undoes it. `unchecked` is as for `plan_project`. Raise ProjectError if the project
+        cannot be written or does not fit, if the backup fails, or if the board refuses.
         """
         from servolink.project.transfer.apply import apply_project
         from servolink.project.transfer.backups import BackupStore
         from servolink.project.transfer.read import PinnedConnection
 
         board, store = PinnedConnection(self), BackupStore(folder)
-        return await apply_project(board, project, store=store, on_progress=on_progress, replace=replace, backup=backup)
+        return await apply_project(
+            board,
+            project,
+            store=store,
+            on_progress=on_progress,
+            replace=replace,
+            backup=backup,
+            unchecked=unchecked,
+        )
 
     async def rollback_project(
         self, backup: Path | None = None, *, folder: Path | None = None, on_progress: ProgressCallback = ignore_progress

@@ -1,15 +1,17 @@
-"""The JSON Schema of project files, with which editors complete and check them."""
+"""Read and write project files, and their JSON Schema."""
 
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 from msgspec import NODEFAULT, UNSET, Meta, UnsetType
 
 from servolink.errors import EncodeError, ProjectError
+from servolink.escaping import quote
 from servolink.files import read_file, reason, write_atomically
 from servolink.json_text import MAX_SIZE, read_json, write_json
 from servolink.project.model import Project
@@ -17,70 +19,114 @@ from servolink.protocol.json_errors import convert, quote_json
 from servolink.protocol.json_form import json_type, record_to_json, struct_from_json
 
 SCHEMA = 1
-"""The version of the format; it grows when an older servolink could not read what a newer one writes."""
+"""The version of the format. It grows when an older servolink cannot read what a newer one writes."""
 _EDITOR_SCHEMA = msgspec.field(default=UNSET, name="$schema")
 _HEAD = (
     ("schema", Annotated[Literal[SCHEMA], Meta(description="version of the format")], NODEFAULT),
     ("editor_schema", Annotated[str | UnsetType, Meta(description="JSON Schema, for editors")], _EDITOR_SCHEMA),
+    (
+        "values",
+        Annotated[
+            Literal["unchecked"] | UnsetType,
+            Meta(description="in exports: the board holds values that servolink would not write unasked"),
+        ],
+        UNSET,
+    ),
 )
 """The fields of a file before those of the project."""
 
 SHIPPED = Path(__file__).with_name("servolink-project.schema.json")
-"""The file that comes with servolink; it is `schema_text()`."""
+"""The JSON Schema that is part of the package, equal to `schema_text()`."""
+
+
+class ProjectFile(NamedTuple):
+    """The content of a project file."""
+
+    project: Project
+    unchecked: bool
+    """Whether the file was exported from a board with values that servolink would not write unasked."""
+
+
+def load_project(path: str | os.PathLike[str], *, unchecked: bool = False) -> Project:
+    """Return the project in the file `path`. Raise ProjectError naming what is wrong, and where.
+
+    `unchecked` accepts everything that a board can have sent: numbers that the wire carries and the document does not
+    allow, and captions with control characters.
+    """
+    return read_project_file(path, unchecked=unchecked).project
+
+
+def read_project_file(path: str | os.PathLike[str], *, unchecked: bool = False) -> ProjectFile:
+    """Return the content of the file `path`, as `load_project` does."""
+    file = _checked_path(path, "load_project(path)")
+    try:
+        content = read_file(file, MAX_SIZE)
+    except (OSError, ValueError) as error:  # ValueError: NUL in the name
+        raise ProjectError(f"{file}: cannot be read: {reason(error)}") from error
+    try:
+        return parse_project_file(content, unchecked=unchecked)
+    except ProjectError as error:
+        raise ProjectError(f"{file}: {error}") from error
+
+
+def parse_project(text: str | bytes, *, unchecked: bool = False) -> Project:
+    """Return the project of the text of a file, with its records in the order of the text, as `load_project` does."""
+    return parse_project_file(text, unchecked=unchecked).project
+
+
+def parse_project_file(text: str | bytes, *, unchecked: bool = False) -> ProjectFile:
+    """Return the content of the text of a file, as `load_project` does."""
+    try:
+        value = read_json(text)
+        _check_version(value)
+        unchecked = unchecked or value.get("values") == "unchecked"
+        given = convert(value, _file_type(unchecked=unchecked))
+        return ProjectFile(struct_from_json(Project, given), given.values == "unchecked")
+    except ValueError as error:  # EncodeError is a ValueError
+        raise ProjectError(str(error)) from error
+
+
+def save_project(path: str | os.PathLike[str], project: Project, *, unchecked: bool = False) -> None:
+    """Write `project` to the file `path`, whole or not at all. Raise ProjectError if that fails.
+
+    `unchecked` marks the file as an export of values that servolink would not write unasked: `servolink apply` then
+    writes them as they are.
+    """
+    if isinstance(path, Project):
+        raise TypeError("save_project(path, project): the path comes first, then the project")
+    file = _checked_path(path, "save_project(path, project)")
+    if not isinstance(project, Project):
+        raise TypeError(f"save_project(path, project): the project must be a Project, not {quote(project)}")
+    content = format_project(project, unchecked=unchecked).encode()
+    if len(content) > MAX_SIZE:
+        raise ProjectError(f"{file}: would be larger than {MAX_SIZE >> 20} MiB, the most that can be read again")
+    try:
+        write_atomically(file, content)
+    except (OSError, ValueError) as error:
+        raise ProjectError(f"{file}: cannot be written: {reason(error)}") from error
+
+
+def format_project(project: Project, *, unchecked: bool = False) -> str:
+    """Return the text of a file for `project.sorted()`: equal for equal projects, even with values of no meaning."""
+    head: dict[str, Any] = {"schema": SCHEMA} | ({"values": "unchecked"} if unchecked else {})
+    return write_json(head | record_to_json(project.sorted()))
 
 
 def schema_text() -> str:
-    """Return the JSON Schema of what `load_project` takes."""
+    """Return the JSON Schema of project files, with which editors complete and check them."""
     described = msgspec.json.schema(_file_type(unchecked=False))
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "servolink project"}
     return json.dumps(head | described, indent=2) + "\n"
 
 
-def load_project(path: Path, *, unchecked: bool = False) -> Project:
-    """Return the project in the file `path`; ProjectError says what is wrong with it, and where.
-
-    `unchecked` lets pass what a board can have said and this library would not say by itself: numbers that the wire
-    carries and the document does not allow, captions with control characters.
-    """
-    name = str(path)
-    try:
-        content = read_file(path, MAX_SIZE)
-    except (OSError, ValueError) as error:  # ValueError: NUL in the name
-        raise ProjectError(f"{name}: cannot be read: {reason(error)}") from error
-    try:
-        return parse_project(content, unchecked=unchecked)
-    except ProjectError as error:
-        raise ProjectError(f"{name}: {error}") from error
-
-
-def parse_project(text: str | bytes, *, unchecked: bool = False) -> Project:
-    """Return the project that `text` says, in the order in which it says it; otherwise as `load_project`."""
-    try:
-        value = read_json(text)
-        _check_version(value)
-        return struct_from_json(Project, convert(value, _file_type(unchecked=unchecked)))
-    except ValueError as error:  # EncodeError is one as well
-        raise ProjectError(str(error)) from error
-
-
-def format_project(project: Project) -> str:
-    """Return the text for `project.sorted()`: the same for equal contents, with whatever a board said."""
-    return write_json({"schema": SCHEMA} | record_to_json(project.sorted()))
-
-
-def save_project(path: Path, project: Project) -> None:
-    """Write `project` to `path`, whole or not at all; ProjectError if it cannot be written."""
-    name, content = str(path), format_project(project).encode()
-    if len(content) > MAX_SIZE:
-        raise ProjectError(f"{name}: would be larger than the {MAX_SIZE >> 20} MiB that can be read again")
-    try:
-        write_atomically(path, content)
-    except (OSError, ValueError) as error:
-        raise ProjectError(f"{name}: cannot be written: {reason(error)}") from error
-
-
 def _file_type(*, unchecked: bool) -> Any:
     return json_type(Project, unchecked=unchecked, head=_HEAD)
+
+
+def _checked_path(path: object, call: str) -> Path:
+    if not isinstance(path, (str, os.PathLike)):
+        raise TypeError(f"{call}: the path must be text or a Path, not {quote(path)}")
+    return Path(path)
 
 
 def _check_version(value: Any) -> None:

@@ -269,7 +269,7 @@ def test_one_servo_is_not_called_servos(capsys: pytest.CaptureFixture[str]) -> N
     ],
 )
 def test_lists(board: Board, command: str, described: dict[str, object], line: str) -> None:
-    assert board(command, "--json").json == {command: [described]}
+    assert board(command, "--json").json == {command.replace("tables", "joystick_tables"): [described]}
     text = board(command).out
     assert plain(text)
     assert re.search(line, text, re.MULTILINE)
@@ -277,7 +277,9 @@ def test_lists(board: Board, command: str, described: dict[str, object], line: s
 
 @pytest.mark.parametrize("command", ["actions", "macros", "tables"])
 def test_empty_lists(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call(capsys, "--url", "virtual://", command, "--json").json == {command: []}
+    assert call(capsys, "--url", "virtual://", command, "--json").json == {
+        command.replace("tables", "joystick_tables"): []
+    }
     assert re.fullmatch(r"no .+ is stored on the board\n", call(capsys, "--url", "virtual://", command).out)
 
 
@@ -286,18 +288,18 @@ def test_one_action(board: Board) -> None:
         "action_id": 1,
         "action_caption": "Bow",
         "steps": [
-            {"servo_id": 1, "degree": 30, "interval_seconds": 0.05},
-            {"servo_id": 2, "degree": -30, "interval_seconds": 0.1},
+            {"servo_id": 1, "degree": 30, "interval_ms": 50},
+            {"servo_id": 2, "degree": -30, "interval_ms": 100},
         ],
     }
     assert re.fullmatch(r"action 1 'Bow'\nservo .*\n +1 +30 +0\.05\n +2 +-30 +0\.1\n", board("actions", "1").out)
 
 
 def test_one_macro(board: Board) -> None:
-    common = {"ratio_percent": 100, "loop": 1, "total_interval_seconds": 0.5}
+    common = {"ratio_percent": 100, "loop": 1, "total_interval_ms": 500}
     assert board("macros", "4", "--json").json["commands"] == [
-        {"type": "action", "command_id": 1, "ratio_percent": 50, "loop": 2, "total_interval_seconds": 0.0},
-        {"type": "delay", "delay_seconds": 0.5, **common},
+        {"type": "action", "action_id": 1, "ratio_percent": 50, "loop": 2, "total_interval_ms": 0},
+        {"type": "delay", "delay_ms": 500, **common},
     ]
     assert re.search(r"^wait 0\.5 s +100 +1 +0\.5$", board("macros", "4").out, re.MULTILINE)
 
@@ -308,9 +310,9 @@ def test_one_table(board: Board) -> None:
             "button_id": 7,
             "button_caption": "wave",
             "button_press_macro": 4,
-            "button_long_press_macro": None,
-            "button_up_macro": None,
-            "uninterruptible": True,
+            "button_long_press_macro": 0,
+            "button_up_macro": 0,
+            "uninterruptible": 1,
         }
     ]
     assert re.search(r"^ +7 +wave +4 +yes$", board("tables", "3").out, re.MULTILINE)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from servolink.cli import records as difference
-from servolink.cli.plan import plan_object, print_plan
+from servolink.cli.plan import plan_to_json, print_plan
 from servolink.cli.records import lines_of
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.transfer.plan import compare
@@ -51,10 +51,10 @@ def test_every_kind_of_change_has_its_words() -> None:
         "- action 2 'Gone': 1 step, 0.2 s",
         "+ action 3 'New': 0 steps, 0 s",
         "~ macro 4 'Greet'",
-        "    - action 1, 100 % speed, 1 times, 1000 ms in all",
-        "    - wait 500 ms, 100 % speed, 1 times, 500 ms in all",
-        "    + macro 4, 50 % speed, 2 times, 0 ms in all",
-        "    + type 77 9, 100 % speed, 1 times, 0 ms in all",
+        "    - action 1, 100 % speed, once, 1 s in all",
+        "    - wait 0.5 s, 100 % speed, once, 0.5 s in all",
+        "    + macro 4, 50 % speed, 2 times, 0 s in all",
+        "    + command of type 77: 9, 100 % speed, once, 0 s in all",
         "+ macro 5 'Rest': 1 command",
         "~ joystick table 3 'Pad'",
         "    - button 7 'greet': press 4, long press none, up none",
@@ -72,7 +72,7 @@ def changed(old: list[MacroCommand], new: list[MacroCommand]) -> list[str]:
 
 
 A, B, C = (MacroCommand(number) for number in (1, 2, 3))
-SAID = {number: f"action {number}, 100 % speed, 1 times, 0 ms in all" for number in (1, 2, 3)}
+SAID = {number: f"action {number}, 100 % speed, once, 0 s in all" for number in (1, 2, 3)}
 
 
 def test_one_command_among_thousands_that_are_alike_is_found_without_comparing_all_with_all(
@@ -102,8 +102,8 @@ def test_a_plan_names_what_the_board_lists_wrongly(capsys: pytest.CaptureFixture
     assert said[0] == "! action 1 is listed more than once"
     assert [" ".join(line.split()) for line in said[2:]] == [
         "differences 1",
-        "on the line 300 bytes in 20 requests, with backup and verification",
+        "transfer 300 bytes in 20 requests, with backup and verification",
         "takes about less than a second",
         "memory free 100 bytes, afterwards 143",
     ]
-    assert plan_object(plan)["inconsistencies"] == ["action 1 is listed more than once"]
+    assert plan_to_json(plan)["inconsistencies"] == ["action 1 is listed more than once"]

@@ -107,7 +107,7 @@ def test_export_does_not_write_over_what_is_no_project(shell: Shell, tmp_path: P
     diary.write_text("dear diary")
     said = shell("export", str(diary))
     assert said.code == 1
-    assert "is no project file, so it is not overwritten; take another name" in said.err
+    assert "is not a project file, so it is not overwritten; choose another name" in said.err
     assert diary.read_text() == "dear diary"
 
 
@@ -125,7 +125,7 @@ def test_plan_shows_what_would_change_and_what_it_costs(shell: Shell, after: str
     ]
     assert [line.split("  ")[0] for line in costs.splitlines()] == [
         "differences",
-        "on the line",
+        "transfer",
         "takes about",
         "memory free",
     ]
@@ -167,7 +167,7 @@ def test_apply_does_nothing_unasked(shell: Shell, after: str) -> None:
     assert "there is no terminal to ask on; --yes goes on without asking" in said.err
     said = shell("apply", "--json", after)
     assert said.code == 2
-    assert "--json asks nothing; --yes goes on without asking" in said.err
+    assert "--json needs --yes, because it asks nothing" in said.err
     assert shell("plan", after).code == 1
 
 
@@ -182,9 +182,21 @@ def test_no_backup_must_be_spelled_out(shell: Shell, after: str, data_folder: Pa
 def test_apply_asks_on_a_terminal(shell: Shell, after: str, answer: str, code: int) -> None:
     said = in_terminal("--url", shell.url, "apply", after, typed=answer)
     assert said.code == code, "or what depends on it would go on"
-    assert "do it? [y/N]" in said.out
+    assert "write this to the board, and delete action 2 from it? [y/N]" in " ".join(said.out.split())
     assert ("nothing was changed on the board" in said.out) == (code == 1)
     assert shell("plan", after).code == code
+
+
+@pytest.mark.parametrize("keys", ["\x03", "\x03\x03"], ids=["once", "twice"])
+def test_ctrl_c_ends_the_question(shell: Shell, after: str, keys: str) -> None:
+    said = in_terminal("--url", shell.url, "apply", after, later=("? [y/N]", keys))
+    assert said.code == 130
+    assert "interrupted: nothing was changed on the board" in said.out
+
+
+def test_a_missing_file_is_reported_before_a_missing_terminal(shell: Shell, tmp_path: Path) -> None:
+    said = shell("apply", str(tmp_path / "nofile.json"))
+    assert (said.code, "nofile.json: cannot be read" in said.err) == (1, True)
 
 
 @pytest.mark.parametrize("command", ["apply", "rollback"])
@@ -198,11 +210,11 @@ def test_what_was_agreed_to_is_done_and_nothing_else(
         assert shell("apply", "--yes", after).code == 0
     said = in_terminal(
         *("--url", shell.url, command, *([after] if command == "apply" else [])),
-        later=("do it? [y/N]", "y\n"),
+        later=("? [y/N]", "y\n"),
         meanwhile=lambda: elsewhere("apply", "--yes", other),
     )
     assert said.code == 1
-    assert "has changed meanwhile, and so has what would be done" in " ".join(said.out.split())
+    assert "changed before the answer, and so did the plan" in " ".join(said.out.split())
     assert shell("plan", other).code == 0
 
 
@@ -236,7 +248,7 @@ def test_ctrl_c_stops_at_a_safe_point_and_says_which(robot: Robot, after: str) -
     assert said.code == 130
     interrupted = said.err.splitlines()[-1]
     assert interrupted.startswith("interrupted: the board holds an unfinished import, stopped while writing, at ")
-    assert "the same command goes on, `servolink rollback` goes back" in interrupted
+    assert "the same command finishes it, `servolink rollback` undoes it" in interrupted
     again = robot("--json", "apply", "--yes", after)
     assert again.code == 0
     assert again.json["resumed"]

@@ -15,7 +15,7 @@ from servolink.project.transfer.results import ApplyResult, Progress
 from servolink.protocol.records import Action
 from tests.cli.programs import Said, call
 
-BOTH = "nothing is lost: the same command goes on"
+BOTH = "nothing is lost: the same command finishes it"
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def said_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> Said:
             (
                 "the board may say that it holds an unfinished import, but nothing else was changed, stopped while "
                 "marking the import on the board, at project id 5 (0 of 1); "
-                f"{BOTH}, `servolink rollback` goes back"
+                f"{BOTH}, `servolink rollback` undoes it"
             ),
         ),
         (
@@ -63,7 +63,7 @@ def said_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> Said:
             ["apply"],
             (
                 "the board holds an unfinished import, stopped while writing, at action 1 (3 of 9); "
-                f"{BOTH}, `servolink rollback` goes back"
+                f"{BOTH}, `servolink rollback` undoes it"
             ),
         ),
         (
@@ -71,7 +71,7 @@ def said_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> Said:
             ["apply", "--no-backup"],
             (
                 "the board holds an unfinished import, stopped while writing, at action 1 (3 of 9); "
-                "the same command goes on; without a backup nothing goes back"
+                "the same command finishes it; without a backup nothing can undo it"
             ),
         ),
         (
@@ -108,10 +108,9 @@ def test_what_was_there_before_is_named_where_it_can_come_back(
 
     monkeypatch.setattr(Board, f"{command}_project", done)
     said = said_of(capsys, command, "--yes", file).out.splitlines()[-1]
-    begun = " the unfinished import" if resumed else ""
-    assert (said == f"what was there before{begun} is in kept; `servolink rollback` brings it back") == (
-        command == "apply"
-    )
+    before = "before the unfinished import" if resumed else "before"
+    text = f"the content {before} is saved in kept; `servolink rollback` restores it"
+    assert (said == text) == (command == "apply")
 
 
 def test_an_export_into_no_folder_is_refused_before_the_board_is_read(
@@ -119,4 +118,7 @@ def test_an_export_into_no_folder_is_refused_before_the_board_is_read(
 ) -> None:
     said = said_of(capsys, "export", str(tmp_path / "no" / "robot.servolink.json"))
     assert said.code == 1
-    assert said.err == f"servolink: {tmp_path / 'no'} is no folder; make it, or take another name\n"
+    assert said.err == (
+        f"servolink: {tmp_path / 'no' / 'robot.servolink.json'}: the folder does not exist; "
+        "create it first, or choose another name\n"
+    )

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import io
+import re
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 
-from servolink.cli import live as motion
+from servolink.cli import live
 from servolink.cli.output import Table, angle_text, plain_lines, show_table
 from servolink.client.servos import Servo
+from servolink.connection.stats import Stats
 from servolink.motion import Adc, Angle, Degrees
+from servolink.project.transfer.results import Progress
 
 
 def test_numbers_stand_to_the_right_and_texts_to_the_left() -> None:
@@ -54,8 +58,20 @@ def test_no_value_is_cut_off_on_a_narrow_terminal(table: Table, width: int) -> N
 @pytest.mark.parametrize("angle", [Degrees(-120), Adc(4095)])
 def test_no_angle_is_cut_off_beside_a_bar(angle: Angle, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
     said = io.StringIO()
-    monkeypatch.setattr(motion, "console", lambda: Console(file=said, width=width))
-    with motion.live_bars() as draw:
+    monkeypatch.setattr(live, "console", lambda: Console(file=said, width=width))
+    with live.live_bars() as draw:
         draw(0.0, [Servo(254, angle, 0, 0, 0, is_start=True, is_hold=True)])
     assert said.getvalue().split()[:2] == ["servo", "254"]
     assert f" {angle_text(angle)} " in said.getvalue().replace("\n", " ")
+
+
+def test_each_picture_of_an_import_names_its_phase(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = io.StringIO()
+    monkeypatch.setattr(live, "console", lambda **_: Console(file=drawn, force_terminal=True, width=100))
+    monkeypatch.setattr("sys.stderr", SimpleNamespace(isatty=lambda: True))
+    with live.shown_progress(SimpleNamespace(stats=Stats()), quiet=False) as on_progress:  # type: ignore[arg-type]
+        for phase in ("reading", "saving", "writing"):
+            on_progress(Progress(phase, 1, 2, "action 1"))
+    pictures = [line for line in re.split(r"[\r\n]", drawn.getvalue()) if "\u2501" in line]
+    assert pictures
+    assert all(any(label in picture for label in live.PHASES.values()) for picture in pictures)

@@ -69,9 +69,9 @@ def test_records_whole(file: str, capsys: pytest.CaptureFixture[str]) -> None:
         "servo  angle  seconds",
         "    5     20      0.3",
         "macro 4 'Wave left'",
-        "does        speed %  times  whole seconds",
-        "action 1         50      2            2.0",
-        "wait 0.3 s      100      1            0.3",
+        "does        speed %  times  seconds in all",
+        "action 1         50      2             2.0",
+        "wait 0.3 s      100      1             0.3",
         "joystick table 7 'Pad'",
         "button  caption  press macro  long press macro  up macro  uninterruptible",
         "     1  wave               4                           5  no",
@@ -82,15 +82,14 @@ def test_as_json(file: str, capsys: pytest.CaptureFixture[str]) -> None:
     whole = call(capsys, "project", "show", file, "--json").json
     assert (whole["project_id"], whole["stored_bytes"], whole["active_joystick_table"]) == (77, 482, 7)
     assert whole["servo_parameters"][0] == {"servo_id": 1, "servo_caption": "left shoulder", "adjusted_degree": 3}
-    assert [one["duration_seconds"] for one in whole["actions"] + whole["macros"]] == [0.5, 0.3, 2.3, 2.6]
-    assert whole["macros"][0]["commands"][1]["delay_seconds"] == 0.3
+    assert whole["duration_seconds"] == {"actions": {"1": 0.5, "2": 0.3}, "macros": {"4": 2.3, "5": 2.6}}
     some = call(capsys, "--json", "project", "show", file, "Nod").json
     assert some == {
         "actions": [
             {
                 "action_id": 2,
                 "action_caption": "Nod",
-                "steps": [{"servo_id": 5, "degree": 20, "interval_seconds": 0.3}],
+                "steps": [{"servo_id": 5, "degree": 20, "interval_ms": 300}],
             }
         ],
         "macros": [],
@@ -138,7 +137,9 @@ def test_what_calls_nothing_is_shown_all_the_same(tmp_path: Path, capsys: pytest
         "    1  Empty",
         "    2  Pad           3           macro 9",
     ]
-    assert call(capsys, "project", "show", str(tmp_path / "p"), "--json").json["macros"][0]["duration_seconds"] is None
+    assert call(capsys, "project", "show", str(tmp_path / "p"), "--json").json["duration_seconds"]["macros"] == {
+        "1": None
+    }
 
 
 @pytest.mark.parametrize("caption", ["\x1b[2J\x1b]0;owned\x07", "\u202etxt", "\udcff\udcfe", "[bold]x[/]"])
@@ -160,6 +161,6 @@ def test_hostile_captions_are_text(caption: str, tmp_path: Path, capsys: pytest.
 
 def test_an_empty_project_is_a_project(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     save_project(tmp_path / "p", msgspec.structs.replace(HUMANOID, project_id=0, active_joystick_table=None))
-    assert "whichever the board takes" in call(capsys, "project", "show", str(tmp_path / "p")).out
+    assert "chosen by the board" in call(capsys, "project", "show", str(tmp_path / "p")).out
     save_project(tmp_path / "p", Project())
     assert len(call(capsys, "project", "show", str(tmp_path / "p")).out.splitlines()) == 3

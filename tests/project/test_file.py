@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from servolink.errors import ProjectError
 from servolink.escaping import escape
 from servolink.json_text import MAX_SIZE
 from servolink.project.model import Project
-from servolink.project.project_file import format_project, load_project, parse_project, save_project
+from servolink.project.project_file import format_project, load_project, parse_project, read_project_file, save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from tests.project.drawn import projects, said_projects
 
@@ -224,7 +225,7 @@ def replaced(old: str, new: str) -> str:
         ('"active_joystick_table": 4294967296', "active_joystick_table: 4294967296 is outside -2147483648..2147483647"),
         (
             '"action": []',
-            "'action' is not a field; the fields are schema, $schema, project_id, servo_parameters, actions, ...",
+            "'action' is not a field; the fields are schema, $schema, values, project_id, ...",
         ),
         ('"$schema": 1', "$schema: must be text, not 1"),
         ('"\\u001b[2J": 1', "'\\x1b[2J' is not a field; the fields are schema, ..."),
@@ -357,6 +358,40 @@ def test_what_cannot_be_written_is_said_and_leaves_nothing(tmp_path: Path) -> No
 def test_no_file_is_written_that_could_not_be_read_again(tmp_path: Path) -> None:
     steps = (Step(1, -30000, 30000),) * 13_000
     large = Project(actions=tuple(Action(number, "", steps) for number in range(1, 24)))
-    with pytest.raises(ProjectError, match=r"x.json: would be larger than the 16 MiB that can be read again$"):
+    with pytest.raises(ProjectError, match=r"x.json: would be larger than 16 MiB, the most that can be read again$"):
         save_project(tmp_path / "x.json", large)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_path_may_be_text(tmp_path: Path) -> None:
+    save_project(str(tmp_path / "x.json"), Project(7))
+    assert load_project(str(tmp_path / "x.json")) == Project(7)
+
+
+def test_swapped_arguments_are_refused_with_the_right_order(tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match=r"save_project\(path, project\): the path comes first, then the project"):
+        save_project(Project(), tmp_path / "x")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"save_project\(path, project\): the project must be a Project, not 'x'"):
+        save_project(tmp_path / "x", "x")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"load_project\(path\): the path must be text or a Path, not 3"):
+        load_project(3)  # type: ignore[arg-type]
+
+
+def test_an_export_with_values_that_are_not_written_unasked_can_be_loaded(tmp_path: Path) -> None:
+    odd = Project(actions=(Action(1, "\x1b[2J"),), macros=(Macro(2, "", (MacroCommand(1, 9, ratio=0),)),))
+    save_project(tmp_path / "x", odd)
+    with pytest.raises(ProjectError, match="control characters"):
+        load_project(tmp_path / "x")
+    save_project(tmp_path / "x", odd, unchecked=True)
+    assert read_project_file(tmp_path / "x") == (odd, True)
+    (tmp_path / "x").write_text('{"schema": 1, "values": "odd"}', encoding="utf-8")
+    with pytest.raises(ProjectError, match="values: must be one of unchecked, not 'odd'"):
+        load_project(tmp_path / "x")
+
+
+def test_a_pipe_is_not_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ProjectError, match="pipe: cannot be read: is not a regular file"):
+        load_project(tmp_path / "pipe")
+    with pytest.raises(ProjectError, match="null: cannot be read: is not a regular file"):
+        load_project("/dev/null")
