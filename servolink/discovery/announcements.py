@@ -85,7 +85,7 @@ def _write(board: DeviceInfo, folder: Path, stack: ExitStack) -> None:
     number, name = tempfile.mkstemp(_SUFFIX, dir=folder)
     stack.callback(Path(name).unlink, missing_ok=True)
     file = stack.enter_context(os.fdopen(number, "wb", buffering=0))
-    _lock(file, wait=True)
+    _lock(file, wait=True)  # before writing: a file with content and no lock counts as left over
     file.write(json.dumps(asdict(board)).encode())
 
 

@@ -93,7 +93,10 @@ class Address:
         return int(self.port)
 
     def integer(self, name: str, default: int, low: int, high: int) -> int:
-        """Read an integer from `low` to `high`, decimal or, as in 0x81, hexadecimal."""
+        """Return an option that is an integer from `low` to `high`, decimal or, as in 0x81, hexadecimal.
+
+        As all readers of options: return `default` if it is not given, raise InvalidAddress if it is something else.
+        """
         text = self._option(name)
         if text is None:
             return default
@@ -103,7 +106,7 @@ class Address:
         return value
 
     def number(self, name: str, default: float, low: float, high: float) -> float:
-        """Read a number from `low` to `high`."""
+        """Return an option that is a number from `low` to `high`."""
         text = self._option(name)
         if text is None:
             return default
@@ -113,18 +116,18 @@ class Address:
         return value
 
     def choice(self, name: str, default: str, choices: Sequence[str]) -> str:
-        """Read one of `choices`."""
+        """Return an option that is one of `choices`."""
         text = self._option(name)
         if text is not None and text not in choices:
             raise self._bad(name, text, "one of " + ", ".join(choices))
         return default if text is None else text
 
     def flag(self, name: str, *, default: bool) -> bool:
-        """Read 0 or 1."""
+        """Return whether an option is 1, not 0."""
         return self.choice(name, "1" if default else "0", ("0", "1")) == "1"
 
     def text(self, name: str, default: str) -> str:
-        """Read any text."""
+        """Return an option that is any text."""
         text = self._option(name)
         return default if text is None else text
 

@@ -121,6 +121,8 @@ class LineFaults:
     def _damage(self, out: bytearray, byte: int) -> None:
         """Append a byte with at least one fault, unless it is dropped."""
         faults = self._faults
+        # At least one of the three is known to happen: one draw below their joint probability says which is the first
+        # of insert, flip and drop, in this order. Those behind it are drawn by themselves, those before did not happen.
         draw = self._random.random() * self._noise
         insert = draw < faults.insert
         flip = self._happens(faults.flip) if insert else draw < faults.insert + (1 - faults.insert) * faults.flip

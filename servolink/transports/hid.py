@@ -176,6 +176,20 @@ class Way(IntEnum):
     OUT = 0x90
 
 
+class _Item(IntEnum):
+    """The other items that matter, likewise by prefix (Device Class Definition for HID 1.11, 6.2.2)."""
+
+    USAGE_PAGE = 0x04
+    REPORT_SIZE = 0x74  # bits in one field
+    REPORT_ID = 0x84
+    REPORT_COUNT = 0x94  # fields
+    COLLECTION = 0xA0
+    END_COLLECTION = 0xC0
+    PUSH = 0xA4
+    POP = 0xB4
+    LONG = 0xFE
+
+
 @dataclass(frozen=True, slots=True)
 class Report:
     """A report as declared."""
@@ -203,17 +217,17 @@ def declared(descriptor: bytes) -> list[Report]:
     state, stack = _Globals(), list[_Globals]()
     depth, page = 0, 0
     for prefix, value in _items(descriptor):
-        if prefix == 0xA0:
+        if prefix == _Item.COLLECTION:
             page = page if depth else state.usage_page  # a report belongs to the outermost collection's page
             depth += 1
-        elif prefix == 0xC0:
+        elif prefix == _Item.END_COLLECTION:
             depth -= 1
         elif prefix in {Way.IN, Way.OUT}:
             key = Way(prefix), state.report_id, page
             bits[key] = bits.get(key, 0) + state.field_bits * state.fields
-        elif prefix == 0xA4:
+        elif prefix == _Item.PUSH:
             stack.append(state)
-        elif prefix == 0xB4 and stack:
+        elif prefix == _Item.POP and stack:
             state = stack.pop()
         else:
             state = _changed(state, prefix, value)
@@ -222,13 +236,13 @@ def declared(descriptor: bytes) -> list[Report]:
 
 def _changed(state: _Globals, prefix: int, value: int) -> _Globals:
     match prefix:
-        case 0x04:
+        case _Item.USAGE_PAGE:
             return replace(state, usage_page=value)
-        case 0x74:
+        case _Item.REPORT_SIZE:
             return replace(state, field_bits=value)
-        case 0x84:
+        case _Item.REPORT_ID:
             return replace(state, report_id=value)
-        case 0x94:
+        case _Item.REPORT_COUNT:
             return replace(state, fields=value)
         case _:
             return state
@@ -239,7 +253,7 @@ def _items(descriptor: bytes) -> Iterator[tuple[int, int]]:
     position = 0
     while position < len(descriptor):
         prefix = descriptor[position]
-        if prefix == 0xFE:  # a long item, which means nothing yet: its length follows
+        if prefix == _Item.LONG:  # reserved, and skipped: its length follows
             position += 3 + (descriptor[position + 1] if position + 1 < len(descriptor) else 0)
             continue
         end = position + 1 + (0, 1, 2, 4)[prefix & 3]

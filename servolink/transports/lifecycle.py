@@ -148,13 +148,15 @@ class BaseTransport(ABC):
         if self._stage == "ended":
             return
         was_open = self._stage in {"open", "closing"}  # otherwise `open` raises, and `lost` is not called
+        # First of all, as the rest calls foreign code, which may call us: from here on nothing is sent or delivered, and
+        # nothing ends a second time.
         self._stage = "ended"
+        receiver, self._receiver = self._receiver, None
         if cause is not None:
             self._error = self._loss(cause)
-        self._abort()
+        self._abort()  # before others learn of the end: they may want to open the device again
         self._watch.stop()
         self._wake_senders(taken=False)
-        receiver, self._receiver = self._receiver, None
         if receiver is not None and was_open:
             _logger.debug("%s", self._error or f"{escape(self.url)}: closed")  # the error names the address itself
             receiver.lost(self._error)

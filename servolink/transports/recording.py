@@ -135,7 +135,7 @@ class ReplayTransport(BaseTransport):
             self._lose(error)
             raise error
         done = bisect_right(self._ends, self._said)
-        if done > self._done:
+        if done > self._done:  # the rest of the recording moves along with the last complete send
             self._done = done
             self._shift = asyncio.get_running_loop().time() - self._sends[done - 1].seconds
         self._arm()

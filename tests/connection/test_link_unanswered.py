@@ -181,7 +181,15 @@ def test_a_timeout_says_what_was_asked_of_whom_for_how_long_and_why_likely() -> 
             assert isinstance(caught.value, TimeoutError)
             text = str(caught.value)
             assert text.startswith("QueryServoRequest(servo_id=3) was not answered by fake://board in 1.5 s (1 try)")
-            causes = ["nothing came at all", "is the board on", "is this its port", "data cable", "baud rate"]
+            causes = [
+                "nothing came at all",
+                "is the board on",
+                "is this its port",
+                "data cable",
+                "baud rate",
+                "byte order",
+                "servolink doctor",
+            ]
             positions = [text.index(cause) for cause in causes]
             assert positions == sorted(positions)
 
