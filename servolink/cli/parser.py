@@ -28,13 +28,15 @@ class Parser(argparse.ArgumentParser):
         """Take the `options` of ArgumentParser."""
         super().__init__(add_help=False, allow_abbrev=False, formatter_class=_HelpFormatter, **options)
         self.place = ""
-        self.commands: argparse._SubParsersAction[Parser] | None = None
+        self.commands: argparse._SubParsersAction[Any] | None = None
 
     def add_commands(self, table: Mapping[str, Command], dest: str, **options: Any) -> None:
         """Add a parser for each command, and keep the name of the given one as `dest`."""
-        self.commands = self.add_subparsers(dest=dest, required=True, metavar="COMMAND", prog=self.prog, **options)
+        self.commands = commands = self.add_subparsers(
+            dest=dest, required=True, metavar="COMMAND", prog=self.prog, **options
+        )
         for name, command in table.items():
-            parser = self.commands.add_parser(
+            parser = commands.add_parser(
                 name,
                 help=command.help,
                 description=f"{command.help[:1].upper()}{command.help[1:]}.",
