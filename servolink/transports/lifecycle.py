@@ -148,8 +148,8 @@ class BaseTransport(ABC):
         if self._stage == "ended":
             return
         was_open = self._stage in {"open", "closing"}  # otherwise `open` raises, and `lost` is not called
-        # First of all, as the rest calls foreign code, which may call us: from here on nothing is sent or delivered, and
-        # nothing ends a second time.
+        # First of all, as the rest calls foreign code, which may call us: from here on nothing is sent or delivered,
+        # and nothing ends a second time.
         self._stage = "ended"
         receiver, self._receiver = self._receiver, None
         if cause is not None:
