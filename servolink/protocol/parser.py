@@ -226,9 +226,11 @@ class FrameParser:
                 return data, self._skip_padding(data, at, frames), 0
             # Anything but a frame or zeros behind a frame: it may have ended too late and swallowed others.
             self._reason = NOISE
-            if recovery.can_rescan:
+            if (again := recovery.rescan(data, at)) is not None:
                 self._wary = _WARY
-                return *self._rescan(data, at), 0
+                if self._blocks is not None:
+                    self._blocks.move(len(data) - len(again[0]))
+                return *again, 0
         end = next_magic(data, at + 1)
         self._skip(data, at, end, frames)
         return data, end, 0
@@ -241,14 +243,6 @@ class FrameParser:
             frames += found
             self._wary = _WARY
         return end
-
-    def _rescan(self, data: bytes, at: int) -> tuple[bytes, int]:
-        """Go back into the last frame, which may no longer be in the buffer: return buffer and position."""
-        size = len(data)
-        data, at = self._recovery.rescan(data, at)
-        if self._blocks is not None:
-            self._blocks.move(size - len(data))
-        return data, at
 
     def _block_sums(self) -> BlockSums:
         if self._blocks is None:

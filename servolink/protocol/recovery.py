@@ -119,15 +119,15 @@ class Recovery:
             self._last = None  # nothing begins in it, or nothing reaches that far
         return []
 
-    def rescan(self, data: bytes, at: int) -> tuple[bytes, int]:
-        """Return a buffer with all of the last frame in it, and where in that a frame may begin.
+    def rescan(self, data: bytes, at: int) -> tuple[bytes, int] | None:
+        """Return a buffer with all of the last frame in it, and where in that frame another may begin.
 
-        The buffer and `at` themselves if there is no such frame, or none may begin in it. What is put in front of
-        the buffer was in it before.
+        Return `data` and `at` if none may begin in it, None if there is no frame to search. The bytes put in front of
+        `data` were in the buffer before.
         """
         last, self._last = self._last, None
         if last is None:
-            return data, at
+            return None
         again = self._inside_of(last) + bytes(self._zeros)
         start = next_magic(again + data[at : at + len(MAGIC) - 1], 0)
         if start >= len(again):
@@ -138,11 +138,6 @@ class Recovery:
             self.rereads = [end + gone for end in self.rereads]
         self.rereads.append(at)
         return data, at - len(again) + start
-
-    @property
-    def can_rescan(self) -> bool:
-        """Whether there is a frame to be searched."""
-        return self._last is not None
 
     def first_unread(self, start: int) -> int:
         """Return where the first byte from `start` on stands that is not read again."""

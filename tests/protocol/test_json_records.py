@@ -56,6 +56,7 @@ def test_a_command_of_no_known_type_passes_only_unchecked() -> None:
         ),
         ({"action_id": "\ud800"}, "action_id", "must be an integer, not '\ufffd'"),
         ({"action_id": 1, "\ud800": 1}, "", "'\ufffd' is not a field; the fields are action_id, action_caption, steps"),
+        ({"action_id": 1, "steps": ({"\ud800": 1},)}, "", "'\\ud800' is not text"),
         ([], "", "must be an object, not []"),
     ],
 )
