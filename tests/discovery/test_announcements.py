@@ -1,4 +1,4 @@
-"""Virtual boards on this machine are found for as long as their server lives, and nobody can slip in another."""
+"""Virtual boards on this machine are found as long as their server lives, and other users cannot add any."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`servolink list` and `servolink use`, and what other commands do without an address."""
+"""`servolink list` and `servolink use`, and other commands without an address."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _own_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(name="here")
 def _here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Let these be all that is found."""
+    """Return what makes these the only devices found."""
 
     def here(*candidates: DeviceInfo) -> None:
         async def discover() -> list[DeviceInfo]:

@@ -15,7 +15,7 @@ class RecordedFacts(SystemFacts):
     """The facts in a file of TOML; the files of that system are made below `root`."""
 
     def __init__(self, name: str, root: Path, **changed: Any) -> None:
-        """Play the system `name` with `changed` in place of what was recorded."""
+        """Play the recorded system `name`, with the entries in `changed` replaced."""
         system = tomllib.loads((SYSTEMS / f"{name}.toml").read_text(encoding="utf-8")) | changed
         super().__init__(root, system["platform"])
         self.environment = system.get("environment", {})

@@ -1,4 +1,4 @@
-"""The rules give a board to whoever sits at the machine, to nobody else's devices, and carry no foreign words."""
+"""The rules give users at the machine access to the board only, and hold no text of a device that could change them."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def served(*arguments: str) -> Iterator[str]:
 
 @contextmanager
 def terminal() -> Iterator[str]:
-    """Give a pseudo-terminal with nobody at its other end."""
+    """Yield the name of a pseudo-terminal whose other end is silent."""
     ours, theirs = os.openpty()
     try:
         yield os.ttyname(theirs)
@@ -57,7 +57,7 @@ def terminal() -> Iterator[str]:
 
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let boards answer as late as they may on a busy machine."""
+    """Wait long for responses, as the machine may be busy."""
     monkeypatch.setattr(probe, "PATIENCE", processes.LIMIT)
     monkeypatch.setattr(line_quality, "_PATIENCE", processes.LIMIT)
 
@@ -67,7 +67,7 @@ Examined = Callable[..., tuple[int, dict[str, Any]]]
 
 @pytest.fixture
 def examined(capsys: pytest.CaptureFixture[str]) -> Examined:
-    """Return what gives the exit code of the doctor and what it says."""
+    """Return a function that runs the doctor and returns its exit code and its JSON."""
 
     def run(*arguments: str) -> tuple[int, dict[str, Any]]:
         said = call(capsys, "doctor", "--json", *arguments)
@@ -196,7 +196,7 @@ sys.exit(main(sys.argv[3:]))
 
 
 def as_user(user: pwd.struct_passwd, *arguments: str) -> Said:
-    """Run the command as another user, who cannot write down what it covered."""
+    """Run the command as another user, without measuring coverage, which that user cannot save."""
     ran = processes.run(
         [sys.executable, "-c", SWITCH, str(user.pw_gid), str(user.pw_uid), *arguments],
         env={name: value for name, value in environment().items() if not name.startswith("COV")},

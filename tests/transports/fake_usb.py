@@ -24,7 +24,7 @@ STRINGS = {1: "Acme", 2: "Servo board", 3: "SN 1"}
 
 
 def plugged_in(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Iterator[FakeUsb]:
-    """Put a board where libusb is looked for, with no descriptions by Linux, and see to it that it is let go."""
+    """Put a board where libusb is searched for, without descriptions by Linux, and check that it is released."""
     board = FakeUsb()
     monkeypatch.setattr(servolink.transports.usb, "backend", lambda: board)
     monkeypatch.setattr(usb_devices, "backend", lambda: board)

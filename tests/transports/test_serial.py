@@ -158,7 +158,7 @@ async def test_what_came_before_the_opening_is_dropped() -> None:
 
 
 def opening_when_told(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
-    """Let every port open only when the event is set."""
+    """Make every port open only when the event is set."""
     go, really_open = threading.Event(), serial.Serial.open
 
     def open_when_told(port: serial.Serial) -> None:
@@ -276,7 +276,7 @@ async def test_a_drained_port_no_longer_waits_for_room(monkeypatch: pytest.Monke
         await wire.open()
         await wire.transport.send(bytes(FLOOD))
         assert isinstance(wire.transport, SerialTransport)
-        while wire.transport._watch.running:  # it ends, as a timer that nobody needs costs power
+        while wire.transport._watch.running:  # it ends: an unneeded timer costs power
             await asyncio.sleep(0)
         port = next(fd for fd in _descriptors() if fd != wire.slave and _is(fd, wire.path))
         assert asyncio.get_running_loop().remove_writer(port) is False

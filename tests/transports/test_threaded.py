@@ -80,7 +80,7 @@ def wait_until(condition: Callable[[], bool]) -> bool:
 
 
 async def turn_until(condition: Callable[[], bool]) -> None:
-    """Let the loop turn until other threads have brought something about."""
+    """Turn the loop until other threads have made `condition` true."""
     while not condition():
         await asyncio.sleep(0)
 
@@ -302,7 +302,7 @@ async def test_who_cancels_an_opening_is_told_when_the_device_is_free(
         return really_open()
 
     monkeypatch.setattr(transport._device, "open", open_when_told)
-    monkeypatch.setattr(threaded, "_END_LIMIT", LIMIT)  # a busy machine may need longer than anybody wants to wait
+    monkeypatch.setattr(threaded, "_END_LIMIT", LIMIT)  # a busy machine may need longer than a user would wait
     opening = asyncio.ensure_future(transport.open(Ear()))
     await asyncio.sleep(0)
     opening.cancel()

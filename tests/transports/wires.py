@@ -247,7 +247,7 @@ class MemoryWire(Wire):
 
 
 def hear_in(loop: asyncio.AbstractEventLoop, ear: Ear, data: bytes) -> None:
-    """Hear what comes in another thread, which goes on when it is heard, as a board takes one thing at a time."""
+    """Pass `data` from another thread to `ear` and wait until it is heard, as a board takes one report at a time."""
     heard = threading.Event()
 
     def hear() -> None:
@@ -288,7 +288,7 @@ class HidWire(Wire):
         self.hid.set(deaf=False)
 
     def _take(self, report: bytes) -> None:
-        """Hear a report without what it is filled with, which the contract knows nothing of."""
+        """Hear a report without its padding, which is not part of the contract."""
         assert isinstance(self.transport, Measuring)
         assert report[0] == 0
         assert len(report) == 65
