@@ -67,8 +67,8 @@ class Stage:
         if self._as_json:
             yield lambda elapsed, servos: None
         elif is_terminal():
-            with live_bars() as draw:
-                yield draw
+            with live_bars() as bars:
+                yield bars
         else:
             self.say("time, then the angle of each servo")
             last: list[tuple[float, Sequence[Servo]]] = []

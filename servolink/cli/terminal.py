@@ -1,4 +1,4 @@
-"""The terminal: questions, single keys, signals, and how it was before."""
+"""The terminal: questions, single keys, signals, and its state before and after."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import NoReturn
+
+from servolink.cli.output import print_error
 
 _cleanups: list[Callable[[], object]] = []
 
@@ -33,30 +35,30 @@ def end_process(code: int) -> NoReturn:
 
 
 def can_ask() -> bool:
-    """Return whether somebody at a terminal can be asked: standard input and standard error lead there."""
+    """Return whether somebody can be asked: standard input and standard error are a terminal."""
     return bool(sys.stdin and sys.stdin.isatty() and sys.stderr and sys.stderr.isatty())
 
 
 async def confirm(question: str) -> bool:
-    """Ask `question` on standard error and return whether the answer is yes; the end of input (Ctrl-D) is a no.
+    """Ask `question` on standard error and return whether the answer is yes; Ctrl-D is a no.
 
-    Only if `can_ask`. Signals and everything else on the loop go on meanwhile.
+    Call it only if `can_ask()`. The loop and signals keep working meanwhile.
     """
     print(f"{question} [y/N] ", end="", file=sys.stderr, flush=True)
     try:
         answer = await _line()
     except asyncio.CancelledError:
-        print(file=sys.stderr)  # what is said next does not stand behind the question
+        print_error("")  # the next message starts a line
         raise
     if not answer.endswith("\n"):
-        print(file=sys.stderr)
+        print_error("")
     return answer.strip().lower() in ("y", "yes")
 
 
 async def _line() -> str:
     if sys.platform == "win32":
         return await asyncio.to_thread(sys.stdin.readline)
-    # Not in a thread: nothing can interrupt one that reads, and the process would wait for it at its end.
+    # Not in a thread: nothing interrupts its read, and the process waits for the thread before it exits.
     loop, terminal = asyncio.get_running_loop(), sys.stdin.fileno()
     typed = asyncio.Event()
     loop.add_reader(terminal, typed.set)
@@ -65,14 +67,14 @@ async def _line() -> str:
     finally:
         loop.remove_reader(terminal)
     try:
-        return os.read(terminal, 4096).decode(errors="replace")  # a terminal gives a line at a time
+        return os.read(terminal, 4096).decode(errors="replace")  # a terminal returns one line
     except OSError:  # it is gone
         return ""
 
 
 @contextmanager
 def single_keys(typed: Callable[[str], None]) -> Iterator[bool]:
-    """Call `typed` with what is typed, at once and unseen; yield False where there is no keyboard to read from."""
+    """Call `typed` with each key, without echo. Yield False, and call nothing, if there is no keyboard to read."""
     terminal = _own_terminal()
     if sys.platform == "win32" or terminal is None:
         yield False
@@ -107,7 +109,10 @@ def single_keys(typed: Callable[[str], None]) -> Iterator[bool]:
 
 
 def _own_terminal() -> int | None:
-    """Return standard input if it is a terminal with us in front; in the background reading it would stop us."""
+    """Return standard input if it is a terminal with this process in its foreground.
+
+    A background process that reads from a terminal is stopped.
+    """
     if sys.platform == "win32" or sys.stdin is None:
         return None
     try:
@@ -118,7 +123,7 @@ def _own_terminal() -> int | None:
 
 
 ENDING = (signal.SIGINT, signal.SIGTERM) if sys.platform == "win32" else (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Ctrl-C, `kill` and, where there is such a thing, a closed terminal."""
+"""Ctrl-C, `kill` and, except on Windows, a closed terminal."""
 
 
 def not_ignored(numbers: Sequence[signal.Signals] = ENDING) -> list[signal.Signals]:
