@@ -26,7 +26,7 @@ def configure_export(parser: argparse.ArgumentParser) -> None:
 
 
 def run_export(args: argparse.Namespace) -> int:
-    """Read everything and write the file, whole or not at all."""
+    """Read everything from the board and write the file, whole or not at all."""
     _refuse_other_files(args.file)
 
     async def talk(board: Board, interruption: Interruption) -> int:
@@ -71,7 +71,7 @@ def _refuse_other_files(path: Path) -> None:
 
 
 def configure_backups(parser: argparse.ArgumentParser) -> None:
-    """Add nothing: `servolink backups` has no options of its own."""
+    """Add no options."""
     parser.set_defaults(run=run_backups)
 
 
@@ -95,15 +95,15 @@ def run_backups(args: argparse.Namespace) -> int:
         print_table(Table(("number", "made", "board"), rows))
         print_text(f"in {backups[-1].path.parent}; `servolink rollback NUMBER` restores one")
     else:
-        print_text(f"there are no backups in {store.folder}; `servolink apply` makes one before it changes a board")
+        print_text(f"there are no backups in {store.folder}; `servolink apply` saves one before it changes a board")
     return OK
 
 
 def backup_named(name: str) -> Path:
-    """Return the backup with this number, or the file `name`; ProjectError if there is no such number."""
+    """Return the backup with this number, or the file `name`. Raise ProjectError for a number without a backup."""
     if not name.isdecimal() or Path(name).exists():
         return Path(name)
     for backup in BackupStore().backups():
         if str(backup.number) == name.lstrip("0"):
             return backup.path
-    raise ProjectError(f"there is no backup {name}; `servolink backups` lists all there are")
+    raise ProjectError(f"there is no backup {name}; `servolink backups` lists all backups")

@@ -158,7 +158,7 @@ def test_apply_writes_the_project_and_rollback_brings_the_old_one_back(
     for name in (backup["file"], "1", "000001"):
         named = shell("--json", "rollback", "--yes", name)
         assert named.json == {"changed": False, "plan": named.json["plan"]}
-    assert "there is no backup 7; `servolink backups` lists all there are" in shell("rollback", "--yes", "7").err
+    assert "there is no backup 7; `servolink backups` lists all backups" in shell("rollback", "--yes", "7").err
 
 
 def test_apply_does_nothing_unasked(shell: Shell, after: str) -> None:

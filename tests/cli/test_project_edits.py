@@ -65,7 +65,7 @@ class TestNew:
     def test_it_takes_the_place_of_nothing(self, run: Folder) -> None:
         said = run("new", "robot")
         assert (said.code, said.out) == (1, "")
-        assert "robot: is there already; --force replaces it" in said.err
+        assert "robot: exists already; --force replaces it" in said.err
         assert run.load("robot") == HUMANOID
         assert run("new", "robot", "--force").code == 0
         assert len(run.load("robot").servo_parameters) == 16
@@ -106,7 +106,7 @@ class TestOutput:
     def test_what_does_not_change_is_not_written(self, run: Folder) -> None:
         before = (run.path / "robot").stat()
         said = run("rename", "robot", "action", "2", "Nod", "--in-place")
-        assert (said.code, said.out) == (0, f"{run.path / 'robot'}: nothing to change, left as it is\n")
+        assert (said.code, said.out) == (0, f"{run.path / 'robot'}: nothing to change\n")
         after = (run.path / "robot").stat()
         assert (after.st_ino, after.st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
         assert run("rename", "robot", "action", "2", "Nod", "--in-place", "--json").json["written"] is False
@@ -114,7 +114,7 @@ class TestOutput:
     def test_what_no_board_could_store_is_not_written(self, run: Folder) -> None:
         said = run("rename", "robot", "action", "2", "x" * 33, "--in-place")
         assert (said.code, said.out) == (1, "")
-        assert "nothing was written: actions[1]" in said.err
+        assert "a board could not store the result: actions[1]" in said.err
         said = run("rename", "robot", "action", "2", "\x1b[2J", "--in-place")
         assert (said.code, said.out) == (1, "")
         assert "\x1b" not in said.err

@@ -106,7 +106,7 @@ def test_what_moves_nothing(file: str, capsys: pytest.CaptureFixture[str]) -> No
 def test_what_has_no_end_is_cut_off(file: str, capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, "project", "play", file, "Endless")
     assert said.code == 0
-    assert "macro 6 'Endless' takes 600 s, and goes on: this is its beginning" in said.out
+    assert "macro 6 'Endless' takes 600 s; the chart shows only the beginning" in said.out
     assert max(map(len, said.out.splitlines())) <= 100
     assert call(capsys, "project", "play", file, "Endless", "--json").json["is_whole"] is False
 

@@ -11,6 +11,7 @@ import pytest
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, read_project_file, save_project
 from servolink.protocol.record_types import ACTION
+from servolink.protocol.records import Action, Macro, MacroCommand
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.state_file import save_state
 from tests.cli.programs import call
@@ -86,3 +87,10 @@ def test_what_is_exported_can_always_be_planned_and_applied(tmp_path: Path, caps
     assert call(capsys, "apply", file, "--yes", "--url", other).code == 0
     assert call(capsys, "export", file, "--url", other).code == 0
     assert load_project(file).actions[0].action_caption == "\x1b[2J"
+
+
+def test_a_repaired_export_keeps_its_mark(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    odd = Project(actions=(Action(2, "\x07"), Action(1, "b")), macros=(Macro(3, "m", (MacroCommand(1),)),))
+    save_project(tmp_path / "odd", Project(actions=odd.actions, macros=odd.macros), unchecked=True)
+    assert call(capsys, "project", "check", str(tmp_path / "odd"), "--fix").code == 1
+    assert read_project_file(tmp_path / "odd").unchecked

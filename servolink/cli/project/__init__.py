@@ -1,4 +1,4 @@
-"""`servolink project`: projects in files, edited, checked and played without a board."""
+"""`servolink project`: show, check, edit and play projects without a board."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def _command(place: str, text: str, *examples: str) -> Command:
 COMMANDS = {
     "show": _command(
         "show:configure",
-        "show what is in a project, or some of it whole",
+        "show what a project contains",
         "show robot.servolink.json",
         "show robot.servolink.json Bow",
     ),
@@ -31,7 +31,7 @@ COMMANDS = {
     ),
     "play": _command(
         "play:configure",
-        "play an action or a macro on a virtual board, with a chart of its times",
+        "play an action or a macro on a virtual board, with a chart of its movements",
         "play robot.servolink.json Bow --fast",
     ),
     "mirror": _command(
@@ -47,7 +47,7 @@ COMMANDS = {
     ),
     "merge": _command(
         "edit:configure_merge",
-        "put two projects into one",
+        "merge two projects into one",
         "merge robot.servolink.json other.json -o all.json",
     ),
     "rename": _command(

@@ -1,19 +1,18 @@
-"""`servolink project check`: what is wrong with a project."""
+"""`servolink project check` and `preflight`: find the problems of a project, and movements beyond limits."""
 
 from __future__ import annotations
 
 import argparse
 import re
-from pathlib import Path
 
 from servolink.cli.arguments import whole_number
 from servolink.cli.main import FAILED, OK, usage_error
-from servolink.cli.output import print_json, print_text
+from servolink.cli.output import counted, print_json, print_text
 from servolink.cli.project.source import add_source, is_address, with_project
 from servolink.project.fix import fix_project
 from servolink.project.model import Project
 from servolink.project.preflight import preflight
-from servolink.project.project_file import save_project
+from servolink.project.project_file import read_project_file, save_project
 from servolink.project.records import find
 from servolink.project.validate import Diagnostic, validate_project
 from servolink.protocol.record_types import ACTION, MACRO
@@ -27,25 +26,26 @@ def configure_check(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project check`."""
     parser.set_defaults(run=run_check)
     add_source(parser)
-    parser.add_argument("--fix", action="store_true", help="repair in the file what has one right answer")
+    parser.add_argument("--fix", action="store_true", help="repair in the file what has one right solution")
     parser.add_argument("--servos", type=_servo_ids, metavar="N", help="servos of the board: 16, or ids as in 1-8,11")
     parser.add_argument("--speed-cap", type=float, metavar="N", help="degrees per second that no servo may exceed")
     parser.add_argument("--memory", type=whole_number(0, 2**31 - 1), metavar="BYTES", help="memory of the board")
 
 
 def run_check(args: argparse.Namespace) -> int:
-    """Print a line for each problem: 0 if there is none left, else 1."""
+    """Print a line for each problem; return 0 if none is left, else 1."""
     if args.fix and is_address(args.source):
         usage_error(args, "--fix repairs files; `servolink export` writes one from a board")
     if args.speed_cap is not None and not args.speed_cap > 0:
-        usage_error(args, "--speed-cap takes degrees per second above 0")
+        usage_error(args, "--speed-cap must be above 0 degrees per second")
 
     def check(project: Project) -> int:
         fixes: list[str] = []
         if args.fix:
             result, fixes = fix_project(project)
             if fixes:
-                save_project(Path(args.source), result)
+                unchecked = read_project_file(args.source, unchecked=True).unchecked
+                save_project(args.source, result, unchecked=unchecked)
                 project = result
         found = validate_project(
             project,
@@ -72,7 +72,7 @@ def _print(args: argparse.Namespace, found: list[Diagnostic], fixes: list[str]) 
     for one in found:
         repair = " (--fix repairs it)" if one.fixable and not args.fix else ""
         print_text(f"{one.severity}: {one}{repair}", _STYLES[one.severity])
-    print_text(f"{args.source}: {len(found) or 'no'} problem{'' if len(found) == 1 else 's'}")
+    print_text(f"{args.source}: {counted(len(found), 'problem') if found else 'no problems'}")
 
 
 def _servo_ids(text: str) -> frozenset[int]:
@@ -82,7 +82,7 @@ def _servo_ids(text: str) -> frozenset[int]:
         servo_id for part in parts if part for servo_id in range(int(part[1]), int(part[2] or part[1]) + 1)
     )
     if None in parts or not found or max(found) > 0xFE:
-        raise argparse.ArgumentTypeError(f"{text!r} is neither a number of servos nor a list of ids, as in 1-8,11")
+        raise argparse.ArgumentTypeError(f"must be a number of servos, or a list of ids as in 1-8,11, not {text!r}")
     return frozenset(range(1, int(text) + 1)) if text.isascii() and text.isdecimal() else found
 
 
@@ -94,7 +94,7 @@ def configure_preflight(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project preflight`."""
     parser.set_defaults(run=run_preflight)
     add_source(parser)
-    parser.add_argument("record", nargs="?", metavar="NAME", help="only this action or macro, and what it calls")
+    parser.add_argument("record", nargs="?", metavar="NAME", help="only this action or macro, and what it runs")
     parser.add_argument("--speed-cap", type=float, metavar="N", help="degrees per second that no servo may exceed")
     parser.add_argument(
         "--limit", nargs=2, type=float, metavar=("LOW", "HIGH"), help="angles of all servos, in degrees"
@@ -105,21 +105,21 @@ def configure_preflight(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=_servo_limit,
         metavar="SERVO=LOW:HIGH",
-        help="angles of one servo, as in 3=-45:90; may be given again",
+        help="angles of one servo, as in 3=-45:90; may be repeated",
     )
     parser.add_argument(
-        "--from", dest="start", metavar="ACTION", help="the pose that the servos are in before, such as Rest"
+        "--from", dest="start", metavar="ACTION", help="the action whose pose the servos start from, such as Rest"
     )
 
 
 def run_preflight(args: argparse.Namespace) -> int:
-    """Print what is too fast or goes too far: 0 if nothing does, else 1."""
+    """Print the movements that are too fast or go too far; return 0 if there are none, else 1."""
     if args.speed_cap is None and not args.limit and not args.servo_limit:
-        usage_error(args, "give --speed-cap, --limit or --servo-limit: this is what movements are compared with")
+        usage_error(args, "give --speed-cap, --limit or --servo-limit, with which movements are compared")
     if args.speed_cap is not None and not args.speed_cap > 0:
-        usage_error(args, "--speed-cap takes degrees per second above 0")
+        usage_error(args, "--speed-cap must be above 0 degrees per second")
     if args.limit and not args.limit[0] <= args.limit[1]:
-        usage_error(args, "--limit takes the lower angle first, as in --limit -90 90")
+        usage_error(args, "--limit needs the lower angle first, as in --limit -90 90")
     for_all = tuple(args.limit) if args.limit else None
 
     def examine(project: Project) -> int:
@@ -138,7 +138,7 @@ def run_preflight(args: argparse.Namespace) -> int:
         else:
             for one in found:
                 print_text(str(one))
-            print_text(f"{len(found) or 'no'} finding{'' if len(found) == 1 else 's'}")
+            print_text(counted(len(found), "finding") if found else "no findings")
         return FAILED if found else OK
 
     return with_project(args, examine)
@@ -147,5 +147,5 @@ def run_preflight(args: argparse.Namespace) -> int:
 def _servo_limit(text: str) -> tuple[int, tuple[float, float]]:
     found = _SERVO_LIMIT.fullmatch(text)
     if found is None or int(found[1]) > 0xFE or float(found[2]) > float(found[3]):
-        raise argparse.ArgumentTypeError(f"{text!r} is not SERVO=LOW:HIGH, as in 3=-45:90")
+        raise argparse.ArgumentTypeError(f"must be SERVO=LOW:HIGH, as in 3=-45:90, not {text!r}")
     return int(found[1]), (float(found[2]), float(found[3]))

@@ -1,4 +1,4 @@
-"""`servolink project scale-time`, `merge` and `rename`."""
+"""`servolink project new`, `mirror`, `scale-time`, `merge`, `rename` and `schema`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from servolink.cli.arguments import number, whole_number
 from servolink.cli.main import OK, usage_error
-from servolink.cli.output import print_json, print_text
+from servolink.cli.output import counted, print_json, print_text
 from servolink.cli.project.source import add_force, add_output, add_source, with_project, write_edited, write_new
 from servolink.project.adjust import rename_record, rename_servo, scale_project
 from servolink.project.build import build_project
@@ -38,9 +38,11 @@ def configure_scale_time(parser: argparse.ArgumentParser) -> None:
 def configure_merge(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project merge`."""
     parser.set_defaults(run=run_edit, edit=_merged)
-    parser.description = f"{parser.description}\n\nWhere an id means two things, those of OTHER get new ids."
+    parser.description = (
+        f"{parser.description}\n\nIf an id means two different records, the one of OTHER gets a new id."
+    )
     add_source(parser)
-    parser.add_argument("other", type=Path, metavar="OTHER", help="the project file that is added to it")
+    parser.add_argument("other", type=Path, metavar="OTHER", help="the project file to add to it")
     add_output(parser)
 
 
@@ -55,7 +57,7 @@ def configure_rename(parser: argparse.ArgumentParser) -> None:
         "id",
         type=whole_number(-(2**31), 2**31 - 1),
         metavar="ID",
-        help="its id, as `project show` shows it",
+        help="its id, which `project show` prints",
     )
     parser.add_argument("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")
     add_output(parser)
@@ -91,9 +93,9 @@ def _renamed(args: argparse.Namespace, project: Project) -> tuple[Project, list[
 
 
 _PAIR = re.compile(r"([0-9]{1,3})=([0-9]{1,3})", re.ASCII)
-_HOW = """A servo that is built in as the mirror image of another turns the other way round, so each one takes the
-opposite of its partner's angle, unless it is named in --same-sign. Servos without a partner stay as they are. The
-partner of 'left knee' is 'right knee', of 'L knee' 'R knee', of 'l_knee' 'r_knee'; Chinese works too."""
+_HOW = """A servo mounted as the mirror image of another turns the other way, so each servo gets the opposite of its
+partner's angle, unless --same-sign names it. Servos without a partner keep their angle. The partner of 'left knee' is
+'right knee', of 'L knee' 'R knee', of 'l_knee' 'r_knee', of '左膝' '右膝'."""
 
 
 def configure_mirror(parser: argparse.ArgumentParser) -> None:
@@ -101,12 +103,14 @@ def configure_mirror(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run_mirror)
     parser.description = f"{parser.description}\n\n{_HOW}"
     add_source(parser)
-    parser.add_argument("records", nargs="+", metavar="NAME", help="caption or id of an action or a macro, action:3")
     parser.add_argument(
-        "--map", type=_pairs, metavar="1=2,3=4", help="these pairs, not the captions; 5=5 for one that turns about"
+        "records", nargs="+", metavar="NAME", help="actions or macros: captions, ids, or as in action:3"
     )
     parser.add_argument(
-        "--same-sign", type=_servos, default=(), metavar="5,6", help="servos that take their partner's angle as it is"
+        "--map", type=_pairs, metavar="1=2,3=4", help="pairs to use instead of captions; 5=5 gets the opposite angle"
+    )
+    parser.add_argument(
+        "--same-sign", type=_servos, default=(), metavar="5,6", help="servos that take their partner's angle unchanged"
     )
     add_output(parser)
 
@@ -128,16 +132,16 @@ def _mirror(args: argparse.Namespace, project: Project) -> int:
         usage_error(args, f"servo {strangers[0]} of --same-sign has no partner")
     result, changes = mirror_project(project, records, mirror)
     pairs = sorted((one, other) for one, other in mirror.partners.items() if one <= other)
-    said = [f"pairs: {', '.join(f'{one}={other}' for one, other in pairs)}", *changes]
-    return write_edited(args, project, result, said, pairs=pairs)
+    lines = [f"pairs: {', '.join(f'{one}={other}' for one, other in pairs)}", *changes]
+    return write_edited(args, project, result, lines, pairs=pairs)
 
 
 def _pairs(text: str) -> dict[int, int]:
-    """Read pairs, and return them in both directions."""
+    """Return the pairs in a text such as `1=2,3=4`, in both directions."""
     partners: dict[int, int] = {}
     for part in text.split(","):
         if (found := _PAIR.fullmatch(part.strip())) is None or max(map(int, found.groups())) > 0xFE:
-            raise argparse.ArgumentTypeError(f"{part!r} is no pair of servos 0 to 254, as in 1=2")
+            raise argparse.ArgumentTypeError(f"must be pairs of servos from 0 to 254, as in 1=2,3=4, not {part!r}")
         one, other = map(int, found.groups())
         for servo_id, partner in ((one, other), (other, one)):
             if partners.setdefault(servo_id, partner) != partner:
@@ -148,7 +152,7 @@ def _pairs(text: str) -> dict[int, int]:
 def _servos(text: str) -> tuple[int, ...]:
     parts = [part.strip() for part in text.split(",")]
     if not all(part.isascii() and part.isdecimal() and int(part) <= 0xFE for part in parts):
-        raise argparse.ArgumentTypeError(f"{text!r} is no list of servos 0 to 254, as in 5,6")
+        raise argparse.ArgumentTypeError(f"must be servos from 0 to 254, as in 5,6, not {text!r}")
     return tuple(map(int, parts))
 
 
@@ -165,7 +169,7 @@ def configure_new(parser: argparse.ArgumentParser) -> None:
 
 
 def run_new(args: argparse.Namespace) -> int:
-    """Write a project with a caption for each servo and a pose with all of them at 0 degrees."""
+    """Write a project with a caption for each servo, and a pose with all servos at 0 degrees."""
     servo_ids = range(1, args.servos + 1)
     rest = Action.pose("Rest", dict.fromkeys(servo_ids, 0), seconds=1.0)
     project = build_project(rest, captions={servo_id: f"servo {servo_id}" for servo_id in servo_ids})
@@ -173,13 +177,13 @@ def run_new(args: argparse.Namespace) -> int:
     if args.json:
         print_json({"file": str(args.file), "servos": args.servos, "actions": len(project.actions)})
     else:
-        print_text(f"{args.file}: written, with {args.servos} servos and action 1 'Rest'")
+        print_text(f"{args.file}: written, with {counted(args.servos, 'servo')} and action 1 'Rest'")
     return OK
 
 
 def _count(text: str) -> int:
     if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= _MOST_SERVOS):
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of servos, 1 to {_MOST_SERVOS}")
+        raise argparse.ArgumentTypeError(f"must be a number of servos from 1 to {_MOST_SERVOS}, not {text!r}")
     return int(text)
 
 

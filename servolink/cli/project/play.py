@@ -1,4 +1,4 @@
-"""`servolink project play`: an action or a macro on a virtual board, with a chart of its times."""
+"""`servolink project play`: play an action or a macro on a virtual board, with a chart of its movements."""
 
 from __future__ import annotations
 
@@ -21,19 +21,21 @@ from servolink.virtual.dry_run import DryRun, Move, Timeline
 if TYPE_CHECKING:
     from servolink.client.servos import Servo
 
-_PAUSE = 0.04  # seconds between two pictures
+_PAUSE = 0.04  # seconds between two drawings
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project play`."""
     parser.set_defaults(run=run)
     add_source(parser)
-    parser.add_argument("record", metavar="NAME", help="an action or a macro: caption or id, or as in macro:3")
-    parser.add_argument("--fast", action="store_true", help="only the chart: do not take the time that a robot would")
+    parser.add_argument("record", metavar="NAME", help="an action or a macro: caption, id, or as in macro:3")
+    parser.add_argument(
+        "--fast", action="store_true", help="print the chart at once, without the bars that move in real time"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Play it; all servos begin at 0 degrees."""
+    """Play the record; all servos start at 0 degrees."""
     if is_address(args.source) and not args.source.startswith("virtual:"):
         usage_error(args, "play moves a virtual board only; export the project first, and play the file")
     with_bars = is_terminal() and not args.json and not args.fast
@@ -43,14 +45,14 @@ def run(args: argparse.Namespace) -> int:
 def _play(args: argparse.Namespace, project: Project, *, with_bars: bool) -> int:
     record = find(project, args.record, (ACTION, MACRO))
     try:
-        timeline = _rehearsal(project).play(record)
+        timeline = _dry_run(project).play(record)
     except ProjectError as error:
-        raise ProjectError(f"{name_of(record)}: {error}; `servolink project check` says more") from error
+        raise ProjectError(f"{name_of(record)}: {error}; `servolink project check` explains it") from error
     if with_bars:
         from servolink.cli.session import run_interruptible
 
         ended = run_interruptible(
-            lambda interruption: _show(_rehearsal(project), record, timeline), "only a virtual board was moved"
+            lambda interruption: _show(_dry_run(project), record, timeline), "only a virtual board was moved"
         )
         if ended != OK:
             return ended
@@ -61,29 +63,29 @@ def _play(args: argparse.Namespace, project: Project, *, with_bars: bool) -> int
     return OK
 
 
-def _rehearsal(project: Project) -> DryRun:
-    by_type(project)  # ids that are used twice play one of two
+def _dry_run(project: Project) -> DryRun:
+    by_type(project)  # refuses an id that is used twice: the board would play one of the two
     servo_ids = {step.servo_id for action in project.actions for step in action.steps}
     servo_ids |= {one.servo_id for one in project.servo_parameters}
     return DryRun(project.actions, project.macros, sorted(servo_ids))
 
 
-async def _show(rehearsal: DryRun, record: Action | Macro, timeline: Timeline) -> int:
-    """Draw the servos on their way, in the time that it takes."""
+async def _show(dry_run: DryRun, record: Action | Macro, timeline: Timeline) -> int:
+    """Draw the servos as they move, in real time."""
     import asyncio
 
     from servolink.cli.live import live_bars
 
     loop = asyncio.get_running_loop()
     moved = {move.servo_id for move in timeline.moves}
-    rehearsal.begin(record)
+    dry_run.begin(record)
     start, elapsed = loop.time(), 0.0
     with live_bars(moved) as draw:
         while elapsed < timeline.seconds:
             await asyncio.sleep(_PAUSE)
             elapsed = min(loop.time() - start, timeline.seconds)
-            rehearsal.hardware.advance(elapsed)
-            states = [servo.state() for servo in rehearsal.hardware.servos.values()]
+            dry_run.hardware.advance(elapsed)
+            states = [servo.state() for servo in dry_run.hardware.servos.values()]
             draw(elapsed, [_servo(state) for state in states])
     return OK
 
@@ -97,7 +99,7 @@ def _servo(state: ServoState) -> Servo:
 
 def _print(project: Project, record: Action | Macro, timeline: Timeline) -> None:
     captions = {servo_id: one.servo_caption for servo_id, one in by_servo(project).items()}
-    whole = "" if timeline.is_whole else ", and goes on: this is its beginning"
+    whole = "" if timeline.is_whole else "; the chart shows only the beginning"
     print_text(f"{name_of(record)} takes {timeline.seconds:g} s{whole}", "bold")
     if not timeline.moves:
         print_text("no servo moves")
@@ -138,14 +140,14 @@ def _described(record: Action | Macro, timeline: Timeline) -> dict[str, Any]:
 
 _NARROWEST, _WIDEST = 20, 1000
 _BETWEEN_TICKS = 8
-"""Columns that two labels of the axis have at least."""
+"""The least columns between two labels of the axis."""
 _STEPS = (1, 2, 5)
 
 
 def chart(timeline: Timeline, captions: Mapping[int, str], width: int) -> list[str]:
-    """Return the lines of a chart `width` columns wide, within reason: that of a pipe is what COLUMNS says.
+    """Return the lines of a chart about `width` columns wide.
 
-    `[60===]` is a movement to 60 degrees, `[60==>` one that the next or the end cuts short, `|` one too short to draw.
+    `[60===]` is a movement to 60 degrees, `[60==>` one cut short by the next or by the end, `|` one too short to draw.
     """
     moved = sorted({move.servo_id for move in timeline.moves})
     rows = {servo_id: (servo_id, captions.get(servo_id, "")) for servo_id in moved}

@@ -1,4 +1,4 @@
-"""Where a project comes from: a file, or a board."""
+"""Read the project of a command from a file or a board, and write what the command made of it."""
 
 from __future__ import annotations
 
@@ -10,29 +10,28 @@ from typing import Any
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import print_json, print_text
 from servolink.errors import ProjectError
-from servolink.escaping import escape
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, save_project
 from servolink.project.validate import validate_project
 
 
 def add_source(parser: argparse.ArgumentParser) -> None:
-    """Add the argument."""
+    """Add the argument FILE."""
     parser.add_argument("source", metavar="FILE", help="a project file, or the address of a board, which is only read")
 
 
 def is_address(source: str) -> bool:
-    """Tell whether `source` is the address of a board."""
+    """Return whether `source` is the address of a board."""
     return "://" in source
 
 
 def with_project(args: argparse.Namespace, then: Callable[[Project], int]) -> int:
-    """Read the project of `args.source` and return what `then` makes of it; a board is left as it is."""
+    """Read the project of `args.source` and return the exit code of `then`. A board is only read."""
     if not is_address(args.source):
         return then(load_project(Path(args.source), unchecked=True))
 
     if getattr(args, "in_place", False):
-        usage_error(args, "--in-place is for files; write into one with -o, and `servolink apply` writes it to a board")
+        usage_error(args, "--in-place is for files; write a file with -o, and `servolink apply` writes it to a board")
 
     from servolink.cli.live import shown_progress
     from servolink.cli.session import Interruption, run_with_board
@@ -51,22 +50,22 @@ def with_project(args: argparse.Namespace, then: Callable[[Project], int]) -> in
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:
-    """Add the options."""
+    """Add the options that say where to write the result."""
     where = parser.add_mutually_exclusive_group(required=True)
-    where.add_argument("-o", "--output", type=Path, metavar="OUT", help="write the result into this file")
-    where.add_argument("--in-place", action="store_true", help="write the result into FILE itself")
+    where.add_argument("-o", "--output", type=Path, metavar="OUT", help="write the result to this file")
+    where.add_argument("--in-place", action="store_true", help="write the result to FILE itself")
     add_force(parser)
 
 
 def add_force(parser: argparse.ArgumentParser) -> None:
-    """Add the option that lets files be replaced."""
-    parser.add_argument("--force", action="store_true", help="replace a file that is there already")
+    """Add the option that allows replacing files."""
+    parser.add_argument("--force", action="store_true", help="replace an existing file")
 
 
 def write_edited(args: argparse.Namespace, before: Project, after: Project, changes: list[str], **more: Any) -> int:
-    """Write `after` where `args` says, whole or not at all, and print what was changed.
+    """Write `after` where `args` says, whole or not at all, and print the changes.
 
-    ProjectError if a board could not store it; nothing is written then.
+    Raise ProjectError, and write nothing, if a board could not store it.
     """
     target: Path = Path(args.source) if args.in_place else args.output
     is_new = not args.in_place or after != before
@@ -77,19 +76,19 @@ def write_edited(args: argparse.Namespace, before: Project, after: Project, chan
         return OK
     for change in changes:
         print_text(change)
-    print_text(f"{target}: {'written' if is_new else 'nothing to change, left as it is'}")
+    print_text(f"{target}: {'written' if is_new else 'nothing to change'}")
     return OK
 
 
 def write_new(args: argparse.Namespace, target: Path, project: Project) -> None:
-    """Write `project` to a file that is not there yet, or that `args` let it replace.
+    """Write `project` to a file that does not exist yet, or that `args` allows to replace.
 
-    ProjectError if no board could store it, with captions in the encoding of `args`.
+    Raise ProjectError if no board could store it, with captions in the encoding of `args`.
     """
     found = validate_project(project, caption_encoding=args.caption_encoding)
     if errors := [str(problem) for problem in found if problem.severity == "error"]:
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-        raise ProjectError(f"the result would be no valid project, and nothing was written: {errors[0]}{more}")
+        raise ProjectError(f"nothing was written, because a board could not store the result: {errors[0]}{more}")
     if target.exists() and not (args.force or getattr(args, "in_place", False)):
-        raise ProjectError(f"{escape(str(target))}: is there already; --force replaces it")
+        raise ProjectError(f"{target}: exists already; --force replaces it")
     save_project(target, project)
