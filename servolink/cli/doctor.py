@@ -28,16 +28,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "board",
         nargs="?",
         type=not_empty,
-        metavar="URL",
-        help="the board, by address or name (the only one here)",
+        metavar="BOARD",
+        help="address or name of the board (the only one here)",
     )
     parser.add_argument(
-        "--print-udev", action="store_true", help="print the rules that let you use the board under Linux, and end"
+        "--print-udev", action="store_true", help="print udev rules that allow you to use the board on Linux, and exit"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Examine and report, or print the rules."""
+    """Examine the board and this computer and report, or print udev rules."""
     facts = SystemFacts()
     board = args.board or args.url
     if args.print_udev:
@@ -56,12 +56,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _devices(facts: SystemFacts, board: str | None) -> list[UsbDevice]:
-    """Return the USB devices that the rules are for; OpenError if there are none."""
+    """Return the USB devices to write rules for. Raise OpenError if there are none."""
     urls = [asyncio.run(resolve_url(board))] if board else [candidate.url for candidate in search()]
     found = [device for url in urls if (device := usb_device(facts, url) or named_usb_device(url)) is not None]
     if not found:
         raise OpenError(
-            "there is no board on USB for which rules could be written; plug it in, or name it: "
+            "no board was found on USB to write rules for; plug it in, or name it: "
             "servolink doctor --print-udev usb://VID:PID"
         )
     return found

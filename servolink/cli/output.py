@@ -13,6 +13,8 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import zip_longest
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 from servolink.escaping import escape
@@ -137,10 +139,23 @@ def show_table(table: Table, terminal: Console) -> None:
     if Measurement.get(terminal, anywhere, displayed).maximum <= terminal.width:
         terminal.print(displayed)
     else:
-        terminal.out("\n".join(plain_lines(table)), highlight=False)
+        terminal.out("\n".join(plain_lines(_wrapped(table, terminal.width))), highlight=False)
 
 
 _UNBOUNDED = 10**6
+_LEAST = 20  # columns for the value of a fact
+
+
+def _wrapped(table: Table, width: int) -> Table:
+    """Return `table` with the values of facts wrapped between words, for a terminal that would wrap inside words."""
+    if table.columns or not table.rows:
+        return table
+    room = max(_LEAST, width - max(text_width(str(name)) for name, _ in table.rows) - 2)
+    rows: list[tuple[str, str]] = []
+    for name, value in map(_cells, table.rows):
+        lines = wrap(value, room, break_long_words=False, break_on_hyphens=False)
+        rows += zip_longest((name,), lines or ("",), fillvalue="")
+    return Table((), rows, table.title)
 
 
 def _rich_table(table: Table) -> RichTable:

@@ -54,6 +54,19 @@ def test_no_value_is_cut_off_on_a_narrow_terminal(table: Table, width: int) -> N
         assert any(all(str(cell) in line.split() for cell in row) for line in lines)
 
 
+def test_long_facts_are_wrapped_between_words() -> None:
+    said = io.StringIO()
+    table = Table(
+        (), [("meaning", "the board is held by another program, which keeps it open"), ("remedy", "close it")]
+    )
+    show_table(table, Console(file=said, width=40, force_terminal=True, color_system=None))
+    assert said.getvalue().splitlines() == [
+        "meaning  the board is held by another",
+        "         program, which keeps it open",
+        "remedy   close it",
+    ]
+
+
 @pytest.mark.parametrize("width", [21, 22, 40, 100])
 @pytest.mark.parametrize("angle", [Degrees(-120), Adc(4095)])
 def test_no_angle_is_cut_off_beside_a_bar(angle: Angle, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
