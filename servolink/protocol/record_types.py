@@ -83,8 +83,8 @@ class RecordType(StoredType[T]):
 
     def query(self, record_id: int) -> Query[Any]:
         """Return the request for a record."""
-        make: Callable[[int], Query[Any]] = self.query_class
-        return make(record_id)
+        (field,) = self.query_class.__struct_fields__
+        return self.query_class(**{field: record_id})
 
     def add(self, record: T) -> Request[Result]:
         """Return the request that stores `record`."""
@@ -92,8 +92,8 @@ class RecordType(StoredType[T]):
 
     def delete(self, record_id: int) -> Request[Result]:
         """Return the request that deletes a record."""
-        make: Callable[[int], Request[Result]] = self.delete_class
-        return make(record_id)
+        (field,) = self.delete_class.__struct_fields__
+        return self.delete_class(**{field: record_id})
 
     def entries_in(self, response: Response) -> tuple[Any, ...]:
         """Return the entries (id and caption) in the response to `list_request`."""

@@ -16,7 +16,7 @@ from servolink.protocol.frame import HEADER_SIZE
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from servolink.virtual.player import Player
-from servolink.virtual.storage import AnyType, Storage
+from servolink.virtual.storage import Storage
 
 FAST = Action(1, "fast", (Step(1, 90, 50), Step(2, 90, 100)))  # 1 s
 
@@ -24,10 +24,10 @@ FAST = Action(1, "fast", (Step(1, 90, 50), Step(2, 90, 100)))  # 1 s
 def played(project: Project, macro_id: int) -> float:
     """Return how many seconds a board plays a macro."""
     codec, storage = Codec(), Storage(1_000_000)
-    shelves: tuple[tuple[RecordType[Any], AnyType], ...] = ((ACTION, ACTION), (MACRO, MACRO))
-    for kind, shelf in shelves:
+    kinds: list[RecordType[Any]] = [ACTION, MACRO]
+    for kind in kinds:
         for record_id, record in kind.by_id(project).items():
-            storage.put(shelf, {record_id: codec.encode(kind.add(record))[HEADER_SIZE:-1]})
+            storage.put(kind, {record_id: codec.encode(kind.add(record))[HEADER_SIZE:-1]})
     player = Player({}, storage, codec)
     assert player.run_macro(macro_id, 0.0)
     now = 0.0
