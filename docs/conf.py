@@ -30,7 +30,10 @@ myst_heading_anchors = 3
 
 nitpicky = True
 nitpick_ignore_regex = [
-    ("py:.*", r"(asyncio|collections|os|pathlib|types)\..*"),  # Python's own documentation is not at hand during a build
+    (
+        "py:.*",
+        r"(asyncio|collections|os|pathlib|types)\..*",
+    ),  # Python's own documentation is not at hand during a build
     ("py:.*", r".*\.R(_co)?"),  # type variables
     ("py:.*", r"servolink\.virtual\..*"),  # how the virtual board keeps what is stored
 ]
