@@ -16,7 +16,7 @@ _PERHAPS_HIDDEN = re.compile(r"[^\n -~]")
 
 
 def read_json(text: str | bytes) -> Any:
-    """Return the value of a JSON text. Raise ValueError saying what is wrong and where.
+    """Return the value of a JSON text. Raise ValueError with place and reason.
 
     Stricter than `json`: no name twice in an object, no NaN or infinity.
     """

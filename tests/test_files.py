@@ -19,7 +19,7 @@ POSIX = pytest.mark.skipif(sys.platform == "win32", reason="permissions and link
 
 
 def failing(error: int) -> Any:
-    """Return what fails whatever it is asked to do."""
+    """Return a function that fails with this error."""
 
     def fail(*_: object, **__: object) -> None:
         raise OSError(error, os.strerror(error))

@@ -123,7 +123,7 @@ def _is_simple(text: str, encoding: str) -> bool:
 
 
 def _raw_caption(text: str, encoding: str, *, from_us: bool) -> tuple[bytes, str]:
-    """Return the bytes of `text` and what is wrong with it, empty if nothing is wrong."""
+    """Return the bytes of `text` and why they cannot be written, empty if they can."""
     if from_us and any(_is_control(character) for character in text):
         return b"", "holds control characters; captions are plain text"
     try:

@@ -1,4 +1,4 @@
-"""Where and why a value does not have the form that JSON must have, in the words of its author."""
+"""Errors in JSON values: path and reason, in the words of the author of the JSON."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _structs(info: Any) -> tuple[Any, ...]:
 
 
 def _reason(info: Any, value: Any) -> str:
-    """Return what is wrong with `value` itself, whatever it contains; empty if nothing is."""
+    """Return why `value` itself is wrong, whatever it contains; empty if it is right."""
     info = _bare(info)
     if isinstance(info, inspect.IntType):
         return _wrong_integer(info, value)

@@ -69,7 +69,7 @@ class Value:
         return not self.is_caption and (self.low, self.high) != wire_range(self.code)
 
     def fault(self, value: object) -> str:
-        """Return what is wrong with `value`, to follow the name of the field; empty if it fits."""
+        """Return why `value` does not fit, in words that follow the name of the field; empty if it fits."""
         try:
             fits = self.low <= index(value) <= self.high  # type: ignore[arg-type]
         except TypeError:

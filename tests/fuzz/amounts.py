@@ -1,4 +1,4 @@
-"""How much is tried: more on a build server than by whoever waits for the tests."""
+"""How many inputs are tried: more on a build server than on a developer's machine."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from hypothesis import HealthCheck, settings
 
 MANY = 10 if os.environ.get("CI") else 1
 MUTATIONS = 200 * MANY
-"""Mutated inputs of a target with a share of 1."""
+"""The number of mutated inputs for a target with a share of 1."""
 
 
 def examples(count: int) -> settings:
-    """Return settings with so many examples for one who waits."""
+    """Return settings with `count` examples on a developer's machine, and more on a build server."""
     return settings(max_examples=count * MANY, suppress_health_check=[HealthCheck.function_scoped_fixture])

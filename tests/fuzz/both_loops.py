@@ -1,4 +1,4 @@
-"""What must hold for the compiled loops: they do with any bytes what those in Python do."""
+"""The compiled loops do the same as Python's with any bytes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ENCODINGS = ("utf-8", "latin-1", "big5", "utf-16-le")
 
 
 def compare(data: bytes) -> None:
-    """Parse a stream, and decode what the first bytes say, with both; nothing where nothing can be compiled."""
+    """Parse a stream and decode a content with both loops; do nothing where none can be compiled."""
     if len(data) < 3 or (module := _module()) is None:
         return
     order, encoding = _ORDERS[data[0] & 1], _ENCODINGS[data[0] >> 1 & 3]
@@ -60,7 +60,7 @@ def _module() -> ModuleType | None:
 
 @cache
 def _layouts(packet_id: int, order: ByteOrder) -> tuple[Layout, Layout]:
-    """Return the layout of a packet in Python, and with the compiled loop."""
+    """Return the layout of a packet with Python's loop and with the compiled one."""
     layouts = []
     for module in (None, _module()):
         with _using(module):
@@ -70,7 +70,7 @@ def _layouts(packet_id: int, order: ByteOrder) -> tuple[Layout, Layout]:
 
 @contextmanager
 def _using(module: ModuleType | None) -> Iterator[None]:
-    """Let parsers, and layouts that are made now, use these loops; those that are made already stay as they are."""
+    """Make parsers and new layouts use these loops; layouts made before keep theirs."""
     before = compiled.collect, compiled.read_rows
     compiled.collect = None if module is None else module.collect
     compiled.read_rows = None if module is None else module.read_rows

@@ -1,4 +1,4 @@
-"""What must hold at both ends of a line, whatever comes: the client's and the virtual board's."""
+"""Both ends of a line, the client and the virtual board, withstand any bytes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from tests.hostile.lying_board import LATENCY, LyingBoard, Speech
 from tests.virtual_time import VirtualTimeLoop
 
 _PATIENCE = 120.0
-"""Seconds of virtual time after which a call hangs: an export reads much, and may read each of it eight times."""
+"""Seconds of virtual time after which a call counts as hung: an export can read each of many records eight times."""
 _LARGEST_FRAME = 65_544
 _MEMORY = 300
 _MOST_SAID = 200_000
@@ -57,11 +57,11 @@ _REQUESTS: tuple[Request[Any], ...] = (
     SubscribeButtonEventRequest(1),
     TransmissionModeSettingRequest(1),
 )
-"""Of each sort of lane and answer; zeros are what a fuzzer finds first, so they are asked for."""
+"""One request for each kind of lane and response. Fuzzers find zeros first, so zeros mean something here."""
 
 
 def talk(data: bytes) -> None:
-    """Make some calls, at once or one after the other, to a board that says what the recipe says."""
+    """Make some calls, concurrent or in sequence, to a board that sends what the recipe says."""
     cursor = Cursor(data)
     options = cursor.byte()
     chosen = [_calls()[cursor.byte() % len(_calls())] for _ in range(1 + options % 4)]
@@ -95,7 +95,7 @@ async def _call(client: Board, call: Call) -> Any:
 
 
 def _said(cursor: Cursor, packet: Packet, answer: bytes) -> Speech:
-    """Return what comes back; nothing but the truth when the recipe has ended."""
+    """Return the bytes that come back; true ones once the recipe has ended."""
     kind = cursor.byte() if cursor.left else 0
     if kind < 64:
         return [(LATENCY, answer)]
@@ -120,7 +120,7 @@ def _frame(cursor: Cursor, packet_id: int) -> bytes:
 
 
 def answer(data: bytes) -> None:
-    """Make requests at once, and bring frames and bytes that answer them, or do not."""
+    """Make concurrent requests, and deliver frames and bytes, which may be responses to them."""
     _loop().run_until_complete(_answer(Cursor(data)))
 
 
@@ -162,7 +162,7 @@ def _piece(cursor: Cursor, requests: list[Request[Any]]) -> bytes:
 
 
 class _Wire:
-    """A transport to nobody."""
+    """A transport without another end."""
 
     url = "nobody://"
 
@@ -178,7 +178,7 @@ class _Wire:
 
 
 def command(data: bytes) -> None:
-    """Say anything to a virtual board, at any time."""
+    """Send anything to a virtual board at any time."""
     if len(data) < 2:
         return
     cursor = Cursor(data)
@@ -237,7 +237,7 @@ def _loop() -> VirtualTimeLoop:
 
 
 class _NoSelector(selectors.DefaultSelector):
-    """Lets time jump and asks the system nothing: there is nothing that could be read."""
+    """Jumps in time without asking the system: there is nothing to read."""
 
     def __init__(self, loop: VirtualTimeLoop) -> None:
         super().__init__()

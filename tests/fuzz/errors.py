@@ -1,4 +1,4 @@
-"""What every error must be: a text that can be shown as it is, and is not long."""
+"""Every error has a short text that is safe to print."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ _LONGEST = 2000
 
 
 def check(error: Exception) -> None:
-    """Fail unless `error` can be shown, and printed by a debugger or a log."""
+    """Fail unless `error` is safe to print, also by a debugger or a log."""
     for text in (str(error), repr(error)):
         assert escape(text) == text, ascii(text)
     assert 0 < len(str(error)) <= _LONGEST
 
 
 def check_kept(error: DecodeError, data: bytes) -> None:
-    """Fail also unless it keeps the bytes that it is about."""
+    """Fail also unless `error` keeps the bytes it is about."""
     check(error)
     assert error.data == data

@@ -1,4 +1,4 @@
-"""Plain mutation: seeds changed at random, without looking at what the program does with them."""
+"""Plain mutation: seeds changed at random, without feedback from the program."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _TOKENS = (
     b"=",
     b"://",
 )
-"""What random bytes hardly ever hit."""
+"""Byte sequences that random bytes hardly ever hit."""
 
 
 class Mutations:
-    """An endless source of inputs, the same for the same seed."""
+    """An endless source of inputs, reproducible by its seed."""
 
     def __init__(self, seeds: tuple[bytes, ...], longest: int, seed: int) -> None:
-        """Change `seeds`, and give nothing longer than `longest`."""
+        """Mutate `seeds` into inputs of at most `longest` bytes."""
         self._seeds = seeds
         self._longest = longest
         self._random = Random(seed)

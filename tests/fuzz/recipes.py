@@ -25,7 +25,7 @@ _MOST_RECORDS = 24
 
 
 class Cursor:
-    """Takes a recipe apart; past its end there are zeros."""
+    """Reads a recipe; past its end it reads zeros."""
 
     def __init__(self, recipe: bytes, at: int = 0) -> None:
         self._recipe = recipe
@@ -33,17 +33,17 @@ class Cursor:
 
     @property
     def left(self) -> int:
-        """How many bytes have not been taken."""
+        """The number of bytes not read yet."""
         return max(0, len(self._recipe) - self._at)
 
     def byte(self) -> int:
-        """Take one byte."""
+        """Read one byte."""
         at = self._at
         self._at += 1
         return self._recipe[at] if at < len(self._recipe) else 0
 
     def take(self, size: int) -> bytes:
-        """Take `size` bytes."""
+        """Read `size` bytes."""
         at = self._at
         self._at += size
         return self._recipe[at : self._at].ljust(size, b"\0")
@@ -51,24 +51,24 @@ class Cursor:
 
 @dataclass
 class Made:
-    """What a recipe makes."""
+    """The stream made by a recipe."""
 
     pieces: list[bytes] = field(default_factory=list)
     frames: list[Frame] = field(default_factory=list)
-    """The intact frames, in their order."""
+    """The intact frames in order."""
     clean: bool = True
-    """There is nothing but intact frames."""
+    """Whether the stream has only intact frames."""
     apart: bool = True
-    """Nothing between the intact frames can be the beginning of another."""
+    """Whether nothing between the intact frames can be the beginning of another."""
 
     @property
     def stream(self) -> bytes:
-        """All of it."""
+        """All the bytes."""
         return b"".join(self.pieces)
 
 
 def made(cursor: Cursor, byte_order: ByteOrder) -> Made:
-    """Return the stream that a recipe says."""
+    """Return the stream that a recipe describes."""
     result = Made()
     while cursor.left:
         _add_piece(result, cursor, byte_order)
@@ -76,7 +76,7 @@ def made(cursor: Cursor, byte_order: ByteOrder) -> Made:
 
 
 def content_for(cursor: Cursor, packet_id: int, byte_order: ByteOrder) -> bytes:
-    """Take a content that obeys the length rule of its packet, mostly with a count that is right."""
+    """Read a content that obeys the length rule of its packet, mostly with the right count."""
     rule, count_size = shape(packet_id, byte_order)
     how = cursor.byte()
     records = min(how % 64 % (_MOST_RECORDS + 1), rule.limit) if rule.unit else 0
@@ -125,7 +125,7 @@ def _no_frame(kind: int, result: Made, cursor: Cursor, byte_order: ByteOrder) ->
 
 @cache
 def shape(packet_id: int, byte_order: ByteOrder) -> tuple[LengthRule, int]:
-    """Return the length rule of a packet, and how many bytes its count takes at the end of what is fixed."""
+    """Return the length rule of a packet, and the size of its count at the end of the fixed part."""
     declared = PACKETS[packet_id]
     names = declared.__struct_fields__
     group = counted(get_type_hints(declared, include_extras=True)[names[-1]]) if names else None

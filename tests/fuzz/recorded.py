@@ -1,4 +1,4 @@
-"""Inputs for which something did not hold; what was wrong is fixed, and must stay so."""
+"""Inputs that once failed; each fault is fixed and must stay fixed."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 
 class Recorded(NamedTuple):
-    """One finding."""
+    """An input that failed."""
 
     target: str
-    """Its name in `targets.TARGETS`."""
+    """The name of the target in `targets.TARGETS`."""
     data: bytes
     wrong: str
 

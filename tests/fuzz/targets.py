@@ -1,4 +1,4 @@
-"""All that is fed with random and mutated bytes, with what a fuzzer begins with."""
+"""All functions that are fed with random and mutated bytes, with the seeds for a fuzzer."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from tests.protocol.declared import VECTORS
 
 @dataclass(frozen=True)
 class Target:
-    """One function that takes any bytes, and raises if something does not hold."""
+    """A function that takes any bytes and raises if a property does not hold."""
 
     run: Callable[[bytes], None]
     what: str
     seeds: Callable[[], list[bytes]]
     share: int = 1
-    """Of the time."""
+    """Share of the time."""
     longest: int = 160
-    """Bytes of the longest input."""
+    """The length of the longest input in bytes."""
 
 
 def _streams() -> list[bytes]:
@@ -89,5 +89,5 @@ TARGETS: dict[str, Target] = {
 
 @cache
 def seeds(name: str) -> tuple[bytes, ...]:
-    """Return what a fuzzer begins with."""
+    """Return the seeds for a fuzzer."""
     return tuple(seed[: TARGETS[name].longest] for seed in TARGETS[name].seeds())

@@ -1,4 +1,4 @@
-"""The long runs count what they run, go on where the last one ended, and tell what they find."""
+"""Long runs count their inputs, continue where the last run ended, and report their findings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files with anything in them: each is read, or refused by one error that can be shown."""
+"""Files with any content are read, or refused by one error that is safe to print."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _FRAMES = [
 
 @st.composite
 def spoilt(draw: st.DrawFn, whole: Any) -> Any:
-    """Draw `whole` with anything in one place of it."""
+    """Draw `whole` with anything in one place."""
     if not isinstance(whole, (dict, list)) or not whole or draw(st.integers(0, 3)) == 0:
         return draw(_anything)
     key = draw(st.sampled_from(sorted(whole) if isinstance(whole, dict) else range(len(whole))))
@@ -46,7 +46,7 @@ def spoilt(draw: st.DrawFn, whole: Any) -> Any:
 
 
 def files(whole: Any, written: Callable[[Any], bytes]) -> st.SearchStrategy[bytes]:
-    """Draw the bytes of a file that says `whole`, or nearly so, or anything."""
+    """Draw the bytes of a file with `whole`, with nearly that, or with anything."""
     return st.binary(max_size=200) | spoilt(whole).map(written) | st.just(written(whole))
 
 

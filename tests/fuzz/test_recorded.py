@@ -1,4 +1,4 @@
-"""What a fuzzer once found stays fixed."""
+"""Faults that a fuzzer once found stay fixed."""
 
 from __future__ import annotations
 

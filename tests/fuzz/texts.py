@@ -1,4 +1,4 @@
-"""What must hold for what people and files say: addresses, faults, scripts, projects, recordings, saved boards."""
+"""Text from people and files withstands anything: addresses, faults, scripts, projects, recordings, saved boards."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _KNOWN = {"serial", "tcp", "hid", "usb", "memory", "replay", "virtual"}
 
 
 def address(data: bytes) -> None:
-    """Take the text behind one of the beginnings for an address, and make its transport; nothing is opened."""
+    """Read the text as an address, and make its transport without opening it."""
     if not data:
         return
     url = STARTS[data[0] % len(STARTS)] + data[1:].decode("utf-8", "surrogateescape")
@@ -55,7 +55,7 @@ def address(data: bytes) -> None:
 
 
 def faults(data: bytes) -> None:
-    """Take the text for faults of a line, and for a place to listen at."""
+    """Read the text as faults of a line, and as an address to listen on."""
     text = data.decode("utf-8", "surrogateescape")
     try:
         line = LineFaults(Faults.parse(text), seed=1)
@@ -72,7 +72,7 @@ def faults(data: bytes) -> None:
 
 
 def script(data: bytes) -> None:
-    """Take the text for a script of button presses."""
+    """Read the text as a script of button presses."""
     try:
         deeds = parse_script(data.decode("utf-8", "replace"))
     except ValueError as error:
@@ -83,7 +83,7 @@ def script(data: bytes) -> None:
 
 
 def project(data: bytes) -> None:
-    """Take the bytes for a project file; what is read is written so that it is read the same."""
+    """Read the bytes as a project file; what was read survives being written and read again."""
     for unchecked in (False, True):
         try:
             read = parse_project(data, unchecked=unchecked)
@@ -96,7 +96,7 @@ def project(data: bytes) -> None:
 
 
 def recording(path: Path) -> None:
-    """Take the file for a recording."""
+    """Read the file as a recording."""
     asyncio.run(_replay(path))
 
 
@@ -110,7 +110,7 @@ async def _replay(path: Path) -> None:
 
 
 def saved_board(path: Path) -> None:
-    """Take the file for what a virtual board has kept."""
+    """Read the file as the saved state of a virtual board."""
     board = VirtualBoard(3, memory=1000)
     try:
         load_state(board, path)
@@ -123,7 +123,7 @@ def saved_board(path: Path) -> None:
 
 
 def names_of_boards(data: bytes) -> None:
-    """Take the bytes for the user's file of names."""
+    """Read the bytes as the user's file of names."""
     path = aliases_path()
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(data)
@@ -138,7 +138,7 @@ def names_of_boards(data: bytes) -> None:
 
 
 def journal(content: bytes, folder: Path, marker: int) -> None:
-    """Take the bytes for the journal of an import."""
+    """Read the bytes as the journal of an import."""
     (folder / "imports").mkdir(exist_ok=True)
     (folder / f"imports/{marker:08x}.json").write_bytes(content)
     try:
@@ -152,7 +152,7 @@ def journal(content: bytes, folder: Path, marker: int) -> None:
 
 
 def announcement(path: Path) -> None:
-    """Take the file for what the server of a virtual board says of it."""
+    """Read the file as the announcement of a virtual board."""
     content = path.read_bytes()
     assert len(candidates()) <= 1
     assert not path.exists() or path.read_bytes() == content

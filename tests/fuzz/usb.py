@@ -1,4 +1,4 @@
-"""What must hold for the device that a virtual board exports over USB/IP, whatever its host says."""
+"""The device that a virtual board exports over USB/IP withstands any host."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _BIG = 4
 
 
 def plug_in(data: bytes) -> None:
-    """Attach the device, and say what the recipe says: messages as they come, or URBs to endpoints that are there."""
+    """Attach the device, and send what the recipe describes: any messages, or URBs to existing endpoints."""
     cursor = Cursor(data)
     board = VirtualBoard(2)
     given_back: list[int] = []
@@ -43,7 +43,7 @@ def _hearing(board: VirtualBoard, send: Callable[[bytes], None]) -> Callable[[by
 
 
 def _obey(device: UsbDevice, cursor: Cursor) -> int:
-    """Do one thing; return how many URBs that submits."""
+    """Do one step; return the number of URBs submitted."""
     kind = cursor.byte()
     if kind >= 192:
         device.unlink(cursor.byte())

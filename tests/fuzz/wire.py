@@ -1,4 +1,4 @@
-"""What must hold for bytes that come over a line: parser, packets, packets as objects."""
+"""Parser, packets and their JSON withstand any bytes from a line."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _CODECS = {(order, name): Codec(order, name) for order in _ORDERS for name in _E
 
 
 def parse(data: bytes) -> None:
-    """Parse a stream whole, and cut and given up as the first bytes say."""
+    """Parse a stream whole, and cut and abandoned as its first bytes say."""
     if len(data) < 2:
         return
     order, cuts = _ORDERS[data[0] & 1], data[1]
@@ -63,7 +63,7 @@ def _parse(stream: bytes, order: ByteOrder, cuts: int) -> list[Frame]:
 
 
 def _check_account(stream: bytes, frames: list[Frame], parser: FrameParser, order: ByteOrder) -> None:
-    """Each frame stood in the stream as it is, and each byte is in a frame or was skipped for a reason."""
+    """Check that each frame stands in the stream, and that each byte is in a frame or counted as skipped."""
     taken = 0
     for packet_id, content in frames:
         assert layout(PACKETS[packet_id], order).rule.admits(len(content))
@@ -86,7 +86,7 @@ def _give_up(stream: bytes, order: ByteOrder, step: int) -> None:
 
 
 def decode(data: bytes) -> None:
-    """Decode a content, encode what it says, and say it as an object."""
+    """Decode a content, encode the packet again, and write it as JSON."""
     if len(data) < 3:
         return
     order, encoding = _ORDERS[data[0] & 1], _ENCODINGS[data[0] >> 1 & 7]
@@ -103,7 +103,7 @@ def decode(data: bytes) -> None:
 
 
 def _check_exact(codec: Codec, packet: Packet, content: bytes) -> None:
-    """What a board said can be given back to it: all but what stands behind the end of a caption."""
+    """Check that a packet from a board can be written back: all but the bytes behind the end of a caption."""
     try:
         again = codec.encode(packet, unchecked=True)[HEADER_SIZE:-1]
     except EncodeError as error:
@@ -139,7 +139,7 @@ def _check_object(packet: Packet) -> None:
 
 
 def decode_frame(data: bytes) -> None:
-    """Take `data` for exactly one frame."""
+    """Read `data` as exactly one frame."""
     for order in _ORDERS:
         codec = _CODECS[order, "utf-8"]
         try:
@@ -151,7 +151,7 @@ def decode_frame(data: bytes) -> None:
 
 
 def read_object(data: bytes) -> None:
-    """Take `data` for the JSON of a packet."""
+    """Read `data` as the JSON of a packet."""
     try:
         described: Any = json.loads(data)
     except (ValueError, RecursionError):
@@ -166,7 +166,7 @@ def read_object(data: bytes) -> None:
 
 
 def use_encoding(data: bytes) -> None:
-    """Take the first bytes for the name of an encoding, and the others for a caption in it."""
+    """Read the first bytes as the name of an encoding, and the others as a caption in it."""
     name, _, raw = data.partition(b"\0")
     try:
         codec = Codec(caption_encoding=check_encoding(name.decode("utf-8", "surrogateescape")))

@@ -1,4 +1,4 @@
-"""Packets as the document and the declarations have them: golden frames, and strategies that draw any packet."""
+"""Golden frames of the document, and strategies that draw any declared packet."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DOCUMENT: dict[str, Any] = json.loads((DATA / "protocol.json").read_text())
 
 
 def snake_case(name: str) -> str:
-    """Return the document's `name` as the packets write it: servoIDList becomes servo_id_list."""
+    """Return the document's `name` in the style of the packets: servoIDList becomes servo_id_list."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 
@@ -66,7 +66,7 @@ _any_captions = st.binary(max_size=32).map(lambda raw: raw.partition(b"\0")[0].d
 
 
 def values_of(kind: inspect.Type, captions: st.SearchStrategy[str]) -> st.SearchStrategy[Any]:
-    """Return all values of a field, in the range of its `msgspec.Meta`."""
+    """Draw values of a field in the range of its `msgspec.Meta`."""
     match kind:
         case inspect.Metadata():
             return values_of(kind.type, captions)
@@ -90,7 +90,7 @@ def values_of(kind: inspect.Type, captions: st.SearchStrategy[str]) -> st.Search
 
 
 def packets_of(declared: type[Packet]) -> st.SearchStrategy[Packet]:
-    """Draw packets of one class, with every value that the declaration allows."""
+    """Draw packets of one class with any values that the declaration allows."""
     captions = _any_captions if issubclass(declared, Response) else plain_captions
     return cast("st.SearchStrategy[Packet]", values_of(inspect.type_info(declared), captions))
 
@@ -99,7 +99,7 @@ any_packet = st.sampled_from(sorted(PACKETS)).flatmap(lambda packet_id: packets_
 
 
 def packet_of(vector: Vector) -> Packet:
-    """Return the packet whose frame `vector` is."""
+    """Return the packet of a golden frame."""
     fields = dict(vector.fields)
     if "data" in fields:
         fields["data"] = bytes.fromhex(fields["data"])

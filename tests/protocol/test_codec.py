@@ -1,4 +1,4 @@
-"""Packets to frames and back: golden frames, any packet, and frames that are none."""
+"""Packets to frames and back: golden frames, any packet, and damaged frames."""
 
 from __future__ import annotations
 

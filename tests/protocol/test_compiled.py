@@ -1,4 +1,4 @@
-"""The compiled loops against Python's, byte for byte: frames, skipped spans, the parser's state, packets."""
+"""The compiled loops do the same as Python's: frames, skipped spans, state of the parser, packets."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ from tests.protocol.test_parser import streams
 
 @pytest.fixture(scope="session")
 def fast() -> Any:
-    """Return the compiled module: that of this installation, or one made now."""
+    """Return the compiled module: the installed one, or one compiled now."""
     module, origin = loading.loops()
     return module or pytest.skip(f"nothing can be compiled here: {origin}")
 
 
 @pytest.fixture(scope="session", params=["stand-in", "compiled"])
 def loops(request: pytest.FixtureRequest) -> Any:
-    """Return the loops in Python and in C: what calls them is tested where nothing can be compiled, too."""
+    """Return a stand-in in Python, and the loops in C: the callers are tested without a compiler too."""
     return uncompiled if request.param == "stand-in" else request.getfixturevalue("fast")
 
 
 def state(thing: Any) -> Any:
-    """Return all that `thing` knows, in a form that can be compared."""
+    """Return the whole state of `thing`, in a form that can be compared."""
     if isinstance(thing, (FrameParser, Recovery, BlockSums)):
         return {name: state(value) for name, value in vars(thing).items() if not callable(value)}
     if isinstance(thing, dict):
@@ -55,7 +55,7 @@ def state(thing: Any) -> Any:
 
 
 def history(stream: bytes, cuts: list[int], loops: Any, byte_order: ByteOrder = "little") -> list[Any]:
-    """Return what a parser returns, skips and knows after each chunk and at the end."""
+    """Return frames, skipped spans and state of a parser after each chunk and at the end."""
     parser, told, at = FrameParser(byte_order, keep_skipped=True), list[Any](), 0
     with loading.using(loops):
         for cut in [*cuts, len(stream)]:

@@ -1,4 +1,4 @@
-"""Frames: layout, checksum, and the fast sum that the parser lives on."""
+"""Frames: layout, checksum, and the fast sum that the parser uses."""
 
 from __future__ import annotations
 

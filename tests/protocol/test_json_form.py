@@ -1,4 +1,4 @@
-"""Packets as plain objects: what JSON and the shell see."""
+"""Packets as JSON objects, in both directions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Layouts: what a declaration compiles to, and what it says of values and lengths that do not fit."""
+"""Compiled declarations: contents in both directions, and errors for values and lengths that do not fit."""
 
 from __future__ import annotations
 
@@ -178,14 +178,14 @@ def test_a_layout_is_compiled_once_for_each_byte_order() -> None:
 
 
 class NoWire(Command, frozen=True):
-    """A field without a place on the wire."""
+    """A field without a wire form."""
 
     packet_id: ClassVar[int] = 1
     number: int
 
 
 class LastCaption(Command, frozen=True):
-    """A shape that no packet of the document has."""
+    """A kind of content that no packet of the document has."""
 
     packet_id: ClassVar[int] = 3
     caption: Caption

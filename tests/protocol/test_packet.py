@@ -1,4 +1,4 @@
-"""Which answer a request takes for its own."""
+"""Which responses a request accepts as its own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""FrameParser: every intact frame, however the stream is cut and damaged, and an account of every other byte."""
+"""FrameParser finds every intact frame, however the stream is cut and damaged, and counts every other byte."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_a_frame_swallowed_by_a_cut_one_is_found() -> None:
 
 
 def swallowing(swallowed: bytes, checksum: int) -> bytes:
-    """Return what a damaged frame would be that ends inside the next: its sum, the next byte, is right by chance."""
+    """Return a damaged frame that ends inside the next one, whose first bytes happen to be its right sum."""
     head = HEADER["little"].pack(MAGIC, DUMMY, 1 + len(swallowed))
     return head + bytes([(checksum - sum(head) - sum(swallowed)) % 256]) + swallowed
 
@@ -140,7 +140,7 @@ def test_a_frame_found_by_looking_back_is_looked_into_too() -> None:
 
 
 def stairs(steps: int, size: int = 120) -> tuple[bytes, list[Frame]]:
-    """Return a stream, and frames that each begin right in the one before and end behind noise behind it."""
+    """Return a stream of frames that each begin inside the one before and end in noise, and the frames."""
     stream = bytearray()
     for step in range(steps):
         stream += HEADER["little"].pack(MAGIC, DUMMY, size - OVERHEAD - 6 * step)
@@ -292,7 +292,7 @@ _pieces = st.one_of(
 
 @st.composite
 def streams(draw: st.DrawFn) -> bytes:
-    """Draw frames, whole, cut and flipped, with noise and padding between."""
+    """Draw streams of whole, cut and damaged frames, with noise and padding between them."""
     return b"".join(draw(_treated(piece)) for piece in draw(st.lists(_pieces, min_size=1, max_size=8)))
 
 

@@ -18,7 +18,7 @@ WRONG_SUM = GOOD[:-1] + bytes([GOOD[-1] ^ 1])
 
 
 def acquainted(parser: FrameParser, frames: list[bytes]) -> FrameParser:
-    """Return `parser` after it has met all these headers, on a line that is not damaged."""
+    """Return `parser` after it has read all these frames on an undamaged line."""
     for frame in frames:
         assert len(parser.feed(frame)) == 1
     return parser

@@ -1,4 +1,4 @@
-"""Streams made to hurt: work for each byte and memory have a bound. Work is counted, not timed."""
+"""Hostile streams: work for each byte and memory are bounded. Work is counted, not timed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NAMES = [name for name, _ in hostile(0)]
 
 
 class Work:
-    """What parsers did: bytes summed or copied into a buffer, remembered sums used, searches for a frame start."""
+    """The work of parsers: bytes summed or copied, remembered sums used, searches for a frame start."""
 
     def __init__(self) -> None:
         self.bytes = 0
@@ -29,7 +29,7 @@ class Work:
 
     @contextmanager
     def counted(self) -> Iterator[None]:
-        """Count what parsers do meanwhile."""
+        """Count the work of all parsers inside the block."""
         scan, recover, sum_blocks = FrameParser._scan, FrameParser._recover, BlockSums.sum
 
         def counted_adler32(data: bytes, start: int = 1) -> int:

@@ -1,4 +1,4 @@
-"""Every intact frame of a damaged line is found; `python -m benchmarks recall` asks the same of 400,000."""
+"""Every intact frame on a damaged line is found; `python -m benchmarks recall` tries 400,000 frames."""
 
 from __future__ import annotations
 

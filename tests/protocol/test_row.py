@@ -1,4 +1,4 @@
-"""Rows: written and read all at once as they are one by one."""
+"""Rows are written and read all at once with the same result as one by one."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ LENGTHS = """
 40021: 38+49n
 40081: 5
 """
-"""What every reply's length must be (n = the count field inside)."""
+"""The length of each response (n: the count field inside)."""
 
 CHAPTERS = {"3.1": settings, "3.2": servos, "3.3": editing, "3.4": joystick}
 
@@ -50,7 +50,7 @@ def test_there_are_31_requests_28_responses_and_one_push() -> None:
 
 @pytest.mark.parametrize("described", DOCUMENTED, ids=lambda described: described["name"])
 class TestDeclaration:
-    """One packet as the document describes it and as it is declared."""
+    """A packet in the document and its declaration."""
 
     def test_name_section_and_chapter(self, described: dict[str, Any]) -> None:
         declared = PACKETS[described["id"]]
@@ -84,7 +84,7 @@ class TestDeclaration:
 
 
 def documented(fields: list[dict[str, Any]]) -> list[tuple[str, Any]]:
-    """Return names and wire codes in their order; a group as (count's code, its fields), counts left out."""
+    """Return names and wire codes in order; a group as (code of the count, fields), without counts."""
     counts = {field["repeat"]: field for field in fields if "repeat" in field}
     shape: list[tuple[str, Any]] = []
     for field in fields:
@@ -98,7 +98,7 @@ def documented(fields: list[dict[str, Any]]) -> list[tuple[str, Any]]:
 
 
 def written(declared: type[msgspec.Struct]) -> list[tuple[str, Any]]:
-    """Return the same of a declaration."""
+    """Return the same for a declaration."""
     hints = get_type_hints(declared, include_extras=True)
     return [(name, _shape(hints[name], name)) for name in declared.__struct_fields__]
 
@@ -116,7 +116,7 @@ def _shape(hint: Any, name: str) -> Any:
 
 
 def _wire(hint: Any) -> str:
-    """Return the wire code in an annotation, however deep it stands."""
+    """Return the wire code in an annotation, however deeply nested."""
     found = [entry.code for entry in getattr(hint, "__metadata__", ()) if isinstance(entry, Wire)]
     for argument in get_args(hint):
         found += [code] if (code := _wire(argument)) else []

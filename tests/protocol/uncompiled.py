@@ -1,4 +1,4 @@
-"""What the compiled loops promise, in Python: what they are compared with, and what stands in where none is."""
+"""The compiled loops in plain Python: their reference in tests, and their stand-in where none can be compiled."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from servolink.protocol.frame import HEADER_SIZE, MAGIC, Frame
 
 
 def collect(data: bytes, at: int, known: dict[bytes, Any], frames: list[Frame], wary: int) -> int:
-    """Append the frames that stand in `data` one behind the other, and return where something else begins."""
+    """Append the frames that follow each other in `data`, and return where anything else begins."""
     while entry := known.get(data[at : at + HEADER_SIZE]):
         last, packet_id, _, pieces = entry
         frame = data[at : at + last]
@@ -29,7 +29,7 @@ def collect(data: bytes, at: int, known: dict[bytes, Any], frames: list[Frame], 
 def read_rows(
     content: bytes, start: int, layout: str, record: Callable[..., Any] | None, encoding: str
 ) -> tuple[Any, ...]:
-    """Return what `record` makes of each row from `start` on, or (None) the only value of each."""
+    """Return a `record` for each row from `start` on, or (None) the only value of each."""
     rows = [
         [decode_caption(value, encoding) if isinstance(value, bytes) else value for value in row]
         for row in iter_unpack(layout, content[start:])
