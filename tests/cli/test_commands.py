@@ -255,6 +255,13 @@ def test_a_wrong_angle_is_explained(target: str, problem: str, capsys: pytest.Ca
     assert problem in said.err
 
 
+def test_a_servo_that_cannot_turn_that_far_is_said_to_be(robot: Robot) -> None:
+    said = robot("move", "1=400", "--duration", "0.5")
+    assert (said.code, said.out) == (1, "")
+    assert "servo 1 is at 180, not at 400" in said.err
+    assert "unable to turn that far" in said.err
+
+
 def test_one_servo_is_not_called_servos(capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, "-b", "virtual://?servos=1", "stop")
     assert said.out.startswith("the only servo reports that it is stopped and held\n")
