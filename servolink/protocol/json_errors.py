@@ -10,7 +10,7 @@ import msgspec
 from msgspec import inspect
 
 from servolink.errors import EncodeError
-from servolink.escaping import escape, quote
+from servolink.escaping import quote
 
 _PART = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 _AT = " - at `$"
@@ -54,7 +54,7 @@ def _explain(message: str, value: Any, expected: Any) -> tuple[str, str]:
     for found in _PART.finditer(path):
         key, number = found.groups()
         info, value = (_field(info, value, key), value[key]) if key else (info.item_type, value[int(number)])
-    return path.removeprefix("."), _reason(info, value) or escape(opinion or message)
+    return path.removeprefix("."), _reason(info, value) or opinion or message
 
 
 def _field(info: Any, value: dict[str, Any], key: str) -> Any:

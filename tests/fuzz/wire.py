@@ -58,7 +58,7 @@ def _parse(stream: bytes, order: ByteOrder, cuts: int) -> list[Frame]:
     assert again == frames
     assert pieces.skipped == whole.skipped
     if cuts >= 240:
-        _give_up(stream, order, step)
+        _abandon(stream, order, step)
     return frames
 
 
@@ -75,7 +75,7 @@ def _check_account(stream: bytes, frames: list[Frame], parser: FrameParser, orde
         assert skipped == sum(len(data) for _, data, _ in parser._kept)
 
 
-def _give_up(stream: bytes, order: ByteOrder, step: int) -> None:
+def _abandon(stream: bytes, order: ByteOrder, step: int) -> None:
     parser = FrameParser(order)
     frames: list[Frame] = []
     for at in range(0, len(stream), step):

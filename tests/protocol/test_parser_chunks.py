@@ -29,7 +29,7 @@ def acquainted(parser: FrameParser, frames: list[bytes]) -> FrameParser:
     [(b"", {}), (WRONG_SUM, {CHECKSUM: len(WRONG_SUM)}), (b"noise", {NOISE: 5}), (bytes(9), {PADDING: 9})],
 )
 @pytest.mark.parametrize("end", [b"", GOOD[:3], GOOD[:-1]])
-def test_a_run_ends_at_what_is_no_frame_and_before_what_is_incomplete(
+def test_frames_in_a_row_end_at_anything_else_and_before_an_incomplete_frame(
     between: bytes, reasons: dict[str, int], end: bytes
 ) -> None:
     parser = acquainted(FrameParser(), [GOOD])
@@ -39,7 +39,7 @@ def test_a_run_ends_at_what_is_no_frame_and_before_what_is_incomplete(
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_run_finds_what_small_chunks_do(seed: int) -> None:
+def test_long_chunks_give_the_same_frames_as_short_ones(seed: int) -> None:
     random = Random(seed)
     corpus = [any_frame(random, "little") for _ in range(100)]
     clean = b"".join(random.choices(corpus, k=2000))
@@ -54,7 +54,7 @@ def test_a_run_finds_what_small_chunks_do(seed: int) -> None:
 
 @pytest.mark.parametrize("length", [0, 1, 254, 255, 256, 257])
 @pytest.mark.parametrize("byte", [b"\0", b"\xff"])
-def test_one_sum_of_all_is_believed_in_a_run(length: int, byte: bytes) -> None:
+def test_one_sum_of_all_is_accepted(length: int, byte: bytes) -> None:
     right = encode_frame(SendDummyDataRequest.packet_id, byte * length, "little")
     for checksum in range(256):
         parser = acquainted(FrameParser(), [right])
