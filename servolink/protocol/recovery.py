@@ -66,7 +66,7 @@ class Recovery:
     def accept(self, frame: Frame, end: int) -> None:
         """Record that `frame` ends at `end` of the buffer, in sync."""
         self._last = frame
-        if self.rereads:
+        if self.rereads:  # a rescan counts as long as frames begin before its end
             start = end - OVERHEAD - len(frame[1])
             self.rereads = [reread for reread in self.rereads if reread > start]
         if len(self.rereads) >= self._deepest:
@@ -85,18 +85,18 @@ class Recovery:
         if self._last is None:
             return []
         inner, found = self._search(self._last, wary)
-        if inner.held:
+        if inner.held:  # a frame begins at its end and may reach out of it
             self._rest = inner.held
         else:
             self._go_on_as(inner.recovery)
-        self.in_sync = False
+        self.in_sync = False  # so that the next frame replaces what was kept here
         return found
 
     def padding_end(self, data: bytes, at: int, wary: int) -> int:
         """Return where the zeros at `at` end, or before that where a frame may end that reaches into them."""
         match = _ZEROS.match(data, at)
         end = match.end() if match else at
-        if self._last is not None and self._inner is None:
+        if self._last is not None and self._inner is None:  # the first zeros behind this frame
             inside = self._inside_of(self._last)
             if next_magic(inside, 0) < len(inside):
                 self._inner, self._inside = self._search(self._last, wary)
