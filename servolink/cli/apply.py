@@ -140,7 +140,7 @@ class _Import:
                 print_json({"changed": False, "plan": plan_to_json(plan)})
             return OK
         if not self._args.yes:
-            if not await confirm(_question(plan)):
+            if not await confirm(question(plan)):
                 print_text(_UNTOUCHED)
                 return FAILED
             if _content(await self._with_progress(make_plan)) != _content(plan):
@@ -187,7 +187,7 @@ _LEFT: dict[Phase, str] = {
 }
 
 
-def _question(plan: Plan) -> str:
+def question(plan: Plan) -> str:
     """Return the question before an import, which names the records that will be deleted."""
     deleted = [one.what for one in plan.changes if one.new is None and not isinstance(one.old, int)]
     if not deleted:

@@ -26,7 +26,9 @@ def preflight(
     ProjectError for an id that is used twice, and EncodeError for limits that allow nothing.
     """
     limits = MotionLimits(angle_limits, speed_cap)
-    found = [*_too_far(project, limits), *too_fast(project, limits, start)]
+    found = list(_too_far(project, limits))
+    if speed_cap is not None:
+        found += too_fast(project, limits, start)
     if records is None:
         return found
     wanted = with_dependencies(project, records)

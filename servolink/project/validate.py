@@ -66,8 +66,9 @@ def validate_project(
         *_duplicate_parts(project),
         *_wrong_durations(project),
         *_unknown_servos(project, servo_ids),
-        *too_fast(project, MotionLimits(speed_cap=speed_cap), start),
     ]
+    if speed_cap is not None:
+        found += too_fast(project, MotionLimits(speed_cap=speed_cap), start)
     return sorted(found, key=_place)
 
 
@@ -279,6 +280,6 @@ def _unknown_servos(project: Project, servo_ids: Collection[int] | None) -> Iter
 
 def too_fast(project: Project, limits: MotionLimits, start: Mapping[int, int] | None = None) -> Iterator[Diagnostic]:
     """Find turns that are faster than the speed cap of `limits`, with `start` as the pose before the first one."""
-    for move in servo_moves(project, start) if limits.speed_cap is not None else ():
+    for move in servo_moves(project, start):
         if limits.too_fast(move.degrees, move.seconds):
             yield Diagnostic(move.path, f"{move}; its cap is {limits.speed_cap:g}", "warning")

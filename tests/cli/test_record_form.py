@@ -7,9 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
+from servolink.cli.apply import question
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, read_project_file, save_project
+from servolink.project.transfer.results import Change, Plan
 from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Action, Macro, MacroCommand
 from servolink.virtual.board import VirtualBoard
@@ -94,3 +97,17 @@ def test_a_repaired_export_keeps_its_mark(tmp_path: Path, capsys: pytest.Capture
     save_project(tmp_path / "odd", Project(actions=odd.actions, macros=odd.macros), unchecked=True)
     assert call(capsys, "project", "check", str(tmp_path / "odd"), "--fix").code == 1
     assert read_project_file(tmp_path / "odd").unchecked
+
+
+@pytest.mark.parametrize("number", ["0", "-1", "x", "2147483648"])
+def test_an_id_is_a_positive_number(number: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "--url", "virtual://", "actions", "--", number)
+    assert (said.code, "an id must be a number from 1 to 2147483647" in said.err) == (2, True)
+
+
+def test_the_question_names_what_is_deleted() -> None:
+    gone = [Change(f"action {number}", Action(number)) for number in range(1, 8)]
+    plan = Plan((*gone, Change("project id", 3)), (), 0, 0, 0.0, None, 0, 0, is_unfinished=False)
+    deleted = "action 1, action 2, action 3, action 4, action 5 and 2 more"
+    assert question(plan) == f"write this to the board, and delete {deleted} from it?"
+    assert question(replace(plan, changes=())) == "write this to the board?"

@@ -29,7 +29,7 @@ from servolink.protocol.editing import (
 )
 from servolink.protocol.frame import encode_frame
 from servolink.protocol.record_types import ACTION, RECORD_TYPES
-from servolink.protocol.records import ServoParameter, Step
+from servolink.protocol.records import Action, ServoParameter, Step
 from tests.client.fake_board import FakeBoard, Fate, lie
 from tests.project.boards import on_board, on_fake
 from tests.project.drawn import storable_projects
@@ -195,3 +195,11 @@ def test_a_plan_differs_where_something_would_be_written(wanted: Project, data: 
             content.project_id ^= 1
     to_do = bool(writes(content, wanted)) or content.project_id != wanted.project_id
     assert to_do == bool(compare(content.readable(), wanted) or content.doubled() or content.missing())
+
+
+def test_what_no_wire_carries_is_refused_unchecked_too() -> None:
+    async def work(board: Board) -> None:
+        with pytest.raises(ProjectError, match=r"action 1 cannot be written to a board: .*takes 40 bytes"):
+            await board.apply_project(Project(actions=(Action(1, "x" * 40),)), unchecked=True)
+
+    on_board(work)
