@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
-LIMIT = 120.0
+LIMIT = 240.0
 """Seconds after which a program that does not end has failed, however busy the machine is."""
 
 _REAPER = """

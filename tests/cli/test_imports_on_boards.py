@@ -190,8 +190,13 @@ def test_apply_asks_on_a_terminal(shell: Shell, after: str, answer: str, code: i
 @pytest.mark.parametrize("keys", ["\x03", "\x03\x03"], ids=["once", "twice"])
 def test_ctrl_c_ends_the_question(shell: Shell, after: str, keys: str) -> None:
     said = in_terminal("--url", shell.url, "apply", after, later=("? [y/N]", keys))
-    assert said.code == 130
-    assert "interrupted: nothing was changed on the board" in said.out
+    if keys == "\x03":
+        assert said.code == 130
+        assert "interrupted: nothing was changed on the board" in said.out
+    else:
+        # The second may find a program that has ended but for Python itself, which then ends by the signal: for a
+        # shell this is 130 too. It also takes what was just written out of the terminal's buffer.
+        assert said.code in {130, -signal.SIGINT}
 
 
 def test_a_missing_file_is_reported_before_a_missing_terminal(shell: Shell, tmp_path: Path) -> None:

@@ -157,7 +157,7 @@ def test_a_board_that_cannot_be_opened_says_so_and_leaves_nothing_open() -> None
         ({"retries": -1}, r"retries must be 0\.\.1000, not -1"),
         ({"retries": 10**400}, "retries must be .* not 1000"),
         ({"window": 0}, r"window must be 1\.\.1000, not 0"),
-        ({"byte_order": "middle"}, "byte order 'middle'"),
+        ({"byte_order": "middle"}, "byte_order must be 'little' or 'big', not 'middle'"),
         ({"caption_encoding": "klingon"}, "klingon"),
         ({"speed_cap": 0}, "speed_cap"),
         ({"angle_limits": (10, -10)}, "angle_limits"),
