@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from servolink.cli.live import shown_progress
 from servolink.cli.main import OK
 from servolink.cli.output import Table, counted, print_error, print_json, print_table, print_text
@@ -12,7 +14,7 @@ from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.errors import ProjectError
 from servolink.escaping import escape
-from servolink.project.model import Project
+from servolink.project.model import Project, is_unfinished
 from servolink.project.project_file import load_project, save_project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.validate import validate_project
@@ -32,6 +34,8 @@ def run_export(args: argparse.Namespace) -> int:
     async def talk(board: Board, interruption: Interruption) -> int:
         with shown_progress(board, quiet=args.json) as on_progress:
             project = await board.export_project(on_progress=on_progress)
+        if is_unfinished(project.project_id):  # the id of an interrupted import, which no file may give to a board
+            project = replace(project, project_id=0)
         odd = _first_error(project, args.caption_encoding)
         save_project(args.file, project, unchecked=bool(odd))
         interruption.state = f"{args.file} is written"

@@ -223,7 +223,11 @@ def test_what_was_agreed_to_is_done_and_nothing_else(
     assert shell("plan", other).code == 0
 
 
-def test_every_command_says_that_an_import_is_unfinished(shell: Shell, after: str, served: Addresses) -> None:
+def test_every_command_says_that_an_import_is_unfinished(
+    shell: Shell, after: str, served: Addresses, tmp_path: Path
+) -> None:
+    exported = tmp_path / "exported"
+
     async def begin() -> None:
         async with connect(served.network) as board:
             await board.write_project_id(UNFINISHED.start + 3)
@@ -235,6 +239,8 @@ def test_every_command_says_that_an_import_is_unfinished(shell: Shell, after: st
     assert "an import is unfinished" in shell("info").out
     assert shell("--json", "info").json["has_unfinished_import"]
     assert "journal is lost" in shell("rollback", "--yes").err
+    assert shell("export", str(exported)).code == 0
+    assert load_project(exported).project_id == 0, "or applying the file would say that an import is unfinished"
     assert shell("apply", "--yes", after).code == 0
     assert shell("servos").err == ""
 
