@@ -46,7 +46,7 @@ async def apply_project(
     if begun is None or not is_unfinished(before):
         content = await read_content(board, on_progress)
         if content.project_id != before:
-            raise ProjectError(f"{escape(board.url)}: another program is writing to the board; try again after it")
+            raise ProjectError(f"{board.url}: another program is writing to the board; try again after it")
     if content is not None and begun is None:
         if not writes(content, project) and before == project.project_id:
             await _finish(last_import(journals, before, board.url), store)
@@ -74,7 +74,7 @@ async def _check_memory(board: BoardConnection, content: Content, project: Proje
     more = content.growth(project)
     if more > free:
         raise ProjectError(
-            f"the project takes {more:,} bytes more than what is on {escape(board.url)}, which has {free:,} free"
+            f"the project takes {more:,} bytes more than what is on {board.url}, which has {free:,} free"
         )
 
 
@@ -109,7 +109,7 @@ async def _keep(board: BoardConnection, content: Content, store: BackupStore, on
     try:
         old = content.project()
     except ProjectError as error:
-        raise ProjectError(f"no backup of {escape(board.url)} can be made: {error}") from error
+        raise ProjectError(f"no backup of {board.url} can be made: {error}") from error
     path = await asyncio.to_thread(store.keep, old, board.url, board.codec.caption_encoding)
     on_progress(Progress("saving", 1, 1, "backup"))
     return path
@@ -130,7 +130,7 @@ async def roll_back(
 
 async def backup_for(board: BoardConnection, store: BackupStore) -> Path:
     """Return the backup that holds what was on the board before the last import; ProjectError if there is none."""
-    here, where = await read_project_id(board), escape(board.url)
+    here, where = await read_project_id(board), board.url
     journals = await asyncio.to_thread(store.journals, here)
     journal = journal_of(journals, here, board.url) or last_import(journals, here, board.url)
     if journal is not None and journal.restores is not None and journal.phase != "finished":

@@ -114,7 +114,7 @@ class BackupStore:
             path = folder / f"{number:06}-{self.now():{_TIME}}-{what}{_SUFFIX}"
             write_atomically(path, format_project(project).encode(), private=True)
         if load_project(path, unchecked=True) != project.sorted():
-            raise ProjectError(f"{escape(str(path))}: the backup does not read back as it was written")
+            raise ProjectError(f"{path}: the backup does not read back as it was written")
         return path
 
     def load(self, path: Path, caption_encoding: str) -> Project:
@@ -126,12 +126,12 @@ class BackupStore:
         backup = _backup(path) if path == self.kept(path.name) else None
         if backup and backup.caption_encoding != _slug_of_encoding(caption_encoding):
             raise ProjectError(
-                f"{escape(str(path))} was read with captions in {backup.caption_encoding}; connect with that "
-                f"caption encoding, not {escape(caption_encoding)}"
+                f"{path} was read with captions in {backup.caption_encoding}; connect with that "
+                f"caption encoding, not {caption_encoding}"
             )
         if backup and backup.digest != _digest(project):
             raise ProjectError(
-                f"{escape(str(path))} has been changed since it was made; to restore it as it is now, copy it to "
+                f"{path} has been changed since it was made; to restore it as it is now, copy it to "
                 "another folder and give `rollback` the copy"
             )
         return project
@@ -201,7 +201,7 @@ class BackupStore:
         except FileNotFoundError:
             return []
         except (OSError, ValueError) as error:
-            raise ProjectError(f"{escape(str(folder))} cannot be read: {escape(str(error))}") from error
+            raise ProjectError(f"{folder} cannot be read: {error}") from error
 
 
 _LOG = logging.getLogger(__name__)
@@ -222,7 +222,7 @@ def _told(what: str) -> Iterator[None]:
     except ProjectError:
         raise
     except (OSError, ValueError) as error:  # ValueError: NUL in the name of the folder
-        raise ProjectError(f"{what}: {escape(str(error))}") from error
+        raise ProjectError(f"{what}: {error}") from error
 
 
 def _read(path: Path, marker: int) -> Journal:

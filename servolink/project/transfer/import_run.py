@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from servolink.errors import OutcomeUnknown, ProjectError, Rejected
-from servolink.escaping import escape, quote
+from servolink.escaping import quote
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.backups import BackupStore, Journal, JournalPhase
 from servolink.project.transfer.plan import Write, writes
@@ -130,7 +130,7 @@ class Import:
         restored = await self._keeps_id(before, "marking")
         await asyncio.to_thread(self._store.end, self._journal)
         raise ProjectError(
-            f"{escape(self._board.url)} does not keep project ids such as {marker}, by which an unfinished import "
+            f"{self._board.url} does not keep project ids such as {marker}, by which an unfinished import "
             f"is known; nothing was changed{'' if restored else ' but its project id'}"
         )
 
@@ -189,7 +189,7 @@ class Import:
             return
         if is_unfinished(project_id):
             raise ProjectError(
-                f"another program has begun to import to {escape(self._board.url)} in the middle of this import; "
+                f"another program has begun to import to {self._board.url} in the middle of this import; "
                 "let one of them do it"
             )
         await self._write_id(self._journal.marker, "verifying")
@@ -208,7 +208,7 @@ class Import:
 
     def _not_taken(self, what: str) -> ProjectError:
         return ProjectError(
-            f"{escape(self._board.url)} does not take {what}; the import is unfinished: apply a project that it "
+            f"{self._board.url} does not take {what}; the import is unfinished: apply a project that it "
             "takes, or roll back"
         )
 

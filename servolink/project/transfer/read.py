@@ -58,7 +58,7 @@ class PinnedConnection:
     def _still(self) -> BoardConnection:
         if self._board.connection is not self.connection:
             raise ConnectionLost(
-                f"the connection to {escape(self.url)} was lost and came back in the middle of this, perhaps to "
+                f"the connection to {self.url} was lost and came back in the middle of this, perhaps to "
                 "another board; do it again"
             )
         return self._board
@@ -200,7 +200,7 @@ async def read_content(board: BoardConnection, on_progress: ProgressCallback, ph
                 for kind, entries in ids.items()
             }
             return content
-    raise ProjectError(f"{escape(board.url)}: what is on the board kept changing while it was read; is another "
+    raise ProjectError(f"{board.url}: what is on the board kept changing while it was read; is another "
                        "program using it?")  # fmt: skip
 
 
@@ -244,6 +244,6 @@ async def _agreed(board: BoardConnection, read: Callable[[BoardConnection], Awai
             return now
         before = now
     raise ProjectError(
-        f"{escape(board.url)}: {_READINGS + 1} readings of {what} all differed from the one before; the line is "
+        f"{board.url}: {_READINGS + 1} readings of {what} all differed from the one before; the line is "
         "too bad, or another program is using the board"
     )
