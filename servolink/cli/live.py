@@ -1,4 +1,4 @@
-"""What moves on a terminal: servos as bars, and the progress of an import or a measurement."""
+"""Live displays on a terminal: servos as bars, and the progress of an import or a measurement."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ PHASES: dict[Phase, str] = {
 
 @contextmanager
 def shown_progress(board: Board, *, quiet: bool) -> Iterator[ProgressCallback]:
-    """Yield a callback that draws a bar on standard error, or does nothing if that is no terminal or `quiet`."""
+    """Yield a callback that draws a bar on standard error, or does nothing if that is not a terminal or `quiet`."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield lambda progress: None
     else:

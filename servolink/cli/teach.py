@@ -1,6 +1,6 @@
 """`servolink teach`: poses of limbs moved by hand, recorded into a project file or onto the board.
 
-Whatever fails, no pose is lost and the servos are held again.
+If anything fails, no pose is lost and the servos are held again.
 """
 
 from __future__ import annotations

@@ -204,7 +204,7 @@ class ButtonEvents:
             queue = self._queue
             try:
                 await self._subscription.join(queue)
-            except BaseException:  # whoever asks next tries again
+            except BaseException:  # the next read tries again
                 if not queue.ended:
                     self._joined, self._queue = False, _Queue(self._limit)
                 raise

@@ -37,7 +37,7 @@ class StoredType(Generic[T]):
     """A type of object that a board stores; its first field is the id."""
 
     label: str
-    """What people call one, such as `joystick table`."""
+    """The name people use, such as `joystick table`."""
     field: str
     """The field of `Project` that holds all of them."""
     record_class: type[T]

@@ -85,7 +85,7 @@ class DeviceInfo:
 
     url: str
     product: str = ""
-    """What the device calls itself; empty if it does not say."""
+    """The name the device reports; empty if it reports none."""
     identity: PortIdentity = ANY_DEVICE
     """How to know the device again; unknown for one that is not on USB."""
     problem: str = ""

@@ -1,4 +1,4 @@
-"""What the board stores: actions, macros, joystick tables, servo parameters, project id, active table.
+"""The memory of the virtual board: actions, macros, joystick tables, servo parameters, project id, active table.
 
 Records are kept as the bytes that came, for two reasons: a board returns what it was given, byte for byte, even
 captions that are not valid text; and the memory a record takes is then simply its length. It costs no translation

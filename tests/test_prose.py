@@ -1,0 +1,60 @@
+"""Docstrings, messages and pages are plain English: some idioms are not allowed back."""
+
+from __future__ import annotations
+
+import ast
+import io
+import re
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+REBUILT_LATER = ("servolink/connection", "servolink/project/transfer")
+"""Folders that wait for a rewrite of what is in them."""
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+MODULES = sorted(
+    path
+    for path in (ROOT / "servolink").rglob("*.py")
+    if not path.relative_to(ROOT).as_posix().startswith(REBUILT_LATER)
+)
+
+IDIOMS = {
+    r"^Tell whether\b": "Return whether",
+    r"(?<!there )\bis no (?!longer\b|more\b|\w+er\b)": "must be, is not a",
+    r"\b(is|are) none of\b": "must be one of",
+    r"\btakes? note\b": "record",
+    r"\blet go of\b": "release",
+    r"\bto begin anew\b": "to start over",
+    r"\bgo(es)? on with\b": "continue with",
+    r"^(Whoever|Whatever) ": "name the person or the thing",
+}
+"""Idioms, as regular expressions, and what to write instead."""
+
+
+def prose_of(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield each docstring, message and comment of a module, or each line of a page, with its line number."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".md":
+        yield from enumerate(text.splitlines(), 1)
+        return
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.lineno, node.value
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            yield token.start[0], token.string.lstrip("# ")
+
+
+@pytest.mark.parametrize(("idiom", "better"), IDIOMS.items())
+def test_prose_is_plain(idiom: str, better: str) -> None:
+    wrong = re.compile(idiom, re.IGNORECASE | re.MULTILINE)
+    found = [
+        f"{path.relative_to(ROOT)}:{line}: {match[0]!r}"
+        for path in (*MODULES, *PAGES)
+        for line, text in prose_of(path)
+        for match in wrong.finditer(text)
+    ]
+    assert not found, f"write {better!r} instead:\n" + "\n".join(found)
