@@ -54,3 +54,4 @@ def number(low: float, high: float, unit: str) -> Callable[[str], float]:
 
 
 speed = number(0.001, 100_000, "degrees per second")
+record_id = whole_number(1, 2**31 - 1)

@@ -13,10 +13,11 @@ from servolink.cli.terminal import cleanup
 from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.escaping import escape
-from servolink.project.transfer.results import Phase, Progress, ProgressCallback
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+    from servolink.project.transfer.results import Phase, Progress, ProgressCallback
 
 Draw = Callable[[float, Sequence[Servo]], None]
 """Takes the seconds since the start and what the servos then report."""

@@ -7,11 +7,10 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 
-from servolink.cli.arguments import number, speed
+from servolink.cli.arguments import number, record_id, speed
 from servolink.cli.live import Draw, follow, live_bars
 from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import Table, is_terminal, print_error, print_json, print_table, print_text
-from servolink.cli.records import record_id
 from servolink.cli.servos import are, listed, print_servos, reported
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.terminal import can_ask, confirm

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from difflib import SequenceMatcher
 from typing import Any
 
+from servolink.cli.arguments import record_id
 from servolink.cli.main import OK
 from servolink.cli.output import Table, counted, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_with_board
@@ -34,13 +35,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink actions`, `macros` or `tables`."""
     parser.set_defaults(run=run)
     parser.add_argument("id", nargs="?", type=record_id, metavar="ID", help="show this one in full")
-
-
-def record_id(text: str) -> int:
-    """Read the id of an action, a macro or a table."""
-    if not (text.isascii() and text.isdecimal() and 0 < int(text) < 2**31):
-        raise argparse.ArgumentTypeError(f"an id must be a number from 1 to {2**31 - 1}, not {text!r}")
-    return int(text)
 
 
 def run(args: argparse.Namespace) -> int:
