@@ -7,6 +7,8 @@ import math
 import re
 from collections.abc import Callable
 
+LAST_SERVO = 254  # 255 means all
+
 _WHOLE = re.compile(r"[+-]?[0-9]{1,20}", re.ASCII)
 
 
@@ -53,5 +55,6 @@ def number(low: float, high: float, unit: str) -> Callable[[str], float]:
     return read
 
 
-speed = number(0.001, 100_000, "degrees per second")
-record_id = whole_number(1, 2**31 - 1)
+SPEED = number(0.001, 100_000, "degrees per second")
+RECORD_ID = whole_number(1, 2**31 - 1)
+SERVO_ID = whole_number(0, LAST_SERVO)

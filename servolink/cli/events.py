@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import number, whole_number
 from servolink.cli.main import OK
 from servolink.cli.output import counted, print_error, print_json, print_text
 from servolink.cli.session import Interruption, run_with_board
-from servolink.client.board import Board
-from servolink.client.events import ButtonEvents
+
+if TYPE_CHECKING:
+    from servolink.client.board import Board
+    from servolink.client.events import ButtonEvents
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -6,20 +6,20 @@ import asyncio
 import sys
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from servolink.cli.output import angle_text, console
 from servolink.cli.terminal import cleanup
-from servolink.client.board import Board
-from servolink.client.servos import Servo
 from servolink.escaping import escape
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from servolink.client.board import Board
+    from servolink.client.servos import Servo
     from servolink.project.transfer.results import Phase, Progress, ProgressCallback
 
-Draw = Callable[[float, Sequence[Servo]], None]
+Draw: TypeAlias = "Callable[[float, Sequence[Servo]], None]"
 """Takes the seconds since the start and what the servos then report."""
 
 _HALF = 24  # columns for the widest angle to one side

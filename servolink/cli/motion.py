@@ -6,21 +6,22 @@ import argparse
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
+from typing import TYPE_CHECKING
 
-from servolink.cli.arguments import number, record_id, speed
+from servolink.cli.arguments import LAST_SERVO, RECORD_ID, SERVO_ID, SPEED, number
 from servolink.cli.live import Draw, follow, live_bars
 from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import Table, is_terminal, print_error, print_json, print_table, print_text
 from servolink.cli.servos import are, listed, print_servos, reported
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.terminal import can_ask, confirm
-from servolink.client.board import Board
-from servolink.client.servos import Servo
 from servolink.errors import NotFound, RequestError, ServolinkError
 from servolink.motion import Adc, Degrees, MotionLimits, check_limits, intervals_for
-from servolink.protocol.record_types import ACTION, MACRO
-from servolink.protocol.records import Macro
-from servolink.protocol.servos import ALL_SERVOS
+
+if TYPE_CHECKING:
+    from servolink.client.board import Board
+    from servolink.client.servos import Servo
+    from servolink.protocol.records import Macro
 
 DEFAULT_SPEED = 60.0
 """Degrees per second, when neither time nor speed is given."""
@@ -38,7 +39,7 @@ def configure_move(parser: argparse.ArgumentParser) -> None:
     pace.add_argument(
         "--duration", type=number(0.01, 327.67, "seconds"), metavar="SECONDS", help="how long it takes, 0.01 to 327.67"
     )
-    pace.add_argument("--speed", type=speed, metavar="N", help=f"degrees per second ({DEFAULT_SPEED:g})")
+    pace.add_argument("--speed", type=SPEED, metavar="N", help=f"degrees per second ({DEFAULT_SPEED:g})")
     parser.add_argument(
         "--wait", action=argparse.BooleanOptionalAction, default=True, help="wait until all have arrived (default)"
     )
@@ -47,7 +48,7 @@ def configure_move(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--limit", nargs=2, type=float, metavar=("LOW", "HIGH"), help="refuse angles outside LOW to HIGH degrees"
     )
-    parser.add_argument("--speed-cap", type=speed, metavar="N", help="refuse more than N degrees per second")
+    parser.add_argument("--speed-cap", type=SPEED, metavar="N", help="refuse more than N degrees per second")
 
 
 def run_move(args: argparse.Namespace) -> int:
@@ -133,7 +134,7 @@ def _print(
 
 def _target(text: str) -> tuple[int, int]:
     found = _TARGET.fullmatch(text)
-    if found is None or int(found[1]) >= ALL_SERVOS:
+    if found is None or int(found[1]) > LAST_SERVO:
         raise argparse.ArgumentTypeError(
             f"{text!r} must be SERVO=ANGLE with a servo id from 0 to 254, as in 1=90 or 2=-45"
         )
@@ -178,12 +179,14 @@ def run_stop(args: argparse.Namespace) -> int:
 def configure_release(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink release`."""
     parser.set_defaults(run=run_release)
-    parser.add_argument("servo_ids", nargs="*", default=[], type=servo_id, metavar="SERVO", help="which servos (all)")
+    parser.add_argument("servo_ids", nargs="*", default=[], type=SERVO_ID, metavar="SERVO", help="which servos (all)")
     parser.add_argument("--yes", action="store_true", help=f"do not ask: {_WARNING}")
 
 
 def run_release(args: argparse.Namespace) -> int:
     """Release servos, and print what the servos then report."""
+    from servolink.protocol.servos import ALL_SERVOS
+
     check_can_release(args)
     which = listed(args.servo_ids) if args.servo_ids else "all servos"
 
@@ -226,18 +229,11 @@ async def may_release(args: argparse.Namespace, interruption: Interruption, whic
     return False
 
 
-def servo_id(text: str) -> int:
-    """Read the id of a servo."""
-    if not (text.isascii() and text.isdecimal() and int(text) < ALL_SERVOS):
-        raise argparse.ArgumentTypeError(f"must be a servo id from 0 to 254, not {text!r}")
-    return int(text)
-
-
 def configure_run(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink run`."""
     parser.set_defaults(run=run_run)
     parser.add_argument("kind", choices=("action", "macro"), metavar="action|macro", help="what to run")
-    parser.add_argument("id", type=record_id, metavar="ID", help="its id, as in `servolink actions`")
+    parser.add_argument("id", type=RECORD_ID, metavar="ID", help="its id, as in `servolink actions`")
     parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
 
 
@@ -283,6 +279,8 @@ async def _run_macro(board: Board, interruption: Interruption, args: argparse.Na
 
 async def _servos_used(board: Board, macro: Macro) -> set[int]:
     """Return the servos that a macro moves, also by the actions and macros it calls."""
+    from servolink.protocol.record_types import ACTION, MACRO
+
     used, known, left = set[int](), {(MACRO, macro.macro_id)}, [macro]
     while left:
         for called in set(MACRO.references(left.pop())) - known:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from difflib import SequenceMatcher
 from typing import Any
 
-from servolink.cli.arguments import record_id
+from servolink.cli.arguments import RECORD_ID
 from servolink.cli.main import OK
 from servolink.cli.output import Table, counted, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_with_board
@@ -34,7 +34,7 @@ _TYPES: dict[str, RecordType[Any]] = {"actions": ACTION, "macros": MACRO, "table
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink actions`, `macros` or `tables`."""
     parser.set_defaults(run=run)
-    parser.add_argument("id", nargs="?", type=record_id, metavar="ID", help="show this one in full")
+    parser.add_argument("id", nargs="?", type=RECORD_ID, metavar="ID", help="show this one in full")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from servolink.cli.main import OK
 from servolink.cli.output import Table, print_json, print_table
 from servolink.cli.session import Interruption, run_with_board
-from servolink.client.board import Board
-from servolink.client.servos import Servo
 from servolink.errors import NotFound, Rejected
 from servolink.motion import Angle
+
+if TYPE_CHECKING:
+    from servolink.client.board import Board
+    from servolink.client.servos import Servo
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

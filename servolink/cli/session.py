@@ -7,16 +7,16 @@ import asyncio
 import sys
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from servolink.cli.main import INTERRUPTED, NO_BOARD, fail, usage_error
 from servolink.cli.output import Table, console, lost_output, print_error, show_table
 from servolink.cli.terminal import can_ask, end_process, handled
-from servolink.client.board import Board
-from servolink.client.connect import connect
-from servolink.discovery.search import NONE_HERE, boards, only, search
 from servolink.errors import OpenError, OutcomeUnknown, RequestTimeout, ServolinkError
-from servolink.transports.device_info import DeviceInfo
+
+if TYPE_CHECKING:  # and imported late: `--help` of a command needs none of it
+    from servolink.client.board import Board
+    from servolink.transports.device_info import DeviceInfo
 
 UNFINISHED_IMPORT = (
     "this board holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes it"
@@ -93,6 +93,8 @@ def run_with_board(
     `greet` sends a harmless query first, to tell a board that does not answer from a command that failed, and
     reports an import left unfinished on the board. `state` is what Ctrl-C reports at first; `options` go to `connect`.
     """
+    from servolink.client.connect import connect
+
     try:
         connection = connect(
             choose_board(args), byte_order=args.byte_order, caption_encoding=args.caption_encoding, **options
@@ -122,6 +124,9 @@ def choose_board(args: argparse.Namespace) -> str:
     """
     if args.url:
         return str(args.url)
+
+    from servolink.discovery.search import NONE_HERE, boards, only, search
+
     candidates = search()
     found = boards(candidates)
     usable = [board for board in found if not board.problem]

@@ -13,9 +13,9 @@ from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
-from servolink.cli.arguments import number, whole_number
+from servolink.cli.arguments import SERVO_ID, number, whole_number
 from servolink.cli.main import FAILED, INTERRUPTED, OK
-from servolink.cli.motion import check_can_release, may_release, servo_id
+from servolink.cli.motion import check_can_release, may_release
 from servolink.cli.output import counted, print_error, print_json, print_text
 from servolink.cli.servos import are, listed, reported
 from servolink.cli.session import Interruption, run_with_board
@@ -39,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "name", metavar="NAME", help="caption of the action, or of the macro if there are several poses"
     )
     parser.add_argument(
-        "servo_ids", nargs="*", default=[], type=servo_id, metavar="SERVO", help="the servos to release (all)"
+        "servo_ids", nargs="*", default=[], type=SERVO_ID, metavar="SERVO", help="the servos to release (all)"
     )
     parser.add_argument("--file", type=Path, metavar="FILE", help="write into this project file, not to the board")
     parser.add_argument(

@@ -17,8 +17,6 @@ import pytest
 
 import servolink
 from servolink.__main__ import main
-from servolink.cli import session
-from servolink.cli import session as choosing
 from servolink.cli.commands import COMMANDS
 from servolink.cli.parser import EXIT_CODES
 from servolink.client.connect import connect
@@ -57,6 +55,7 @@ def loaded_by(*arguments: str) -> set[str]:
     ("arguments", "unwanted"),
     [
         (("--help",), HEAVY | {"msgspec"}),
+        *(((command, "--help"), HEAVY - {"asyncio", "ssl"} | {"msgspec"}) for command in ("move", "stop", "servos", "events")),
         (("decode", "134c051d1a2700000000c5"), HEAVY),
         (("--url", "virtual://", "info"), {"rich", "serial", "hid", "hidraw", "usb"}),
         (("--url", "virtual://", "stop", "--json"), {"rich", "serial", "hid", "hidraw", "usb"}),
@@ -86,7 +85,7 @@ def test_help_names_the_exit_codes(command: str | None, capsys: pytest.CaptureFi
 def test_without_a_board_it_says_what_to_write(
     command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(choosing, "search", list)
+    monkeypatch.setattr("servolink.discovery.search.search", list)
     said = call(capsys, command)
     assert said.code == 3
     assert all(text in said.err for text in ("SERVOLINK_BOARD", "serial:///dev/ttyACM0", "tcp://", "virtual://"))
@@ -105,7 +104,7 @@ def test_the_address_may_come_from_the_environment(
 def test_an_empty_address_in_the_environment_is_none(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(choosing, "search", list)
+    monkeypatch.setattr("servolink.discovery.search.search", list)
     monkeypatch.setenv("SERVOLINK_URL", "")
     said = call(capsys, "info")
     assert (said.code, said.out) == (3, "")
@@ -200,7 +199,7 @@ def test_an_address_that_is_written_wrongly_is_2(url: str, capsys: pytest.Captur
 def test_a_board_that_never_answers_is_3(
     arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(session, "connect", functools.partial(connect, timeout=0.05))
+    monkeypatch.setattr("servolink.client.connect.connect", functools.partial(connect, timeout=0.05))
     with socket.create_server(("127.0.0.1", 0)) as silent:
         said = call(capsys, "--url", f"tcp://127.0.0.1:{silent.getsockname()[1]}", *arguments)
     assert (said.code, said.out) == (3, "")
@@ -317,7 +316,7 @@ def test_a_traceback_is_printed_on_request(capsys: pytest.CaptureFixture[str]) -
 def test_a_bug_is_one_line_that_asks_for_a_report(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(choosing, "connect", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("servolink.client.connect.connect", lambda *_, **__: 1 / 0)
     assert main(("-b", "virtual://", "info")) == 1
     assert capsys.readouterr().err == (
         "servolink: internal error, please report it with the output of the same command and -vv: "

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.cli import boards, session
+from servolink.cli import boards
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from tests.cli.programs import call, finished, in_terminal, program, started
 
@@ -36,8 +36,8 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
         async def discover() -> list[DeviceInfo]:
             return list(candidates)
 
-        for module in (session, boards):
-            monkeypatch.setattr(module, "search", lambda: list(candidates))
+        for module in ("servolink.discovery.search", "servolink.cli.boards"):
+            monkeypatch.setattr(f"{module}.search", lambda: list(candidates))
         monkeypatch.setattr(boards, "discover", discover)
 
     return here
