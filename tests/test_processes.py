@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -75,3 +76,10 @@ def test_programs_can_be_interrupted_where_the_tests_cannot() -> None:
     ran = processes.run(["/bin/sh", "-c", f"trap '' INT; exec {command}"], cwd=ROOT)
     assert ran.returncode == 0, ran.stdout
     assert "1 passed" in ran.stdout
+
+
+def test_programs_are_started_there_only() -> None:
+    starting = re.compile(r"subprocess\.(run|call|check_\w+|Popen)\(|create_subprocess_")
+    sources = set((ROOT / "tests").rglob("*.py")) - set((ROOT / "tests/kernel/guest").iterdir())  # ends with its kernel
+    found = {path.relative_to(ROOT).as_posix() for path in sources if starting.search(path.read_text(encoding="utf-8"))}
+    assert found == {"tests/processes.py", "tests/test_processes.py"}

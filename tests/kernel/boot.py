@@ -22,7 +22,7 @@ from tests.kernel.image import first_files, unpacked_kernel
 PARTS = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "servolink-kernel" / "root"
 QEMU = "qemu-system-x86_64"
 INSTALL = "tests/kernel/install"
-LIMIT = 600.0
+LIMIT = 1800.0
 """Seconds after which a guest is given up."""
 
 
