@@ -102,7 +102,7 @@ def test_a_repaired_export_keeps_its_mark(tmp_path: Path, capsys: pytest.Capture
 @pytest.mark.parametrize("number", ["0", "-1", "x", "2147483648"])
 def test_an_id_is_a_positive_number(number: str, capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, "--url", "virtual://", "actions", "--", number)
-    assert (said.code, "an id must be a number from 1 to 2147483647" in said.err) == (2, True)
+    assert (said.code, "must be an integer from 1 to 2147483647" in said.err) == (2, True)
 
 
 def test_the_question_names_what_is_deleted() -> None:
