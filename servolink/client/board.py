@@ -234,7 +234,10 @@ class Board:
         return self._servos.follow(targets, seconds, settle=settle)
 
     async def run_action(self, action_id: int) -> None:
-        """Run a stored action (3.2.6). The board does not answer, not even if it has no such action."""
+        """Run a stored action (3.2.6). Raise NotFound, with nothing moved, if there is none.
+
+        Return when the command is sent: the board does not answer it.
+        """
         await self._servos.run_action(action_id)
 
     # --- 3.3 stored records -------------------------------------------------------------------------------------

@@ -22,6 +22,7 @@ from servolink.motion import (
     seconds_for,
     wire_angles,
 )
+from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ALL_SERVOS,
@@ -224,8 +225,13 @@ class ServoController:
             yield servos
 
     async def run_action(self, action_id: int) -> None:
-        """Run a stored action (3.2.6); the board does not answer."""
-        await self._session.send(ExecuteActionExRequest(action_id))
+        """Run a stored action. Raise NotFound, with nothing moved, if the board has none with this id."""
+        connection = self._session.connection
+        stops = connection.stops
+        request = ACTION.query(action_id)  # the board does not answer the command itself, and ignores unknown ids
+        if ACTION.record_in(await self._session.request(request)) is None:
+            raise NotFound(f"the board has no action {action_id}", request)
+        await connection.send(ExecuteActionExRequest(action_id), unless_stopped_since=stops)
 
     async def stop(self) -> None:
         """Stop and hold all servos, ahead of everything that waits to be sent (see `Board.stop`)."""

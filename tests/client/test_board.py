@@ -82,6 +82,8 @@ async def use_actions(board: Board) -> None:
     assert [servo.angle for servo in (await board.servos())[:2]] == [30, -30]
     with pytest.raises(NotFound, match="no action 8"):
         await board.action(8)
+    with pytest.raises(NotFound, match="no action 8"):
+        await board.run_action(8)
     with pytest.raises(NotFound, match="no action 0"):
         await board.action(0)
     await board.delete_action(7)

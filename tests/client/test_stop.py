@@ -18,7 +18,7 @@ from servolink.protocol.editing import (
     QueryProjectIDRequest,
     WriteProjectIDRequest,
 )
-from servolink.protocol.records import Macro
+from servolink.protocol.records import Action, Macro, Step
 from servolink.protocol.servos import (
     ALL_SERVOS,
     ExecuteActionExRequest,
@@ -146,9 +146,10 @@ async def attempt(call: Awaitable[object]) -> object:
 def test_what_was_asked_for_before_a_stop_and_waits_for_its_turn_does_not_move_after_it(name: str) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        fake.plan(QueryActionListRequest, late(0.5))
         async with connect(fake) as board:
+            await board.add_action(Action(1, "wave", (Step(1, 90, 100),)))
             await board.servos()
+            fake.plan(QueryActionListRequest, late(0.5))
             blocking = asyncio.create_task(board.actions())
             await turns_of_the_loop(3)
             moving = asyncio.create_task(attempt(MOVES[name](board)))
