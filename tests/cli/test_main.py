@@ -55,7 +55,10 @@ def loaded_by(*arguments: str) -> set[str]:
     ("arguments", "unwanted"),
     [
         (("--help",), HEAVY | {"msgspec"}),
-        *(((command, "--help"), HEAVY - {"asyncio", "ssl"} | {"msgspec"}) for command in ("move", "stop", "servos", "events")),
+        *(
+            ((command, "--help"), HEAVY - {"asyncio", "ssl"} | {"msgspec"})
+            for command in ("move", "stop", "servos", "events")
+        ),
         (("decode", "134c051d1a2700000000c5"), HEAVY),
         (("--url", "virtual://", "info"), {"rich", "serial", "hid", "hidraw", "usb"}),
         (("--url", "virtual://", "stop", "--json"), {"rich", "serial", "hid", "hidraw", "usb"}),
