@@ -230,7 +230,7 @@ def _field_type(field: _Field, *, unchecked: bool) -> Any:
 
 
 def _annotated(kind: type, *metas: Meta) -> Any:
-    return Annotated.__class_getitem__((kind, *metas))  # type: ignore[attr-defined]
+    return Annotated[kind, *metas]
 
 
 def _command_types(*, unchecked: bool) -> Any:
