@@ -61,7 +61,7 @@ class BaseTransport(ABC):
                 raise OpenError(f"{self.url}: it was lost while being opened: {self._error}") from self._error
             raise OpenError(f"{self.url}: it was closed while being opened; try again")
         self._stage = "open"
-        _logger.debug("%s: opened", escape(self.url))
+        _logger.info("%s: opened", escape(self.url))
 
     async def send(self, data: bytes) -> None:
         """Send all of `data`; raise ConnectionLost unless the connection is open and takes it."""
@@ -158,7 +158,7 @@ class BaseTransport(ABC):
         self._watch.stop()
         self._wake_senders(taken=False)
         if receiver is not None and was_open:
-            _logger.debug("%s", self._error or f"{escape(self.url)}: closed")  # the error names the address itself
+            _logger.info("%s", self._error or f"{escape(self.url)}: closed")  # the error names the address itself
             receiver.lost(self._error)
 
     def _loss(self, cause: Exception) -> ConnectionLost:

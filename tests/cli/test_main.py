@@ -301,6 +301,8 @@ def test_ctrl_c_while_it_starts_prints_nothing(module: str) -> None:
 
 def test_the_log_is_printed_on_request(capsys: pytest.CaptureFixture[str]) -> None:
     assert call(capsys, "-b", "virtual://", "info").err == ""
+    said = call(capsys, "-b", "virtual://", "info", "-v")
+    assert re.findall(r"^[\d:.]+ (.*)$", said.err, re.MULTILINE) == ["virtual://: opened", "virtual://: closed"]
     said = call(capsys, "-b", "virtual://", "info", "-vv")
     assert said.code == 0
     assert re.search(r"^\d\d:\d\d:\d\d\.\d{3} .*QueryProjectIDResponse\(project_id=0\)$", said.err, re.MULTILINE)

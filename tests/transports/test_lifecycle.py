@@ -133,7 +133,7 @@ def test_bytes_after_the_end_are_dropped() -> None:
     run(main())
 
 
-def test_opening_closing_and_losses_are_logged_at_debug_level(caplog: pytest.LogCaptureFixture) -> None:
+def test_opening_closing_and_losses_are_logged_as_information(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
         closed, lost = Kind(), Kind()
         for transport in (closed, lost):
@@ -141,11 +141,11 @@ def test_opening_closing_and_losses_are_logged_at_debug_level(caplog: pytest.Log
         await closed.close()
         lose(lost)
 
-    with caplog.at_level(logging.DEBUG, "servolink.transport"):
+    with caplog.at_level(logging.INFO, "servolink.transport"):
         run(main())
     assert [(record.levelno, record.getMessage()) for record in caplog.records if record.name.startswith("servo")] == [
-        (logging.DEBUG, f"{SHOWN}: opened"),
-        (logging.DEBUG, f"{SHOWN}: opened"),
-        (logging.DEBUG, f"{SHOWN}: closed"),
-        (logging.DEBUG, f"{SHOWN}: the connection was lost: first"),
+        (logging.INFO, f"{SHOWN}: opened"),
+        (logging.INFO, f"{SHOWN}: opened"),
+        (logging.INFO, f"{SHOWN}: closed"),
+        (logging.INFO, f"{SHOWN}: the connection was lost: first"),
     ]
