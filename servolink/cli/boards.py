@@ -24,9 +24,10 @@ from servolink.discovery.names import (
     save_alias,
 )
 from servolink.discovery.search import NONE_HERE, discover, search
-from servolink.errors import OpenError
+from servolink.errors import InvalidAddress, OpenError, TransportError
 from servolink.protocol.servos import ALL_SERVOS
 from servolink.transports.device_info import DeviceInfo
+from servolink.transports.registry import create
 
 
 def configure_list(parser: argparse.ArgumentParser) -> None:
@@ -118,6 +119,7 @@ def _keep_name(args: argparse.Namespace) -> int:
     if not is_name(args.name):
         usage_error(args, f"{args.name!r} cannot be a name: use up to 64 letters, digits, - and _, and no port")
     alias = alias_for(args.address, search())
+    _refuse_invalid(args.address)
     save_alias(args.name, alias)
     if args.json:
         print_json(_named(args.name, alias))
@@ -125,6 +127,16 @@ def _keep_name(args: argparse.Namespace) -> int:
         board = f"the board with serial number {alias.serial_number}, on any port" if alias.serial_number else alias.url
         print_text(f"{args.name} is {board}; kept in {aliases_path()}")
     return OK
+
+
+def _refuse_invalid(url: str) -> None:
+    """Raise InvalidAddress if `url` is written wrongly. What only cannot be used at the moment can have a name."""
+    try:
+        create(url)
+    except InvalidAddress:
+        raise
+    except TransportError:
+        pass
 
 
 def _list_names(args: argparse.Namespace) -> int:

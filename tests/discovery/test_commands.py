@@ -176,3 +176,11 @@ async def _discovered() -> set[str]:
     import servolink
 
     return {candidate.url for candidate in await servolink.discover()}
+
+
+@pytest.mark.parametrize("address", ["nonsense://x", "virtual://?servos=many"])
+def test_a_wrong_address_gets_no_name(address: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "use", "arm", address)
+    assert (said.code, said.out) == (2, "")
+    assert said.err.startswith(f"servolink: {address}: ")
+    assert call(capsys, "use", "--list", "--json").json == {"names": []}
