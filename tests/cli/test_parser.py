@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -80,7 +81,10 @@ def test_help_fits_and_names_no_section(name: str, capsys: pytest.CaptureFixture
     said = call(capsys, *name.split(), "--help")
     assert said.code == 0
     assert said.out.endswith(f"{EXIT_CODES}\n")
-    assert max(map(len, said.out.splitlines())) <= 80
+    lines = said.out.splitlines()
+    assert max(map(len, lines)) <= 80
+    short = [one for one, two in pairwise(lines) if len(one) < 60 and re.match("[a-z]", two)]
+    assert [one for one in short if re.fullmatch("[^ ].*[a-z,]", one)] == [], "a paragraph breaks at the width only"
     assert all(f"\n  servolink {example}\n" in said.out for example in (ALL[name].examples if name else ()))
     assert not re.search(r"\b3\.\d\.\d|\(3\.\d", said.out), "people have no idea of the document's sections"
 

@@ -93,9 +93,11 @@ def _renamed(args: argparse.Namespace, project: Project) -> tuple[Project, list[
 
 
 _PAIR = re.compile(r"([0-9]{1,3})=([0-9]{1,3})", re.ASCII)
-_HOW = """A servo mounted as the mirror image of another turns the other way, so each servo gets the opposite of its
-partner's angle, unless --same-sign names it. Servos without a partner keep their angle. The partner of 'left knee' is
-'right knee', of 'L knee' 'R knee', of 'l_knee' 'r_knee', of '左膝' '右膝'."""
+_HOW = (
+    "A servo mounted as the mirror image of another turns the other way, so each servo gets the opposite of its "
+    "partner's angle, unless --same-sign names it. Servos without a partner keep their angle. The partner of 'left "
+    "knee' is 'right knee', of 'L knee' 'R knee', of 'l_knee' 'r_knee', of '左膝' '右膝'."
+)
 
 
 def configure_mirror(parser: argparse.ArgumentParser) -> None:
