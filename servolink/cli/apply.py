@@ -37,7 +37,7 @@ def configure_apply(parser: argparse.ArgumentParser) -> None:
         "Before anything changes, the content of the board is saved in a backup, which `servolink rollback` restores."
     )
     parser.add_argument("file", type=Path, metavar="FILE", help="a project file")
-    parser.add_argument("--replace", action="store_true", help="delete and write everything, not only what differs")
+    parser.add_argument("--replace", action="store_true", help="if anything differs, delete and write everything")
     parser.add_argument("--no-backup", action="store_true", help="save no backup; what is replaced is lost")
     parser.add_argument("--yes", action="store_true", help="do not ask")
 
