@@ -13,7 +13,7 @@ from servolink.client.records import RecordStore
 from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
 from servolink.connection.stats import Stats
-from servolink.escaping import escape
+from servolink.escaping import escape, quote
 from servolink.motion import AngleUnit, MotionLimits
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
@@ -375,6 +375,7 @@ class Board:
         from servolink.project.transfer.plan import plan_project
         from servolink.project.transfer.read import PinnedConnection
 
+        _check_project(project)
         return await plan_project(
             PinnedConnection(self), project, on_progress=on_progress, replace=replace, unchecked=unchecked
         )
@@ -400,6 +401,7 @@ class Board:
         from servolink.project.transfer.backups import BackupStore
         from servolink.project.transfer.read import PinnedConnection
 
+        _check_project(project)
         board, store = PinnedConnection(self), BackupStore(folder)
         return await apply_project(
             board,
@@ -428,3 +430,8 @@ class Board:
         """Return whether an import was interrupted: `apply_project` finishes it, `rollback_project` undoes it."""
         self._reported_unfinished = True  # to the caller, so not to the log as well
         return is_unfinished(await self._session.project_id())
+
+
+def _check_project(project: object) -> None:
+    if not isinstance(project, Project):
+        raise TypeError(f"project must be a Project, not {quote(project)}; read a file with load_project(path)")

@@ -19,6 +19,7 @@ from servolink.motion import AngleLimits, AngleUnit, MotionLimits
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport
+from servolink.transports.lifecycle import BaseTransport, WrappedTransport
 from servolink.transports.registry import create
 from servolink.transports.serial_ports import PortTracker
 
@@ -87,7 +88,9 @@ class connect:  # noqa: N801 - reads as the function it stands for
     async def open(self) -> Board:
         """Open the board, as `await connect(...)` does."""
         if self._url is not None and not isinstance(self._url, str):
-            return self._board_on(Session(await self._open_connection(self._url, Stats())))
+            # A transport of another package may raise anything; wrapped, it raises errors of this library.
+            transport = self._url if isinstance(self._url, BaseTransport) else WrappedTransport(self._url)
+            return self._board_on(Session(await self._open_connection(transport, Stats())))
         address = await resolve_url(self._url)
         stats = Stats()
         connection = await self._open_connection(create(address), stats)
@@ -150,7 +153,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
 def _shorten_traceback(error: OpenError) -> None:
     """Drop the frames of an error whose text says everything: that the system could not open a port or an address.
 
-    Other causes keep theirs, because they are defects, such as a TypeError in a third-party transport.
+    Other causes keep theirs, because they are defects, such as a TypeError in a transport of another package.
     """
     chain: list[BaseException] = [error]
     while (cause := chain[-1].__cause__ or chain[-1].__context__) is not None and cause not in chain:

@@ -52,6 +52,7 @@ def overtaken(packet: Packet) -> OutcomeUnknown:
 def lost(url: str, cause: BaseException | None) -> ConnectionLost:
     """Return the error that ends a link; without a cause it was closed by this program."""
     reason = "it was closed by this program" if cause is None else escape(str(cause) or type(cause).__name__)
+    reason = reason.removeprefix(f"{escape(url)}: ").removeprefix("the connection was lost: ")  # said once
     error = ConnectionLost(f"the connection to {escape(url)} is gone: {reason}")
     error.__cause__ = cause
     return error

@@ -20,6 +20,7 @@ from servolink.errors import (
 from servolink.protocol.joystick import SubscribeButtonEventRequest
 from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Action
+from servolink.transports.base import Receiver
 from tests.client.fake_board import LOST, FakeBoard, Fate, now
 from tests.virtual_time import run
 
@@ -228,5 +229,45 @@ def test_stats_count_what_went_over_the_line() -> None:
         assert stats["bytes_received"] == 9 + 3 + 9 + 4
         assert stats["round_trip_ms"] == {"p50": 10.0, "p90": 10.0, "p99": 10.0}
         assert stats["skipped"] == {}
+
+    run(main())
+
+
+class _Broken:
+    """A transport of another package that raises errors of its own."""
+
+    url = "broken://"
+
+    def __init__(self, where: str) -> None:
+        self._where = where
+
+    async def open(self, receiver: Receiver, /) -> None:
+        if self._where == "open":
+            raise KeyError("wire")
+
+    async def send(self, data: bytes, /) -> None:
+        raise KeyError("wire")
+
+    async def close(self) -> None:
+        pass
+
+
+def test_errors_of_a_foreign_transport_become_errors_of_the_library() -> None:
+    async def main() -> None:
+        with pytest.raises(OpenError, match=r"broken://: cannot open it: 'wire'"):
+            await connect(_Broken("open"))
+        async with connect(_Broken("send"), angle_unit=None) as board:
+            with pytest.raises(ConnectionLost, match="'wire'"):
+                await board.battery()
+
+    run(main())
+
+
+@pytest.mark.parametrize("method", ["plan_project", "apply_project"])
+def test_a_path_is_not_a_project(method: str) -> None:
+    async def main() -> None:
+        async with connect("virtual://") as board:
+            with pytest.raises(TypeError, match=r"must be a Project, not 'robot.json'; read a file with load_project"):
+                await getattr(board, method)("robot.json")
 
     run(main())
