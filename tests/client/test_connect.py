@@ -241,11 +241,11 @@ class _Broken:
     def __init__(self, where: str) -> None:
         self._where = where
 
-    async def open(self, receiver: Receiver, /) -> None:
+    async def open(self, receiver: Receiver) -> None:
         if self._where == "open":
             raise KeyError("wire")
 
-    async def send(self, data: bytes, /) -> None:
+    async def send(self, data: bytes) -> None:
         raise KeyError("wire")
 
     async def close(self) -> None:
