@@ -72,11 +72,11 @@ def test_closing_after_the_loop_has_ended_frees_a_serial_port() -> None:
         board = asyncio.run(opened(url))
         asyncio.run(asyncio.wait_for(board.close(), 60))
 
-        async def again() -> None:
-            async with connect(url):
-                pass
+        async def reopen() -> str:
+            async with connect(url) as another:  # the port is opened exclusively
+                return repr(another)
 
-        asyncio.run(again())
+        assert asyncio.run(reopen()) == f"<Board {url} connected>"
     finally:
         os.close(controller)
         os.close(terminal)
