@@ -4,7 +4,6 @@ BENCHMARKS = {
     "parser": ("benchmarks.parser", True, "The parser against a textbook parser"),
     "peers": ("benchmarks.peers", True, "The parser against those of other libraries, each on its own format"),
     "packets": ("benchmarks.packets", True, "Bytes to typed packets and back, against bare tuples and other tools"),
-    "compiled": ("benchmarks.compiled", True, "The compiled loops, against pure Python and a parser made with Cython"),
     "hostile": ("benchmarks.hostile", True, "Streams made to be expensive"),
     "recall": ("benchmarks.recall", True, "Intact frames found on a damaged line"),
     "reliability": ("benchmarks.reliability", True, "Conversations on bad lines, with bad boards and busy programs"),

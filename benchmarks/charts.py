@@ -80,18 +80,6 @@ _SHORT_FRAMES = {"13", "14", "21", "32"}
 _LINES = {"textbook parser", "aioesphomeapi", "cobs", "pymodbus, socket", "pymavlink", "zigpy-znp"}
 
 
-def _compiled(tables: list[Table]) -> Iterator[Chart]:
-    parser = _table(tables, "Parser, ns for each frame")
-    yield Chart(
-        "compiled",
-        "Pure Python, compiled, and a parser made with Cython",
-        "ns for each frame; shorter is better",
-        [f"{row[0]} bytes, chunks of {row[1]}" for row in parser["rows"]],
-        {name: _column(parser, name) for name in ("aioesphomeapi", "pure", "compiled")},
-        is_log=True,
-    )
-
-
 def _hostile(tables: list[Table]) -> Iterator[Chart]:
     streams = _table(tables, "Hostile streams")
     yield Chart(
@@ -156,7 +144,6 @@ def _scale(tables: list[Table]) -> Iterator[Chart]:
 
 _CHARTS: dict[str, Callable[[list[Table]], Iterator[Chart]]] = {
     "peers": _peers,
-    "compiled": _compiled,
     "hostile": _hostile,
     "reliability": _reliability,
     "roundtrip": _roundtrip,

@@ -13,8 +13,6 @@ from statistics import median
 from time import process_time_ns
 from typing import Any, TypedDict
 
-from servolink.protocol import speedups as compiled
-
 Result = dict[str, Any]
 """What a benchmark found, ready for JSON. `wrong` and `slow` list the goals it missed, as sentences; `tables` are
 for the page of figures, and so are `versions`, of other software that took part, by name. Anything else may be in it.
@@ -66,7 +64,6 @@ def machine() -> Result:
         "processor": _processor(),
         "cores": os.cpu_count(),
         "system": f"{platform.system()} {'.'.join(platform.release().split('.')[:2])}",
-        "servolink": "in pure Python" if compiled.collect is None else "compiled",
         "date": datetime.now(UTC).date().isoformat(),
     }
 

@@ -1,7 +1,4 @@
-"""Bytes to typed packets and back: each of the 60, against the same packets declared with other tools.
-
-All in pure Python, also where the compiled loops are installed; `compiled` measures those.
-"""
+"""Bytes to typed packets and back: each of the 60, against the same packets declared with other tools."""
 
 from __future__ import annotations
 
@@ -11,7 +8,6 @@ from importlib.metadata import version
 from statistics import median
 from struct import Struct
 
-from benchmarks.loading import using
 from benchmarks.measuring import Comparison, Result, Table, compare, in_turns, table, timed
 from benchmarks.packet_codecs import Bitstruct, BitstructInC, Construct, Dataclasses, PacketCodec, plain
 from benchmarks.samples import RECORDS, samples
@@ -54,15 +50,14 @@ class Way:
 def run(*, short: bool) -> Result:
     """Measure everything; a packet that comes out different is wrong, a goal missed is slow."""
     pace = Pace(3, 0.2) if short else Pace(9, 2.0)
-    with using(None):
-        typical = [_typical(size, packet, short=short) for size, packet in TYPICAL.items()]
-        peers, missing = _installed()
-        wrong = [fault for peer in peers for fault in _differences(peer)]
-        ways = [
-            way
-            for packet in samples()
-            for way in _ways(packet, [peer for peer in peers if peer.knows(packet.packet_id)], pace)
-        ]
+    typical = [_typical(size, packet, short=short) for size, packet in TYPICAL.items()]
+    peers, missing = _installed()
+    wrong = [fault for peer in peers for fault in _differences(peer)]
+    ways = [
+        way
+        for packet in samples()
+        for way in _ways(packet, [peer for peer in peers if peer.knows(packet.packet_id)], pace)
+    ]
     return {
         "versions": {peer.package: version(peer.package) for peer in peers if peer.package},
         "missing": missing,

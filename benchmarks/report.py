@@ -58,8 +58,7 @@ def _results(figures: Path) -> Iterator[tuple[str, Result, Result]]:
 def _section(name: str, result: Result, machine: Result) -> Iterator[str]:
     yield f"## {BENCHMARKS[name][2]}\n"
     yield f"```console no-run\n$ python -m benchmarks {name}\n```\n"
-    where = {"servolink": "in pure Python", **machine}
-    yield "{python}, servolink {servolink}, {processor}, {cores} cores, {system}; {date}.".format(**where)
+    yield "{python}, {processor}, {cores} cores, {system}; {date}.".format(**machine)
     if versions := result.get("versions"):
         yield f"With {', '.join(f'{other} {version}' for other, version in versions.items())}."
     yield ""

@@ -13,7 +13,6 @@ from struct import Struct
 from typing import Any
 from zlib import adler32
 
-from servolink.protocol import speedups
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.frame import (
     HEADER,
@@ -124,10 +123,6 @@ class FrameParser:
         length = len(data)
         room = length - HEADER_SIZE
         needed = 1
-        if speedups.collect is not None:
-            at = speedups.collect(data, at, self._entries, frames, wary)
-            if wary:
-                wary = max(0, wary - len(frames))
         header = data[at : at + HEADER_SIZE]
         entry = known(header) if header else None
         while True:
@@ -185,10 +180,6 @@ class FrameParser:
             if wanted:
                 needed = wanted
                 break
-            if speedups.collect is not None:
-                at = speedups.collect(data, at, self._entries, frames, wary)
-                if wary:
-                    wary = max(0, wary - len(frames) + settled)
             header = data[at : at + HEADER_SIZE]
             entry = known(header)
         if len(frames) > settled:

@@ -14,7 +14,6 @@ from msgspec import Struct as Record
 from msgspec.structs import astuple
 
 from servolink.errors import EncodeError
-from servolink.protocol import speedups
 from servolink.protocol.caption import decode_caption, decode_captions, encode_caption, encode_captions
 from servolink.protocol.packet import Value
 
@@ -125,18 +124,6 @@ class Row:
 
     def reader(self, record: type[Record] | None) -> Reader:
         """Return the function that reads whole rows as records, or as plain numbers."""
-        in_python, read_rows, layout = self._reader(record), speedups.read_rows, self.format.format
-        if read_rows is None:
-            return in_python
-
-        def read(content: bytes, start: int, encoding: str) -> tuple[Any, ...]:
-            if self.captions and encoding != "utf-8":
-                return in_python(content, start, encoding)
-            return read_rows(content, start, layout, record, encoding)
-
-        return read
-
-    def _reader(self, record: type[Record] | None) -> Reader:
         rows, size, captions = self.format.iter_unpack, self.format.size, self.captions
         if record is None:
             return lambda content, start, encoding: self._bare((len(content) - start) // size).unpack(content[start:])

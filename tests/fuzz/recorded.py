@@ -36,7 +36,7 @@ RECORDED = (
             "001700170300010203040501000000fc00000000000000000000000000000000000000000100ffa01d1501d8134c051d4e752b00"
             "00000080e5898de980b2000000000000000000000000000000000000cb000000000000000100ffa01d1501d8"
         ),
-        "what looking back had found was not looked into, and had swallowed the frame behind the noise by chance",
+        "a frame found by rescanning was not searched itself, and had swallowed the frame behind the noise by chance",
     ),
     Recorded(
         "parse",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from servolink.project.project_file import format_project
-from tests.fuzz import both_loops, ends, texts, usb, wire
+from tests.fuzz import ends, texts, usb, wire
 from tests.fuzz.recipes import IDS
 from tests.hostile.calls import PROJECT
 from tests.protocol.declared import VECTORS
@@ -75,9 +75,8 @@ TARGETS: dict[str, Target] = {
     "frame": Target(wire.decode_frame, "bytes to exactly one packet", lambda: [one.frame for one in VECTORS[::4]], 3),
     "object": Target(wire.read_object, "JSON to packets", _objects, 2, 400),
     "caption": Target(wire.use_encoding, "captions in any encoding", lambda: [b"utf-8\0wave", b"big5\0\xa4\xa4"]),
-    "loops": Target(both_loops.compare, "streams and contents to the compiled loops", _streams, 3),
     "answer": Target(ends.answer, "frames to requests that wait", _answers, 4),
-    "talk": Target(ends.talk, "calls to a board that says anything", _answers, 2),
+    "talk": Target(ends.talk, "calls to a board that sends anything", _answers, 2),
     "command": Target(ends.command, "anything to a virtual board", _streams, 3),
     "usb": Target(usb.plug_in, "anything to its USB device", lambda: [bytes.fromhex("0111800300000000") + bytes(60)]),
     "address": Target(texts.address, "addresses to transports", lambda: list(_ADDRESSES), longest=120),
