@@ -132,7 +132,7 @@ _NO_SUCH_FAMILY = {errno.EAFNOSUPPORT, errno.EADDRNOTAVAIL}  # a machine without
 def host_and_port(text: str) -> tuple[str, int]:
     """Split `HOST:PORT`. Port 0 means any free port. Raise TransportUnavailable if `text` is something else."""
     address = Address.parse(f"tcp://{text}")
-    if not address.host or address.path or address.options or not address.port.isdecimal():
+    if not address.host or address.path or "?" in text or not address.port.isdecimal():
         raise TransportUnavailable(f"{quote(text)} must be HOST:PORT, as in 127.0.0.1:0")
     if int(address.port) > _MAX_PORT:
         raise TransportUnavailable(f"a port must be 0..{_MAX_PORT}, not {address.port}")

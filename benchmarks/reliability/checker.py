@@ -33,7 +33,6 @@ class Call:
     request: Packet
     is_stop: bool = False
     timeout: float | None = None
-    retries: int | None = None
     begun: int = 0
     """How many sendings there had been."""
     sent: list[int] = field(default_factory=list)

@@ -52,7 +52,7 @@ _MAKERS, _WEIGHTS = tuple(_KINDS), tuple(_KINDS.values())
 CANCELLED = 0.02
 """Chance that a caller loses patience."""
 _PATIENCE = 0.02
-_PARTICULAR = 0.1  # chance that a caller says how long to wait and how often to ask
+_PARTICULAR = 0.1  # chance that a caller says how long to wait
 _TIMEOUTS = (0.003, 0.01, 0.05, 0.7)
 
 
@@ -95,7 +95,7 @@ class Conversation:
             packet = drawn(random)
             call = Call(self.steps, packet, is_stop=packet is _STOP)
             if random.random() < _PARTICULAR:
-                call.timeout, call.retries = random.choice(_TIMEOUTS), random.randrange(5)
+                call.timeout = random.choice(_TIMEOUTS)
             if random.random() < self._line.stalls:
                 assert isinstance(loop, SimulatedLoop)  # noqa: S101 - narrows the type
                 loop.call_later(random.uniform(0, STALL), loop.stall, STALL)
@@ -141,7 +141,5 @@ class Conversation:
             await board.send(packet)
         else:
             request = cast("Request[Any]", packet)  # neither stop nor command
-            return self._checker.answered(
-                call, await board.request(request, timeout=call.timeout, retries=call.retries)
-            )
+            return self._checker.answered(call, await board.request(request, timeout=call.timeout))
         return "done"

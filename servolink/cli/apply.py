@@ -85,12 +85,13 @@ def _apply(args: argparse.Namespace) -> int:
 def _roll_back(args: argparse.Namespace) -> int:
     given = backup_named(args.backup) if args.backup else None
     store = BackupStore()
-    given_project = store.load(given, args.caption_encoding) if given else None
+    if given:
+        store.load(given)  # before any question: it may be missing or damaged
     _refuse_without_answer(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:
         path = given or await backup_for(board, store)
-        project = given_project or store.load(path, args.caption_encoding)
+        project = store.load(path, board.codec.caption_encoding)
         if not args.json:
             print_text(f"from {path}")
 

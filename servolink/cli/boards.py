@@ -12,6 +12,7 @@ from servolink.cli.main import FAILED, NO_BOARD, OK, fail, usage_error
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible, run_with_board
 from servolink.client.board import Board
+from servolink.connection.options import options_in
 from servolink.connection.probe import ProbeResult, probe
 from servolink.discovery.names import (
     Alias,
@@ -131,6 +132,7 @@ def _keep_name(args: argparse.Namespace) -> int:
 
 def _refuse_invalid(url: str) -> None:
     """Raise InvalidAddress if `url` is written wrongly. What only cannot be used at the moment can have a name."""
+    options_in(url)
     try:
         create(url)
     except InvalidAddress:

@@ -144,7 +144,7 @@ async def survive_damage(scene: Scene) -> Outcome:
     before, damaged = scene.counters(), scene.line.damaged
     scene.line.damage_next()
     scene.stage.say("one bit of the next response is changed on the line; then all angles are read")
-    response = await scene.board.request(QueryServoRequest(ALL_SERVOS), timeout=_IMPATIENT)
+    response = await scene.board.request(QueryServoRequest(ALL_SERVOS))
     since, damaged = scene.counted_since(before), scene.line.damaged - damaged
     return Outcome(
         {"damaged_responses": damaged, **since},
@@ -166,7 +166,7 @@ async def survive_delay(scene: Scene) -> Outcome:
     scene.line.delay_next(_TOO_LATE)
     timed_out = False
     try:
-        await scene.board.request(QueryServoRequest(ALL_SERVOS), timeout=_IMPATIENT, retries=0)
+        await scene.board.request(QueryServoRequest(ALL_SERVOS), timeout=_IMPATIENT)
     except RequestTimeout:
         timed_out = True
     await scene.board.move(dict.fromkeys(old, 0), duration=0.01)

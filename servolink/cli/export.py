@@ -36,7 +36,7 @@ def run_export(args: argparse.Namespace) -> int:
             project = await board.export_project(on_progress=on_progress)
         if is_unfinished(project.project_id):  # the id of an interrupted import, which no file may give to a board
             project = replace(project, project_id=0)
-        odd = _first_error(project, args.caption_encoding)
+        odd = _first_error(project, board.codec.caption_encoding)
         save_project(args.file, project, unchecked=bool(odd))
         interruption.state = f"{args.file} is written"
         counts = {kind.field: len(getattr(project, kind.field)) for kind in STORED_TYPES}

@@ -49,7 +49,7 @@ def configure_decode(parser: argparse.ArgumentParser) -> None:
 
 def run_decode(args: argparse.Namespace) -> int:
     """Print a packet for each frame. Return 1 if anything is not a packet."""
-    codec = Codec(args.byte_order, args.caption_encoding)
+    codec = _codec(args)
     results = _stream(args.file, codec) if args.file else _frames(args, codec)
     outcome = OK
     for result in results:
@@ -63,9 +63,13 @@ def run_decode(args: argparse.Namespace) -> int:
     return outcome
 
 
+def _codec(args: argparse.Namespace) -> Codec:
+    return Codec(args.byte_order or "little", args.caption_encoding or "utf-8")
+
+
 def run_encode(args: argparse.Namespace) -> int:
     """Print a frame for each object, and errors among them with --json. Return 1 if anything is not a packet."""
-    codec = Codec(args.byte_order, args.caption_encoding)
+    codec = _codec(args)
     outcome = OK
     given = enumerate((text.encode("utf-8", "surrogateescape") for text in args.objects), 1)
     for number, line in given if args.objects else _lines("-"):

@@ -133,12 +133,12 @@ def _common_options(*, is_first: bool, takes_board: bool = True) -> Any:
         "-v", "--verbose", action="count", default=default(0), help="log to standard error; -vv logs each frame"
     )
     group.add_argument(
-        "--byte-order", choices=("little", "big"), default=default("little"), help="of numbers in packets (little)"
+        "--byte-order", choices=("little", "big"), default=default(None), help="of numbers in packets (little)"
     )
     group.add_argument(
         "--caption-encoding",
         type=caption_encoding,
-        default=default("utf-8"),
+        default=default(None),
         metavar="NAME",
         help="of captions, such as big5 (utf-8)",
     )

@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
     board = VirtualBoard(
         args.servos,
         args.seed,
-        Codec(args.byte_order),
+        Codec(args.byte_order or "little"),
         args.memory,
         on_duplicate=args.on_duplicate,
         clear=args.clear,

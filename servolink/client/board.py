@@ -99,15 +99,14 @@ class Board:
         """Yield the present state (`connected`, `lost` or `closed`), then each change up to `closed`."""
         return self._session.states()
 
-    async def request(
-        self, packet: Request[R], *, timeout: float | None = None, retries: int | None = None, unchecked: bool = False
-    ) -> R:
+    async def request(self, packet: Request[R], *, timeout: float | None = None, unchecked: bool = False) -> R:
         """Send any packet that the board answers, and return the response, whatever it says.
 
-        `timeout` (0.001..3600 seconds) and `retries` (0..1000) replace those given to `connect`. `unchecked` allows
-        values that only a board sends, such as control characters in captions, to give back what was read from it.
+        `timeout` (0.001..3600 seconds) limits the whole call, waiting for other requests included; None leaves it to
+        the `patience` of the connection. `unchecked` allows values that only a board sends, such as control characters
+        in captions, to give back what was read from it.
         """
-        return await self._session.request(packet, timeout=timeout, retries=retries, unchecked=unchecked)
+        return await self._session.request(packet, timeout=timeout, unchecked=unchecked)
 
     async def send(self, packet: Command) -> None:
         """Send any packet that the board does not answer. Raise EncodeError if a movement has a servo twice."""

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from servolink.client.board import Board
 from servolink.client.reconnect import FIRST_PAUSE, LONGEST_PAUSE
-from servolink.client.session import Session, check_count, check_timeout
+from servolink.client.session import Session, set_mode
 from servolink.connection.connection import Connection
+from servolink.connection.options import ConnectionOptions, TransmissionMode, options_in
 from servolink.connection.stats import Stats
 from servolink.discovery.names import resolve_url
-from servolink.errors import ConnectionLost, OpenError, RequestTimeout, TransportUnavailable
+from servolink.errors import ConnectionLost, OpenError, RequestError, RequestTimeout, TransportUnavailable
 from servolink.escaping import quote
 from servolink.motion import AngleLimits, AngleUnit, MotionLimits
 from servolink.protocol.codec import Codec
@@ -23,6 +24,8 @@ from servolink.transports.lifecycle import BaseTransport, WrappedTransport
 from servolink.transports.registry import create
 from servolink.transports.serial_ports import PortTracker
 
+_TRIES = 3  # of a query, within the patience of the connection
+
 
 class connect:  # noqa: N801 - reads as the function it stands for
     """`async with connect(url) as board:` opens a board and closes it again; `await connect(url)` only opens it.
@@ -30,10 +33,15 @@ class connect:  # noqa: N801 - reads as the function it stands for
     `url` is an address (`serial:///dev/ttyACM0`, `tcp://host:port`, `virtual://`), a device path, a name given by
     `servolink use`, or a transport; without it, the only board that `discover` finds.
 
-    `timeout` (0.001..3600 seconds) is the time for one response, `retries` (0..1000) how often a query is repeated,
-    `window` (1..1000) how many requests may be under way at once: 1 unless the board queues them. `angle_unit` is set
-    on all servos before the first command with an angle; None leaves them as they are. `angle_limits` (degrees) and
-    `speed_cap` (degrees per second) are checked before anything moves.
+    The first five options can also be given in the address (`serial:///dev/ttyACM0?byte_order=big`); the arguments
+    override it. `byte_order` is "little" unless given, `caption_encoding` "utf-8". `transmission_mode` says when mode 1
+    (3.1.1), which this protocol needs, is set on connecting: "auto", if the board does not answer; 1, always; "keep",
+    never. `patience` (0.001..3600 seconds, 3 unless given) is the time to ask for one response, repeats included,
+    counted from the first time that the request is sent. `depth` (1..64) is how many requests may be under way at once:
+    1 unless the board queues them.
+
+    `angle_unit` is set on all servos before the first command with an angle; None leaves them as they are.
+    `angle_limits` (degrees) and `speed_cap` (degrees per second) are checked before anything moves.
 
     With `reconnect`, a lost connection to the same board is restored in the background. Requests that were waiting
     have failed, and no movement is repeated (see `Board.states`).
@@ -45,20 +53,26 @@ class connect:  # noqa: N801 - reads as the function it stands for
         self,
         url: str | Transport | None = None,
         *,
-        byte_order: ByteOrder = "little",
-        caption_encoding: str = "utf-8",
-        timeout: float = 1.0,
-        retries: int = 2,
-        window: int = 1,
+        byte_order: ByteOrder | None = None,
+        caption_encoding: str | None = None,
+        transmission_mode: TransmissionMode | None = None,
+        patience: float | None = None,
+        depth: int | None = None,
         angle_unit: AngleUnit | None = "degree",
         angle_limits: AngleLimits | None = None,
         speed_cap: float | None = None,
         reconnect: bool = False,
     ) -> None:
         """Check the arguments. Nothing is opened yet."""
-        check_timeout(timeout)
-        check_count("retries", retries, 0)
-        check_count("window", window, 1)
+        given = {
+            "byte_order": byte_order,
+            "caption_encoding": caption_encoding,
+            "transmission_mode": transmission_mode,
+            "patience": patience,
+            "depth": depth,
+        }
+        self._options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+        ConnectionOptions(**self._options)  # checks them; those in the address are known only when it is
         if angle_unit not in ("degree", "adc", None):
             raise ValueError(f"angle_unit must be 'degree', 'adc' or None, not {quote(angle_unit)}")
         if not (url is None or isinstance(url, str | Transport)):
@@ -67,8 +81,6 @@ class connect:  # noqa: N801 - reads as the function it stands for
             _refuse_transport(url, "reconnect")
         self._url = url
         self._reconnect = reconnect
-        self._codec = Codec(byte_order, caption_encoding)
-        self._timeout, self._retries, self._window = timeout, retries, window
         self._angle_unit: AngleUnit | None = angle_unit
         self._limits = MotionLimits(angle_limits, speed_cap)
         self._board: Board | None = None
@@ -90,16 +102,18 @@ class connect:  # noqa: N801 - reads as the function it stands for
         if self._url is not None and not isinstance(self._url, str):
             # A transport of another package may raise anything; wrapped, it raises errors of this library.
             transport = self._url if isinstance(self._url, BaseTransport) else WrappedTransport(self._url)
-            return self._board_on(Session(await self._open_connection(transport, Stats())))
+            options = ConnectionOptions(**self._options)
+            return self._board_on(Session(await self._open_connection(transport, options, Stats())))
         address = await resolve_url(self._url)
+        options = ConnectionOptions(**(options_in(address) | self._options))
         stats = Stats()
-        connection = await self._open_connection(create(address), stats)
+        connection = await self._open_connection(create(address), options, stats)
         if not self._reconnect:
             return self._board_on(Session(connection))
         port = PortTracker(address)
 
         async def reopen() -> Connection:
-            return await self._open_connection(create(await port.url()), stats)
+            return await self._open_connection(create(await port.url()), options, stats)
 
         board = self._board_on(Session(connection, reopen))
         try:
@@ -115,13 +129,13 @@ class connect:  # noqa: N801 - reads as the function it stands for
     def _board_on(self, session: Session) -> Board:
         return Board(session, self._angle_unit, self._limits)
 
-    async def _open_connection(self, transport: Transport, stats: Stats) -> Connection:
+    async def _open_connection(self, transport: Transport, options: ConnectionOptions, stats: Stats) -> Connection:
         connection = Connection(
             transport,
-            self._codec,
-            timeout=self._timeout,
-            retries=self._retries,
-            window=self._window,
+            Codec(options.byte_order, options.caption_encoding),
+            timeout=options.patience / _TRIES,
+            retries=_TRIES - 1,
+            window=options.depth,
             stats=stats,
             before=self._before,
         )
@@ -131,6 +145,14 @@ class connect:  # noqa: N801 - reads as the function it stands for
             _shorten_traceback(error)
             raise
         self._before = connection
+        if options.transmission_mode == 1:
+            try:
+                await set_mode(connection, 1)
+            except BaseException as error:
+                await connection.close()
+                if isinstance(error, RequestError):
+                    raise OpenError(str(error)) from None
+                raise
         return connection
 
     def __await__(self) -> Generator[Any, None, Board]:

@@ -11,10 +11,10 @@ from servolink.client.identity import BoardIdentity
 from servolink.client.reconnect import ConnectionState, ConnectionStates, Reconnector
 from servolink.connection.connection import Connection
 from servolink.connection.explain import described, lost, same
+from servolink.connection.options import check_seconds
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, EncodeError, Rejected, ServolinkError
-from servolink.escaping import escape, quote
-from servolink.motion import is_number
+from servolink.escaping import escape
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.packet import Command, Request, Response, Result
@@ -22,25 +22,6 @@ from servolink.protocol.servos import ExecuteActionRequest
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 
 R = TypeVar("R", bound=Response)
-
-_LONGEST_TIMEOUT = 3600  # a cancelled request blocks its turn that long, and a stop is confirmed only then
-_MOST = 1_000
-
-
-def check_timeout(value: object) -> None:
-    """Raise TypeError or ValueError if `value` is not a timeout of 0.001..3600 seconds."""
-    if not is_number(value):
-        raise TypeError(f"timeout must be a number of seconds, not {quote(value)}")
-    if not 0.001 <= value <= _LONGEST_TIMEOUT:
-        raise ValueError(f"timeout must be 0.001..{_LONGEST_TIMEOUT} seconds, not {quote(value)}")
-
-
-def check_count(name: str, value: object, least: int) -> None:
-    """Raise TypeError or ValueError if `value` is not a whole number from `least` to 1000."""
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise TypeError(f"{name} must be a whole number, not {quote(value)}")
-    if not least <= value <= _MOST:
-        raise ValueError(f"{name} must be {least}..{_MOST}, not {quote(value)}")
 
 
 class Session:
@@ -92,16 +73,13 @@ class Session:
 
     # --- requests -----------------------------------------------------------------------------------------------
 
-    async def request(
-        self, packet: Request[R], *, timeout: float | None = None, retries: int | None = None, unchecked: bool = False
-    ) -> R:
+    async def request(self, packet: Request[R], *, timeout: float | None = None, unchecked: bool = False) -> R:
         """Send `packet` and return its response (see `Board.request`)."""
         if not isinstance(packet, Request):
             raise TypeError(f"the board does not answer {type(packet).__name__}; use send")
         if timeout is not None:
-            check_timeout(timeout)
-        if retries is not None:
-            check_count("retries", retries, 0)
+            check_seconds("timeout", timeout)
+        retries = None if timeout is None else 0
         return await self.connection.request(packet, timeout=timeout, retries=retries, unchecked=unchecked)
 
     async def send(self, packet: Command) -> None:
@@ -123,7 +101,7 @@ class Session:
 
     async def set_transmission_mode(self, mode: int) -> None:
         """Set the transmission mode (3.1.1). Raise Rejected if the board stays in another."""
-        await _set_mode(self.connection, mode)
+        await set_mode(self.connection, mode)
         self._mode = mode
 
     async def clear_all_data(self) -> None:
@@ -192,7 +170,7 @@ class Session:
         connection.answers.on_end = self._connection_ended
         # First this protocol, if a mode was ever set: a board that restarted in mode 0 would not answer the check.
         if self._mode is not None:
-            await _set_mode(connection, 1)
+            await set_mode(connection, 1)
         # Before anything is changed: another board may be plugged in at this address. Its response also proves
         # that nothing is still to come for an earlier connection.
         await self.identity.check(connection)
@@ -202,14 +180,15 @@ class Session:
         self.connection = connection
         # Last, because a board in mode 0 answers nothing any more.
         if self._mode not in (None, 1):
-            await _set_mode(connection, self._mode)
+            await set_mode(connection, self._mode)
         if connection.answers.ended is not None:  # lost again meanwhile, when its end was not ours to handle
             raise same(connection.answers.ended)
         self.stats.reconnects += 1
         self._states.change("connected")
 
 
-async def _set_mode(connection: Connection, mode: int) -> None:
+async def set_mode(connection: Connection, mode: int) -> None:
+    """Set the transmission mode (3.1.1). Raise Rejected if the board stays in another."""
     request = TransmissionModeSettingRequest(mode)
     response = await connection.request(request)
     if response.result != mode:

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
+from servolink.connection.options import options_in
 from servolink.connection.probe import ProbeResponse, ProbeResult, probe
 from servolink.discovery.names import resolve_url
 from servolink.discovery.search import boards, find_devices
@@ -59,10 +60,11 @@ class Report:
         return not self.urls or any(finding.check == "absent" for finding in self.findings)
 
 
-async def examine(facts: SystemFacts, board: str | None, byte_order: ByteOrder = "little") -> Report:
+async def examine(facts: SystemFacts, board: str | None, byte_order: ByteOrder | None = None) -> Report:
     """Examine `board`, an address or a name, or all boards here; only a single board is opened and queried.
 
-    Raise InvalidAddress if `board` is neither a name nor an address that could be opened somewhere.
+    `byte_order` is the one that programs would use, that of the address unless given. Raise InvalidAddress if `board`
+    is neither a name nor an address that could be opened somewhere.
     """
     found = await asyncio.to_thread(find_devices)
     report = Report(found.devices)
@@ -74,7 +76,7 @@ async def examine(facts: SystemFacts, board: str | None, byte_order: ByteOrder =
     report.findings += await asyncio.to_thread(_before_opening, facts, report.urls)
     report.findings += map(_hidden, found.failures)
     if len(report.urls) == 1:
-        await _query(facts, report, byte_order)
+        await _query(facts, report, byte_order or options_in(report.urls[0]).get("byte_order", "little"))
     elif report.urls:
         report.findings.append(_several(report.urls))
     else:
@@ -83,6 +85,7 @@ async def examine(facts: SystemFacts, board: str | None, byte_order: ByteOrder =
 
 
 def _check_address(url: str) -> None:
+    options_in(url)
     try:
         create(url)
     except InvalidAddress:

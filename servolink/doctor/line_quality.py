@@ -44,7 +44,7 @@ async def measure(url: str, byte_order: ByteOrder) -> Line:
     """Query the board at `url` repeatedly; OpenError if it cannot be opened."""
     requests = unanswered = 0
     ended = ""
-    async with connect(url, byte_order=byte_order, timeout=_PATIENCE, retries=0, angle_unit=None) as board:
+    async with connect(url, byte_order=byte_order, patience=_PATIENCE, angle_unit=None) as board:
         try:
             for requests in range(1, REQUESTS + 1):  # noqa: B007 - the result says how many there were
                 try:

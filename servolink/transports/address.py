@@ -21,15 +21,15 @@ _HEXADECIMAL = re.compile(r"0x[0-9a-f]{1,15}", re.ASCII | re.IGNORECASE)
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?", re.ASCII | re.IGNORECASE)
 _FORMS = "write it as serial:///dev/ttyACM0, serial://COM3, tcp://host:port or virtual://"
 _LONGEST = 200  # characters of an address in an error text
-_SET_ELSEWHERE = {
-    "byte_order": "the byte order is set with --byte-order in a shell, connect(..., byte_order=...) in Python",
-    "window": "the window is set with connect(..., window=...) in Python",
-}
-"""Settings of a connection that users look for among the options of an address."""
+CONNECTION_OPTIONS = ("byte_order", "caption_encoding", "transmission_mode", "patience", "depth")
+"""Options that every address can have; they are not for the transport (see `servolink.connection.options`)."""
 
 
 class Address:
-    """A parsed address; its options are read by name and kind, and `refuse_unknown` refuses the others."""
+    """A parsed address; its options are read by name and kind, and `refuse_unknown` refuses the others.
+
+    `options` are those of the transport; `connection_options` are those that every address can have.
+    """
 
     def __init__(
         self,
@@ -47,6 +47,7 @@ class Address:
         self.port = port
         self.path = path
         self.options = dict(options or {})
+        self.connection_options = {name: self.options.pop(name) for name in CONNECTION_OPTIONS if name in self.options}
         self._known: list[str] = []
 
     @classmethod
@@ -135,15 +136,19 @@ class Address:
         """Refuse the options that have not been read; call it after reading those that are known."""
         unknown = [name for name in self.options if name not in self._known]
         if unknown:
-            known = ", ".join(self._known) or "none"
-            elsewhere = f"; {_SET_ELSEWHERE[unknown[0]]}" if unknown[0] in _SET_ELSEWHERE else ""
-            raise self.refusal(f"unknown option {shorten(unknown[0])}; {self.scheme}:// has: {known}{elsewhere}")
+            own = ", ".join(self._known) or "none of its own"
+            every = ", ".join(CONNECTION_OPTIONS)
+            raise self.refusal(
+                f"unknown option {shorten(unknown[0])}; {self.scheme}:// has: {own}; every address has: {every}"
+            )
 
     def refusal(self, reason: str) -> InvalidAddress:
         """Return the error that names this address and `reason`."""
         return refusal(self.url, reason)
 
     def _option(self, name: str) -> str | None:
+        if name in CONNECTION_OPTIONS:
+            return self.connection_options.get(name)
         self._known.append(name)
         return self.options.get(name)
 

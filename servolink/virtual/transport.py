@@ -97,7 +97,10 @@ class StateSaver:
 
 
 def from_address(address: Address) -> VirtualTransport | FaultyVirtualTransport:
-    """Make a transport to a new board for `virtual://?servos=16&seed=1&drop=0.01&state=FILE...`."""
+    """Make a transport to a new board for `virtual://?servos=16&seed=1&drop=0.01&state=FILE...`.
+
+    `byte_order` is that of the board, and of the connection to it unless the program says otherwise.
+    """
     if address.host or address.port or address.path.strip("/"):
         raise address.refusal("a virtual board has no host or path, only options: virtual://?servos=16")
     seed = address.integer("seed", 0, 0, 2**63 - 1)

@@ -202,7 +202,7 @@ def test_an_address_that_is_written_wrongly_is_2(url: str, capsys: pytest.Captur
 def test_a_board_that_never_answers_is_3(
     arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("servolink.client.connect.connect", functools.partial(connect, timeout=0.05))
+    monkeypatch.setattr("servolink.client.connect.connect", functools.partial(connect, patience=0.15))
     with socket.create_server(("127.0.0.1", 0)) as silent:
         said = call(capsys, "--url", f"tcp://127.0.0.1:{silent.getsockname()[1]}", *arguments)
     assert (said.code, said.out) == (3, "")

@@ -11,6 +11,7 @@ import pytest
 from servolink.client.connect import connect
 from servolink.errors import (
     ConnectionLost,
+    InvalidAddress,
     OpenError,
     OutcomeUnknown,
     RequestTimeout,
@@ -20,8 +21,9 @@ from servolink.errors import (
 from servolink.protocol.joystick import SubscribeButtonEventRequest
 from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Action
+from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
 from servolink.transports.base import Receiver
-from tests.client.fake_board import LOST, FakeBoard, Fate, now
+from tests.client.fake_board import LOST, FakeBoard, Fate, lie, now
 from tests.virtual_time import run
 
 # --- opening and closing ------------------------------------------------------------------------------------------
@@ -65,7 +67,7 @@ def test_the_end_of_async_with_fails_what_still_waits() -> None:
 def test_closing_takes_no_longer_than_a_second_though_the_board_is_silent() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        board = await connect(fake, timeout=5)
+        board = await connect(fake, patience=15)
         await board.button_events().__aenter__()
         events = board.button_events()
         await events.__aenter__()
@@ -150,14 +152,16 @@ def test_a_board_that_cannot_be_opened_says_so_and_leaves_nothing_open() -> None
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"timeout": 0}, r"timeout must be 0\.001\.\.3600 seconds, not 0"),
-        ({"timeout": float("inf")}, "timeout must be .* not inf"),
-        ({"timeout": 10**5000}, "timeout must be .* not this int"),
-        ({"timeout": -1}, "timeout"),
-        ({"timeout": float("nan")}, "timeout must be .* not nan"),
-        ({"retries": -1}, r"retries must be 0\.\.1000, not -1"),
-        ({"retries": 10**400}, "retries must be .* not 1000"),
-        ({"window": 0}, r"window must be 1\.\.1000, not 0"),
+        ({"patience": 0}, r"patience must be 0\.001\.\.3600 seconds, not 0"),
+        ({"patience": float("inf")}, "patience must be .* not inf"),
+        ({"patience": 10**5000}, "patience must be .* not this int"),
+        ({"patience": -1}, "patience"),
+        ({"patience": float("nan")}, "patience must be .* not nan"),
+        ({"depth": 0}, r"depth must be 1\.\.64, not 0"),
+        ({"depth": 65}, r"depth must be 1\.\.64, not 65"),
+        ({"transmission_mode": 0}, "transmission_mode must be 'auto', 'keep' or 1, not 0"),
+        ({"transmission_mode": True}, "transmission_mode must be 'auto', 'keep' or 1, not True"),
+        ({"transmission_mode": [1]}, "transmission_mode must be 'auto', 'keep' or 1, not .1."),
         ({"byte_order": "middle"}, "byte_order must be 'little' or 'big', not 'middle'"),
         ({"caption_encoding": "klingon"}, "klingon"),
         ({"speed_cap": 0}, "speed_cap"),
@@ -178,10 +182,11 @@ def test_what_is_no_address_and_no_transport_is_refused_at_once(url: Any) -> Non
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"timeout": "1"}, "timeout must be a number of seconds, not '1'"),
-        ({"timeout": True}, "timeout must be a number of seconds, not True"),
-        ({"retries": 1.5}, r"retries must be a whole number, not 1\.5"),
-        ({"window": float("inf")}, "window must be a whole number, not inf"),
+        ({"patience": "1"}, "patience must be a number of seconds, not '1'"),
+        ({"patience": True}, "patience must be a number of seconds, not True"),
+        ({"depth": 1.5}, r"depth must be an integer, not 1\.5"),
+        ({"depth": True}, "depth must be an integer, not True"),
+        ({"depth": float("inf")}, "depth must be an integer, not inf"),
     ],
 )
 def test_options_of_the_wrong_kind_are_refused_at_once(options: dict[str, Any], words: str) -> None:
@@ -192,13 +197,69 @@ def test_options_of_the_wrong_kind_are_refused_at_once(options: dict[str, Any], 
 def test_options_hold_for_all_requests() -> None:
     async def main() -> None:
         fake = FakeBoard(usual=LOST)
-        async with connect(fake, timeout=0.25, retries=1) as board:
+        async with connect(fake, patience=0.5) as board:
             begun = now()
             with pytest.raises(RequestTimeout):
                 await board.servo_ids()
             assert now() - begun == pytest.approx(0.5)
             with pytest.raises((OutcomeUnknown, RequestTimeout)):
                 await board.write_project_id(1)
+
+    run(main())
+
+
+def test_options_of_the_address_hold_for_the_connection() -> None:
+    async def main() -> None:
+        async with connect("virtual://?byte_order=big&caption_encoding=big5") as board:
+            assert (board.codec.byte_order, board.codec.caption_encoding) == ("big", "big5")
+            assert board.url == "virtual://?byte_order=big&caption_encoding=big5"
+            await board.add_action(Action(1, "揮手"))
+            assert (await board.action(1)).action_caption == "揮手"
+
+    run(main())
+
+
+def test_an_argument_overrides_the_address() -> None:
+    async def main() -> None:
+        async with connect("virtual://?byte_order=big&patience=600", byte_order="little", patience=0.5) as board:
+            begun = now()
+            with pytest.raises(RequestTimeout, match="byte order"):
+                await board.servo_ids()
+            assert now() - begun == pytest.approx(0.5)
+
+    run(main())
+
+
+def test_a_wrong_option_in_the_address_is_refused_before_anything_is_opened() -> None:
+    async def main() -> None:
+        with pytest.raises(InvalidAddress, match=r"option patience must be a number .*, not 'long'"):
+            await connect("tcp://127.0.0.1:1?patience=long")
+        with pytest.raises(InvalidAddress, match=r"unknown option dept; .*every address has: byte_order, .* depth"):
+            await connect("tcp://127.0.0.1:1?dept=4")
+
+    run(main())
+
+
+def test_mode_1_is_set_on_connecting_if_asked_for() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.virtual.mode = 0
+        async with connect(fake, transmission_mode=1) as board:
+            assert fake.virtual.mode == 1
+            assert len(await board.servo_ids()) == 4
+        assert [type(packet) for _, packet in fake.sent][:1] == [TransmissionModeSettingRequest]
+
+    run(main())
+
+
+@pytest.mark.parametrize("fate", [LOST, lie(TransmissionModeSettingResponse(0))])
+def test_a_board_that_does_not_take_mode_1_is_not_opened(fate: Fate) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.plan(TransmissionModeSettingRequest, fate)
+        with pytest.raises(OpenError, match=r"TransmissionModeSettingRequest|in mode 0"):
+            await connect(fake, transmission_mode=1, patience=0.5)
+        assert fake.closed == 1
 
     run(main())
 

@@ -178,7 +178,7 @@ def test_an_answer_from_before_a_write_that_was_given_up_does_not_say_what_the_b
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(QueryProjectIDRequest, late(0), late(0.5))
-        async with connect(fake, window=2, timeout=2) as board:
+        async with connect(fake, depth=2, patience=6) as board:
             await board.write_project_id(5)
             assert await board.project_id() == 5
             asking = asyncio.create_task(board.project_id())

@@ -39,12 +39,12 @@ def test_an_id_that_is_given_is_kept_and_nothing_is_asked() -> None:
     run(main())
 
 
-@pytest.mark.parametrize("window", [1, 4])
-def test_records_that_are_added_at_the_same_time_get_different_ids(window: int) -> None:
+@pytest.mark.parametrize("depth", [1, 4])
+def test_records_that_are_added_at_the_same_time_get_different_ids(depth: int) -> None:
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(AddActionRequest, late(0.3))
-        async with connect(fake, window=window) as board:
+        async with connect(fake, depth=depth) as board:
             added = await asyncio.gather(*(board.add_action(POSE) for _ in range(5)))
             assert sorted(action.action_id for action in added) == [1, 2, 3, 4, 5]
             assert len(await board.actions()) == 5

@@ -224,7 +224,7 @@ def test_closing_while_lost_ends_the_tries_and_the_events(socket: Socket) -> Non
 
 def test_a_board_that_falls_silent_while_it_comes_back_is_tried_again(socket: Socket) -> None:
     async def main() -> None:
-        async with connected(timeout=0.1) as board:
+        async with connected(patience=0.3) as board:
             there = socket.board
             assert there is not None
             socket.pull()
@@ -377,7 +377,7 @@ def test_the_transmission_mode_is_there_again(socket: Socket) -> None:
 @pytest.mark.parametrize("forgets", [False, True])
 def test_the_old_transmission_mode_is_there_again_on_this_board_only(forgets: bool, socket: Socket) -> None:
     async def main() -> None:
-        async with connected(timeout=0.1) as board:
+        async with connected(patience=0.3) as board:
             ours, other = socket.board, VirtualBoard()
             assert ours is not None
             await board.write_project_id(7)
@@ -401,7 +401,7 @@ def test_a_board_that_stays_in_another_mode_is_not_connected_to(
 ) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connected(timeout=0.1) as board:
+        async with connected(patience=0.3) as board:
             await board.set_transmission_mode(1)
             monkeypatch.setattr(connecting, "create", lambda _: fake)
             fake.plan(TransmissionModeSettingRequest, lie(TransmissionModeSettingResponse(0)))

@@ -147,7 +147,7 @@ def test_a_speed_in_degrees_says_nothing_about_a_servo_in_another_unit() -> None
 def test_a_unit_of_which_it_is_not_known_whether_it_was_set_is_set_again_before_an_angle(servo_id: int) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake, retries=2) as board:
+        async with connect(fake) as board:
             await board.servos()
             fake.plan(SetAngleUnitRequest, late(30))  # done, and not answered in time
             with pytest.raises(OutcomeUnknown):

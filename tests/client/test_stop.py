@@ -59,12 +59,12 @@ def test_stop_stops_and_holds_all_and_reads_that_back() -> None:
     run(main())
 
 
-@pytest.mark.parametrize("window", [1, 2])
-def test_stop_goes_before_all_who_wait_and_before_who_has_the_turn(window: int) -> None:
+@pytest.mark.parametrize("depth", [1, 2])
+def test_stop_goes_before_all_who_wait_and_before_who_has_the_turn(depth: int) -> None:
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(QueryServoListRequest, late(0.9))
-        async with connect(fake, window=window) as board:
+        async with connect(fake, depth=depth) as board:
             ahead = asyncio.create_task(board.servo_ids())
             waiting = [asyncio.create_task(board.project_id()) for _ in range(20)]
             await asyncio.sleep(0.1)
@@ -73,7 +73,7 @@ def test_stop_goes_before_all_who_wait_and_before_who_has_the_turn(window: int) 
             await turns_of_the_loop(2)
             assert fake.sent_of(SetServoParameterRequest) == [begun]
             await stopping
-            assert len(fake.sent_of(QueryProjectIDRequest)) <= window  # the read-back, too, went before the others
+            assert len(fake.sent_of(QueryProjectIDRequest)) <= depth  # the read-back, too, went before the others
             await asyncio.gather(ahead, *waiting)
 
     run(main())
@@ -300,13 +300,13 @@ def test_a_damaged_read_back_is_none() -> None:
 def test_stop_is_sent_though_every_lane_owes_an_answer(silence: float) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake, timeout=1.0) as board:
+        async with connect(fake) as board:
             await board.servos()
             fake.usual = Fate(after=4.0)
             asked = (*FENCES, QueryServoRequest(1), SetServoParameterRequest(1, 1, 1), WriteProjectIDRequest(1))
             for request in asked:
                 with pytest.raises((RequestTimeout, OutcomeUnknown)):
-                    await board.request(request, timeout=0.01, retries=0)
+                    await board.request(request, timeout=0.01)
             fake.usual = Fate()
             await asyncio.sleep(silence)
             begun = now()

@@ -27,12 +27,12 @@ from tests.virtual_time import run
 LIMITS = (-90, 90)
 
 
-@pytest.mark.parametrize("window", [1, 3])
+@pytest.mark.parametrize("depth", [1, 3])
 @pytest.mark.parametrize("speed", [None, 90.0])
-def test_a_movement_asked_for_while_a_unit_changes_is_checked_in_the_new_one(window: int, speed: float | None) -> None:
+def test_a_movement_asked_for_while_a_unit_changes_is_checked_in_the_new_one(depth: int, speed: float | None) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake, window=window, angle_limits=LIMITS) as board:
+        async with connect(fake, depth=depth, angle_limits=LIMITS) as board:
             await board.servos()
             changing = asyncio.create_task(board.set_angle_unit("adc"))
             await turns_of_the_loop(1)
@@ -123,11 +123,11 @@ def test_a_movement_is_sent_once_in_degrees_that_are_set_again_after_an_unknown_
     run(main())
 
 
-@pytest.mark.parametrize("window", [1, 3])
-def test_an_angle_asked_for_while_the_outcome_of_a_change_is_open_is_read_when_the_unit_is_known(window: int) -> None:
+@pytest.mark.parametrize("depth", [1, 3])
+def test_an_angle_asked_for_while_the_outcome_of_a_change_is_open_is_read_when_the_unit_is_known(depth: int) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake, window=window) as board:
+        async with connect(fake, depth=depth) as board:
             before = (await board.servo(1)).angle
             fake.plan(SetAngleUnitRequest, SWALLOWED)  # done
             unknown, servo = await asyncio.gather(board.set_angle_unit("adc"), board.servo(1), return_exceptions=True)
@@ -141,7 +141,7 @@ def test_an_angle_asked_for_while_the_outcome_of_a_change_is_open_is_read_when_t
 def test_an_angle_is_asked_for_again_if_a_unit_was_sent_before_its_answer_came() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake, window=2) as board:
+        async with connect(fake, depth=2) as board:
             degrees = (await board.servo(1)).angle
             fake.plan(QueryServoRequest, late(0.5))
             servo, _ = await asyncio.gather(board.servo(1), board.set_angle_unit("adc"))
@@ -214,7 +214,7 @@ def test_a_change_that_is_given_up_before_it_is_sent_changes_nothing() -> None:
 def test_a_change_behind_one_of_which_the_outcome_is_not_known_holds() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake, timeout=0.2) as board:
+        async with connect(fake, patience=0.6) as board:
             await board.servos()
             fake.plan(SetAngleUnitRequest, late(0), SWALLOWED)
             changes = (board.set_angle_unit("adc", servo_id) for servo_id in (1, 2, 3))

@@ -65,12 +65,12 @@ def talk(data: bytes) -> None:
     cursor = Cursor(data)
     options = cursor.byte()
     chosen = [_calls()[cursor.byte() % len(_calls())] for _ in range(1 + options % 4)]
-    _loop().run_until_complete(_talk(chosen, cursor, window=1 + (options >> 2 & 1), together=bool(options & 8)))
+    _loop().run_until_complete(_talk(chosen, cursor, depth=1 + (options >> 2 & 1), together=bool(options & 8)))
 
 
-async def _talk(chosen: list[Call], cursor: Cursor, *, window: int, together: bool) -> None:
+async def _talk(chosen: list[Call], cursor: Cursor, *, depth: int, together: bool) -> None:
     board = LyingBoard(lambda packet, answer: _said(cursor, packet, answer))
-    async with connect(board, window=window) as client:
+    async with connect(board, depth=depth) as client:
         async with asyncio.timeout(_PATIENCE * len(chosen)):
             if together:
                 await asyncio.gather(*(_call(client, call) for call in chosen))

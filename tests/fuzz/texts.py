@@ -44,7 +44,8 @@ def address(data: bytes) -> None:
     url = STARTS[data[0] % len(STARTS)] + data[1:].decode("utf-8", "surrogateescape")
     try:
         parsed = Address.parse(url)
-        for part in (parsed.scheme, parsed.host, parsed.port, parsed.path, *parsed.options, *parsed.options.values()):
+        options = parsed.options | parsed.connection_options
+        for part in (parsed.scheme, parsed.host, parsed.port, parsed.path, *options, *options.values()):
             assert all(character >= " " and character != "\x7f" for character in part)
         if parsed.scheme in _KNOWN:  # others may be those of plug-ins, which takes long to find out
             transport = create(url)

@@ -102,7 +102,7 @@ def test_a_flood_takes_no_memory(name: str) -> None:
 async def _peak(board: LyingBoard) -> int:
     """Return how many bytes a client takes at most while a board says more than it is asked."""
     loop = asyncio.get_running_loop()
-    async with connect(board, retries=0, timeout=0.5) as client:
+    async with connect(board, patience=0.5) as client:
         events = client.button_events(limit=100)
         subscribing = asyncio.ensure_future(anext(events))
         await asyncio.sleep(_AFTERWARDS)

@@ -139,8 +139,8 @@ def test_stop_gets_through_in_the_middle_of_an_import(tmp_path: Path) -> None:
     assert same(on_fake(work).virtual.storage.contents, NEW_CONTENTS)
 
 
-@pytest.mark.parametrize("window", [1, 4])
-def test_clearing_overlaps_nothing(tmp_path: Path, *, window: int) -> None:
+@pytest.mark.parametrize("depth", [1, 4])
+def test_clearing_overlaps_nothing(tmp_path: Path, *, depth: int) -> None:
     async def work(board: Board, fake: FakeBoard) -> None:
         async def ask(ask: Callable[[], Awaitable[object]]) -> None:
             while not done.is_set():
@@ -153,7 +153,7 @@ def test_clearing_overlaps_nothing(tmp_path: Path, *, window: int) -> None:
         done.set()
         await asyncio.gather(*asking)
 
-    fake = on_fake(work, window=window)
+    fake = on_fake(work, depth=depth)
     assert same(fake.virtual.storage.contents, NEW_CONTENTS)
     (cleared,) = fake.sent_of(ClearAllDataRequest)
     at = [when for when, _ in fake.sent].index(cleared)

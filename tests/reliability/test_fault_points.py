@@ -145,7 +145,7 @@ async def assert_answers_are_right(board: Board) -> None:
 
 async def session(transport: FailingTransport, command: Command) -> None:
     """Connect, do something, close."""
-    async with connect(transport, timeout=0.5) as board:
+    async with connect(transport, patience=1.5) as board:
         await command(board)
 
 
@@ -237,7 +237,7 @@ def cancel_everywhere(scene: Callable[[int], Coroutine[Any, Any, bool]]) -> int:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_can_be_cancelled_anywhere_and_the_next_answers_are_right(name: str) -> None:
     async def scene(at: int) -> bool:
-        async with connect(unhurried(await stocked_board()), timeout=0.5) as board:
+        async with connect(unhurried(await stocked_board()), patience=1.5) as board:
 
             async def command() -> None:
                 await COMMANDS[name](board)
@@ -298,7 +298,7 @@ def test_a_board_that_comes_back_by_itself_survives_a_fault_at_any_operation(
         made.clear()
         monkeypatch.setattr(connecting, "create", create)
         try:
-            board = await connect("virtual://", reconnect=True, timeout=0.5)
+            board = await connect("virtual://", reconnect=True, patience=1.5)
         except ServolinkError:
             return True
         with suppress(ServolinkError):

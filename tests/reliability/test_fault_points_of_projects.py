@@ -59,7 +59,7 @@ async def prepared(name: str, folder: Path) -> VirtualBoard:
 async def session(transport: FailingTransport, call: Call, folder: Path) -> bool:
     """Connect, do something, close; tell whether no error came of it."""
     try:
-        async with connect(transport, timeout=0.5) as board:
+        async with connect(transport, patience=1.5) as board:
             await call(board, folder)
     except ServolinkError:
         return False

@@ -101,10 +101,10 @@ def forgetting_the_connection_before(monkeypatch: pytest.MonkeyPatch) -> None:
         (without_fences, range(10, 110, 50), "got "),
         (repeating_everything, range(20, 120, 50), "was sent again"),
         (forgetting_who_is_cancelled, range(10, 110, 50), "deadlock"),
-        (believing_the_clock, range(11, 111, 50), " s early"),
+        (believing_the_clock, range(11, 211, 50), " s early"),
         (moving_after_a_stop, range(10, 30), "was sent after a stop"),
         (giving_up_what_arrives, range(10, 300, 50), "were not found"),
-        (forgetting_the_connection_before, range(1121, 1164, 42), "got "),
+        (forgetting_the_connection_before, range(2963, 2964), "got "),
     ],
 )
 def test_what_is_wrong_with_a_client_is_found(

@@ -90,13 +90,17 @@ def test_unknown_options_are_refused_with_the_known_ones() -> None:
     address = Address.parse("x://?baudrat=1")
     address.integer("baudrate", 115200, 1, 10**6)
     address.flag("dtr", default=False)
-    with pytest.raises(TransportUnavailable, match="unknown option baudrat; x:// has: baudrate, dtr"):
+    with pytest.raises(TransportUnavailable, match="unknown option baudrat; x:// has: baudrate, dtr; every address"):
         address.refuse_unknown()
 
 
-def test_an_option_that_belongs_to_the_connection_is_refused_with_where_it_is_set() -> None:
-    with pytest.raises(InvalidAddress, match=r"x:// has: none; the byte order is set with --byte-order in a shell"):
-        Address.parse("x://?byte_order=big").refuse_unknown()
+def test_options_of_the_connection_are_not_for_the_transport() -> None:
+    address = Address.parse("x://?byte_order=big&a=1&depth=4")
+    assert (address.options, address.connection_options) == ({"a": "1"}, {"byte_order": "big", "depth": "4"})
+    with pytest.raises(InvalidAddress, match=r"unknown option a; x:// has: none of its own; every address has: byte_o"):
+        address.refuse_unknown()
+    assert (address.integer("a", 0, 0, 9), address.integer("depth", 1, 1, 64)) == (1, 4)
+    address.refuse_unknown()
 
 
 def test_a_serial_device_is_the_same_whichever_of_its_names_is_written(tmp_path: Path) -> None:

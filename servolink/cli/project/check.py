@@ -52,7 +52,7 @@ def run_check(args: argparse.Namespace) -> int:
             servo_ids=args.servos,
             speed_cap=args.speed_cap,
             memory=args.memory,
-            caption_encoding=args.caption_encoding,
+            caption_encoding=args.caption_encoding or "utf-8",
         )
         _print(args, found, fixes)
         return FAILED if found else OK

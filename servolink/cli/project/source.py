@@ -85,7 +85,7 @@ def write_new(args: argparse.Namespace, target: Path, project: Project) -> None:
 
     Raise ProjectError if no board could store it, with captions in the encoding of `args`.
     """
-    found = validate_project(project, caption_encoding=args.caption_encoding)
+    found = validate_project(project, caption_encoding=args.caption_encoding or "utf-8")
     if errors := [str(problem) for problem in found if problem.severity == "error"]:
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
         raise ProjectError(f"nothing was written, because a board could not store the result: {errors[0]}{more}")

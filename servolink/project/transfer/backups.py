@@ -117,14 +117,15 @@ class BackupStore:
             raise ProjectError(f"{path}: the backup does not read back as it was written")
         return path
 
-    def load(self, path: Path, caption_encoding: str) -> Project:
+    def load(self, path: Path, caption_encoding: str | None = None) -> Project:
         """Return the project in `path`, which may be any file.
 
-        ProjectError also for a backup of this folder that was read with captions in another encoding, or was changed.
+        ProjectError also for a backup of this folder that was changed, or was read with captions in another encoding
+        than `caption_encoding`; None accepts any.
         """
         project = load_project(path, unchecked=True)
         backup = _backup(path) if path == self.kept(path.name) else None
-        if backup and backup.caption_encoding != _slug_of_encoding(caption_encoding):
+        if backup and caption_encoding and backup.caption_encoding != _slug_of_encoding(caption_encoding):
             raise ProjectError(
                 f"{path} was read with captions in {backup.caption_encoding}; connect with that "
                 f"caption encoding, not {caption_encoding}"

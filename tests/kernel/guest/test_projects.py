@@ -16,7 +16,7 @@ from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, same
 
 pytestmark = pytest.mark.timeout(180)
 RECORD_TYPES = pytest.mark.parametrize("kind", ["serial", "hid", "usb"])
-PATIENCE = 10.0  # seconds for an answer in this slow machine
+PATIENCE = 30.0  # seconds for an answer in this slow machine
 
 
 @pytest.fixture
@@ -41,18 +41,18 @@ def test_a_project_survives_the_board_being_pulled_out(
             if progress.phase == "writing" and progress.done == progress.total // 2:
                 plug.pull()
 
-        async with servolink.connect(plug.url(kind), timeout=PATIENCE) as board:
+        async with servolink.connect(plug.url(kind), patience=PATIENCE) as board:
             assert await board.export_project() == OLD
             await board.apply_project(NEW, folder=tmp_path, on_progress=tell)
 
     async def go_on() -> None:
-        async with servolink.connect(plug.url(kind), timeout=PATIENCE) as board:
+        async with servolink.connect(plug.url(kind), patience=PATIENCE) as board:
             assert await board.has_unfinished_import()
             assert (await board.apply_project(NEW, folder=tmp_path)).resumed
             assert not (await board.plan_project(NEW)).changes
 
     async def go_back() -> None:
-        async with servolink.connect(plug.url(kind), timeout=PATIENCE) as board:
+        async with servolink.connect(plug.url(kind), patience=PATIENCE) as board:
             await board.rollback_project(folder=tmp_path)
 
     with pytest.raises(servolink.ConnectionLost):

@@ -1,0 +1,74 @@
+"""Options of a connection: as arguments of `connect`, and in the address of a board."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+from servolink.escaping import quote
+from servolink.protocol.caption import check_encoding
+from servolink.protocol.frame import ByteOrder
+from servolink.transports.address import Address
+
+TransmissionMode: TypeAlias = Literal["auto", "keep", 1]
+"""When opening a connection sets the transmission mode (3.1.1) to 1, in which a board speaks this protocol.
+
+"auto": if the board does not answer. 1: always. "keep": never.
+"""
+
+LEAST_PATIENCE, MOST_PATIENCE = 0.001, 3600.0
+"""Seconds."""
+MOST_DEPTH = 64
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectionOptions:
+    """How to talk to a board. Raise TypeError or ValueError for an option that is wrong."""
+
+    byte_order: ByteOrder = "little"
+    caption_encoding: str = "utf-8"
+    transmission_mode: TransmissionMode = "auto"
+    patience: float = 3.0
+    """Seconds to ask for one response, repeats included, from the first time that the request is sent."""
+    depth: int = 1
+    """How many requests may be under way at once."""
+
+    def __post_init__(self) -> None:
+        """Check all options."""
+        if self.byte_order not in ("little", "big"):
+            raise ValueError(f"byte_order must be 'little' or 'big', not {quote(self.byte_order)}")
+        check_encoding(self.caption_encoding)
+        if self.transmission_mode not in ("auto", "keep", 1) or isinstance(self.transmission_mode, bool):
+            raise ValueError(f"transmission_mode must be 'auto', 'keep' or 1, not {quote(self.transmission_mode)}")
+        check_seconds("patience", self.patience)
+        if not isinstance(self.depth, int) or isinstance(self.depth, bool):
+            raise TypeError(f"depth must be an integer, not {quote(self.depth)}")
+        if not 1 <= self.depth <= MOST_DEPTH:
+            raise ValueError(f"depth must be 1..{MOST_DEPTH}, not {quote(self.depth)}")
+
+
+def check_seconds(name: str, value: object) -> None:
+    """Raise TypeError or ValueError if `value`, of the argument `name`, is not a number of 0.001..3600 seconds."""
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        raise TypeError(f"{name} must be a number of seconds, not {quote(value)}")
+    if not LEAST_PATIENCE <= value <= MOST_PATIENCE:
+        raise ValueError(f"{name} must be {LEAST_PATIENCE:g}..{MOST_PATIENCE:g} seconds, not {quote(value)}")
+
+
+def options_in(url: str) -> dict[str, Any]:
+    """Return the options of the connection that the address `url` gives, by name. InvalidAddress if one is wrong."""
+    address, default = Address.parse(url), ConnectionOptions()
+    mode = address.choice("transmission_mode", "auto", ("auto", "keep", "1"))
+    encoding = address.text("caption_encoding", default.caption_encoding)
+    try:
+        check_encoding(encoding)
+    except ValueError as error:
+        raise address.refusal(f"option caption_encoding: {error}") from None
+    options = {
+        "byte_order": address.choice("byte_order", default.byte_order, ("little", "big")),
+        "caption_encoding": encoding,
+        "transmission_mode": 1 if mode == "1" else mode,
+        "patience": address.number("patience", default.patience, LEAST_PATIENCE, MOST_PATIENCE),
+        "depth": address.integer("depth", default.depth, 1, MOST_DEPTH),
+    }
+    return {name: options[name] for name in address.connection_options}
