@@ -27,8 +27,11 @@ class Chart:
 
 
 def charts(name: str, result: Result) -> list[Chart]:
-    """Return the charts of a benchmark's result, none if it has none."""
-    return list(_CHARTS[name](result["tables"])) if name in _CHARTS and result.get("tables") else []
+    """Return the charts of a benchmark's result, none if it has none or lacks the table that they show."""
+    try:
+        return list(_CHARTS[name](result["tables"])) if name in _CHARTS and result.get("tables") else []
+    except StopIteration:
+        return []
 
 
 def number(cell: str) -> float | None:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from statistics import median
 from time import perf_counter_ns, process_time_ns
 
+from benchmarks.goals import at_most
 from benchmarks.handoff_ways import WAYS, Burst, Descriptor, NoThread, OurOwner, ToThread, Way
 from benchmarks.loops import NewLoop, loops
 from benchmarks.measuring import CORES, Result, Table, table
@@ -33,17 +34,17 @@ for _ in range(int(rounds)):
 
 def run(*, short: bool) -> Result:
     """Measure all ways on each loop."""
-    result: Result = {"tables": [], "slow": [], "versions": {}, "cases": []}
+    result: Result = {"tables": [], "goals": [], "versions": {}, "cases": []}
     for name, new_loop in loops(result["versions"]):
         neighbours = Neighbours()
         bursts = _bursts(new_loop, 3 if short else 15, 2000 if short else 20_000)
         delays = _delays(new_loop, 100 if short else 3000)
         result["tables"].append(_table(name, bursts, delays, neighbours.note()))
         burst, paced = median(bursts[OurOwner]), median(delays[OurOwner]) / median(delays[NoThread])
-        if burst > BURST_GOAL * 1000:
-            result["slow"].append(f"{name}: {burst / 1000:.2f} µs per chunk of a burst, the goal is {BURST_GOAL}")
-        if paced > PACED_GOAL:
-            result["slow"].append(f"{name}: {paced:.2f}x the delay of add_reader, the goal is {PACED_GOAL}x")
+        result["goals"] += [
+            at_most(f"CPU per chunk of a burst, {name}", burst / 1000, BURST_GOAL, "{:.2f} µs"),
+            at_most(f"delay of a chunk that comes alone over add_reader, {name}", paced, PACED_GOAL),
+        ]
         result["cases"] += [
             {"loop": name, "way": way.name, "burst": bursts.get(way), "delays": sorted(delays[way])[:: len(WAYS) * 20]}
             for way in WAYS

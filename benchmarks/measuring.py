@@ -14,8 +14,9 @@ from time import process_time_ns
 from typing import Any, TypedDict
 
 Result = dict[str, Any]
-"""What a benchmark found, ready for JSON. `wrong` and `slow` list the goals it missed, as sentences; `tables` are
-for the page of figures, and so are `versions`, of other software that took part, by name. Anything else may be in it.
+"""The outcome of a benchmark, ready for JSON: `wrong` lists faults as sentences, `goals` the goals with their figures;
+`tables` are for the page of figures, and so are `versions`, of other software that took part, by name. Anything else
+may be in it.
 """
 
 CORES: tuple[int, ...] = tuple(sorted(os.sched_getaffinity(0))) if hasattr(os, "sched_getaffinity") else ()

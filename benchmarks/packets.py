@@ -8,6 +8,7 @@ from importlib.metadata import version
 from statistics import median
 from struct import Struct
 
+from benchmarks.goals import Goal, at_least, at_most
 from benchmarks.measuring import Comparison, Result, Table, compare, in_turns, table, timed
 from benchmarks.packet_codecs import Bitstruct, BitstructInC, Construct, Dataclasses, PacketCodec, plain
 from benchmarks.samples import RECORDS, samples
@@ -64,7 +65,7 @@ def run(*, short: bool) -> Result:
         "tables": [_typical_table(typical), _summary(ways), _each(ways, "decoded"), _each(ways, "encoded")],
         "typical": typical,
         "wrong": wrong,
-        "slow": [*_too_slow(typical), *_slower(ways)],
+        "goals": [_beside_tuples(typical), *_beside_tools(ways)],
     }
 
 
@@ -246,18 +247,16 @@ def _each(ways: list[Way], way: str) -> Table:
     )
 
 
-def _too_slow(typical: list[Result]) -> Iterator[str]:
+def _beside_tuples(typical: list[Result]) -> Goal:
     times = next(case["times_of_tuples"] for case in typical if case["frame"] == 186)
-    if times > TIMES_OF_TUPLES:
-        yield (
-            f"the state of 16 servos takes {times:.2f} times as long as its bare tuples, the goal is {TIMES_OF_TUPLES}"
-        )
+    return at_most("state of 16 servos decoded, over its bare tuples", times, TIMES_OF_TUPLES)
 
 
-def _slower(ways: list[Way]) -> Iterator[str]:
+def _beside_tools(ways: list[Way]) -> Iterator[Goal]:
     for way in ("decoded", "encoded"):
-        for peer in (Dataclasses.name, Construct.name, Bitstruct.name):
-            slower = [each for each in ways if (each.peer, each.way) == (peer, way) and each.times.ratio < 1]
+        for peer in dict.fromkeys(each.peer for each in ways if each.peer != BitstructInC.name):
+            both = [each for each in ways if (each.peer, each.way) == (peer, way)]
+            slower = [each for each in both if each.times.ratio < 1]
             names = ", ".join(each.packet for each in slower[:3]) + (", ..." if len(slower) > 3 else "")
-            if slower:
-                yield f"{peer}: {len(slower)} of the 60 packets are {way} faster than by us ({names})"
+            name = f"packets {way} faster than by {peer}" + (f"; not: {names}" if slower else "")
+            yield at_least(name, len(both) - len(slower), len(both), f"{{:.0f}} of {len(both)}")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks import BENCHMARKS
 from benchmarks.charts import Chart, charts
+from benchmarks.goals import Goal
 from benchmarks.measuring import Result, Table, right_aligned
 
 ROOT = Path(__file__).parents[1]
@@ -39,7 +41,8 @@ def write() -> None:
 
 def page(figures: Path) -> str:
     """Return the page for the JSON files in `figures`, each the `--output` of a run; Markdown."""
-    sections = [_section(name, result, machine) for name, result, machine in _results(figures)]
+    results = list(_results(figures))
+    sections = [_summary(results), *(_section(*result) for result in results)]
     return "\n".join([_INTRODUCTION, *("\n".join(lines) for lines in sections)])
 
 
@@ -65,22 +68,60 @@ def _section(name: str, result: Result, machine: Result) -> Iterator[str]:
     yield from (f"![{chart.title}](pictures/benchmarks/{chart.name}.svg)\n" for chart in charts(name, result))
     for quote in result.get("tables", []):
         yield from _table(quote)
-    missed = [*result.get("wrong", []), *result.get("slow", [])]
-    if missed:
-        yield from ("Goals missed:\n", *(f"* {fault}" for fault in missed), "")
-    elif "wrong" in result or "slow" in result:
-        yield "All goals are met.\n"
+    yield from _outcome(result)
+
+
+def _outcome(result: Result) -> Iterator[str]:
+    """Yield every goal of a benchmark with its figure, and every fault."""
+    goals: list[Goal] = result.get("goals", [])
+    if goals:
+        yield "Goals:\n"
+        rows = [[goal["name"], goal["goal"], goal["figure"], "met" if goal["met"] else "**missed**"] for goal in goals]
+        yield from _grid(["what", "goal", "measured", ""], rows, right=[False, True, True, False])
+        yield ""
+    if wrong := result.get("wrong", []):
+        yield from ("Wrong:\n", *(f"* {fault}" for fault in wrong), "")
+    elif "wrong" in result:
+        yield "No fault was found.\n"
+
+
+def _summary(results: list[tuple[str, Result, Result]]) -> Iterator[str]:
+    """Yield how many goals of the page are met, and each one that is not."""
+    goals: list[tuple[str, Goal]] = [(name, goal) for name, result, _ in results for goal in result.get("goals", [])]
+    rows = [
+        *([_link(name), goal["name"], goal["goal"], goal["figure"]] for name, goal in goals if not goal["met"]),
+        *(
+            [_link(name), fault, "none", "**wrong**"]
+            for name, result, _ in results
+            for fault in result.get("wrong", [])
+        ),
+    ]
+    yield "## Goals missed\n"
+    yield f"{sum(goal['met'] for _, goal in goals)} of {len(goals)} goals are met."
+    if rows:
+        yield "These are not:\n"
+        yield from _grid(["benchmark", "what", "goal", "measured"], rows, right=[False, False, True, True])
+    yield ""
+
+
+def _link(name: str) -> str:
+    """Return a link to the section of a benchmark."""
+    return f"[{name}](#{re.sub(r'[^a-z0-9 -]', '', BENCHMARKS[name][2].lower()).replace(' ', '-')})"
 
 
 def _table(quote: Table) -> Iterator[str]:
     yield f"{quote['title']}:\n"
-    yield _row(quote["columns"])
-    yield _row(["---:" if right else "---" for right in right_aligned(quote)])
-    yield from map(_row, quote["rows"])
+    yield from _grid(quote["columns"], quote["rows"], right_aligned(quote))
     yield ""
     if quote["notes"]:
         yield from (f"* {note}" for note in quote["notes"])
         yield ""
+
+
+def _grid(columns: list[str], rows: list[list[str]], right: list[bool]) -> Iterator[str]:
+    yield _row(columns)
+    yield _row(["---:" if each else "---" for each in right])
+    yield from map(_row, rows)
 
 
 def _row(cells: list[str]) -> str:

@@ -1,4 +1,4 @@
-"""The other end of a pseudo-terminal: a process on another core that answers each request with the same bytes."""
+"""The other end of a line: a process on another core that answers each request with bytes that it was given."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import tty
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -16,6 +16,9 @@ from benchmarks.measuring import CORES
 
 _SOURCE = Path(__file__).with_suffix(".c")
 _FOLDER = tempfile.TemporaryDirectory(prefix="servolink-responder-")
+
+Answers = Mapping[int, bytes] | tuple[int, bytes]
+"""By packet id of the request, of frames; or one answer to every so many bytes (0: to every line)."""
 
 
 @cache
@@ -30,23 +33,20 @@ def program() -> list[str]:
 
 
 def language() -> str:
-    """Return what the responder is written in."""
+    """Return the language of the responder."""
     return "Python" if program()[0] == sys.executable else "C"
 
 
 class Responder:
-    """A pseudo-terminal at whose other end each request of `size` bytes (0: each line) is answered by `answer`."""
+    """A pseudo-terminal at whose other end requests are answered."""
 
-    def __init__(self, size: int, answer: bytes) -> None:
+    def __init__(self, answers: Answers) -> None:
         """Begin to answer, on the first core; those who ask are on the last one."""
         board, self._line = os.openpty()
         tty.setraw(self._line)
         self.path = os.ttyname(self._line)
         """What a client opens."""
-        command = [*program(), str(board), str(size), answer.hex()]
-        self._process = subprocess.Popen(command, pass_fds=[board])  # noqa: S603 - our own program
-        if CORES:
-            os.sched_setaffinity(self._process.pid, {CORES[0]})
+        self._process = start(board, answers)
         os.close(board)
 
     def close(self) -> None:
@@ -56,26 +56,54 @@ class Responder:
         os.close(self._line)
 
 
-def _requests(size: int) -> Callable[[bytes], int]:
-    """Return what tells how many requests are complete with the next bytes."""
+def start(descriptor: int, answers: Answers) -> subprocess.Popen[bytes]:
+    """Answer on a descriptor, which the process inherits, until it ends."""
+    if isinstance(answers, tuple):
+        given = [str(answers[0]), answers[1].hex()]
+    else:
+        given = [f"{packet_id}={answer.hex()}" for packet_id, answer in answers.items()]
+    process = subprocess.Popen([*program(), str(descriptor), *given], pass_fds=[descriptor])  # noqa: S603 - ours
+    if CORES:
+        os.sched_setaffinity(process.pid, {CORES[0]})
+    return process
+
+
+def _pieces(size: int, answer: bytes) -> Callable[[bytes], bytes]:
     waiting = 0
 
-    def complete(came: bytes) -> int:
+    def respond(came: bytes) -> bytes:
         nonlocal waiting
         if not size:
-            return came.count(b"\n")
+            return answer * came.count(b"\n")
         requests, waiting = divmod(waiting + len(came), size)
-        return requests
+        return answer * requests
 
-    return complete
+    return respond
 
 
-def _respond(line: int, size: int, answer: bytes) -> None:
-    complete = _requests(size)
+def _frames(answers: Mapping[int, bytes]) -> Callable[[bytes], bytes]:
+    held = b""
+
+    def respond(came: bytes) -> bytes:
+        nonlocal held
+        held += came
+        found = []
+        while len(held) >= 8 and len(held) >= (length := 9 + int.from_bytes(held[6:8], "little")):
+            found.append(answers.get(int.from_bytes(held[4:6], "little"), b""))
+            held = held[length:]
+        return b"".join(found)
+
+    return respond
+
+
+def _serve(line: int, respond: Callable[[bytes], bytes]) -> None:
     while came := os.read(line, 4096):
-        for _ in range(complete(came)):
-            os.write(line, answer)
+        os.write(line, respond(came))
 
 
 if __name__ == "__main__":
-    _respond(int(sys.argv[1]), int(sys.argv[2]), bytes.fromhex(sys.argv[3]))
+    if "=" in sys.argv[2]:
+        pairs = [pair.split("=") for pair in sys.argv[2:]]
+        _serve(int(sys.argv[1]), _frames({int(packet_id): bytes.fromhex(answer) for packet_id, answer in pairs}))
+    else:
+        _serve(int(sys.argv[1]), _pieces(int(sys.argv[2]), bytes.fromhex(sys.argv[3])))

@@ -11,29 +11,15 @@ from importlib import import_module
 from time import perf_counter_ns
 from typing import Any, ClassVar
 
+from benchmarks.answers import answers, exchange
 from benchmarks.loops import NewLoop
+from benchmarks.responder import Answers
 from servolink.client.connect import connect
 from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Query
 from servolink.protocol.parser import FrameParser
-from servolink.protocol.servos import (
-    QueryServoListRequest,
-    QueryServoListResponse,
-    QueryServoRequest,
-    QueryServoResponse,
-    ServoState,
-)
 from servolink.transports.registry import create
 
 _BAUDRATE = 115200  # a pseudo-terminal takes no notice of it
-
-
-def exchange(size: int) -> tuple[Query[Any], bytes]:
-    """Return a query and the frame of its answer, which has `size` bytes, 14 or 186."""
-    if size == 14:
-        return QueryServoListRequest(), Codec().encode(QueryServoListResponse((1, 2, 3, 4)))
-    servos = tuple(ServoState(at, 90 - at, 120, 400 + at, 1, 1, 1) for at in range(16))
-    return QueryServoRequest(255), Codec().encode(QueryServoResponse(servos))
 
 
 class Client(ABC):
@@ -48,8 +34,8 @@ class Client(ABC):
         query, self.answer = exchange(size)
         self.query: Any = query
         self.frame = Codec().encode(query)
-        self.request_size = len(self.frame)
-        """Bytes after which the other end answers; 0 if requests are lines."""
+        self.answers: Answers = answers()
+        """How the other end answers."""
 
     @abstractmethod
     def open(self, path: str) -> None:
@@ -308,6 +294,26 @@ class Ours(LoopClient):
         await self.board.close()
 
 
+class OurServos(Ours):
+    """`board.servos()`: the same request, and its servos in degrees by id."""
+
+    name = "servolink, board.servos"
+
+    def request(self) -> Callable[[], Awaitable[Any]]:
+        """Ask."""
+        return self.board.servos
+
+
+class OurServoIds(Ours):
+    """`board.servo_ids()`: the same for the short response."""
+
+    name = "servolink, board.servo_ids"
+
+    def request(self) -> Callable[[], Awaitable[Any]]:
+        """Ask."""
+        return self.board.servo_ids
+
+
 class Modbus(LoopClient):
     """pymodbus: holding registers over RTU, 4 of them (13 bytes) or 90 (185)."""
 
@@ -323,7 +329,7 @@ class Modbus(LoopClient):
         )
         pdu = import_module("pymodbus.pdu").DecodePDU(False)  # noqa: FBT003 - a client's, by position
         self.answer = import_module("pymodbus.framer").FramerRTU(pdu).buildFrame(values)
-        self.request_size = 8
+        self.answers = (8, self.answer)
 
     async def connect(self, path: str) -> None:
         """Open the port."""
@@ -352,7 +358,7 @@ class Moteus(LoopClient):
         data = bytes(range(6 if size == 14 else 64))
         lines = (b"OK", f"rcv 0180 {data.hex().upper()} b F".encode())
         self.answer = b"".join(self._library._append_checksum(line) + b"\n" for line in lines)  # noqa: SLF001 - its own
-        self.request_size = 0
+        self.answers = (0, self.answer)  # its requests are lines
 
     async def connect(self, path: str) -> None:
         """Open the port."""
@@ -378,4 +384,6 @@ class Moteus(LoopClient):
 
 RAW = (Blocking, Polling)
 LAYERS = (Reader, Bare, OurTransport, OurParser, Ours)
+METHODS = {14: OurServoIds, 186: OurServos}
+"""The method of a board that makes the request, by size of the response."""
 PEERS = (Modbus, Moteus)

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from statistics import median
 from typing import Any
 
+from benchmarks.goals import at_most
 from benchmarks.measuring import CORES, Result, Table, table
 from benchmarks.neighbours import Neighbours
 from benchmarks.scale_worker import ACTIONS
@@ -20,7 +21,7 @@ KINDS = ("nothing", "virtual://", "tcp://")
 """What is asked: nothing at all, which shows how late the event loop itself is; boards in the same process, which
 have to be moved and to answer; and boards in another process on another core."""
 GROWTH = 1.25
-"""How many times the CPU of a single board each of 64 may take."""
+"""How many times the CPU of one more board up to 16 boards each further one may take; the timers count as well."""
 _WORKER = (sys.executable, "-m", "benchmarks.scale_worker")
 
 
@@ -37,10 +38,10 @@ def run(*, short: bool) -> Result:
     with _served("serve-library") as url:
         library = [_json("library", url) for _ in range(1 if short else 5)]
     wrong = [f"{kind} {count}: not all answered" for (kind, count), runs in found.items() if _share(runs) == 0]
-    slow = [
-        f"{kind}: each of {COUNTS[-1]} boards takes {ratio:.2f}x the CPU of one, the goal is {GROWTH}x"
+    goals = [
+        at_most(f"CPU of one more board among {COUNTS[-1]} over one more among {COUNTS[-2]}, {kind}", ratio, GROWTH)
         for kind in KINDS[1:]
-        if (ratio := _middle(found[kind, COUNTS[-1]], "cpu") / COUNTS[-1] / _middle(found[kind, 1], "cpu")) > GROWTH
+        if (ratio := _growth(found, kind)) is not None
     ]
     tables = [_polling(found, others), _library(library)]
     for one in (run for runs in found.values() for run in runs):
@@ -48,10 +49,17 @@ def run(*, short: bool) -> Result:
     return {
         "tables": tables,
         "wrong": wrong,
-        "slow": slow,
+        "goals": goals,
         "polling": [{"kind": kind, "boards": count, "runs": runs} for (kind, count), runs in found.items()],
         "library": library,
     }
+
+
+def _growth(found: dict[tuple[str, int], list[dict[str, Any]]], kind: str) -> float | None:
+    """Return the CPU of each board added last over that of those before; None if one count costs no more."""
+    one, few, many = (_middle(found[kind, count], "cpu") for count in (COUNTS[0], COUNTS[-2], COUNTS[-1]))
+    before = (few - one) / (COUNTS[-2] - COUNTS[0])
+    return (many - few) / (COUNTS[-1] - COUNTS[-2]) / before if before > 0 else None
 
 
 @contextmanager

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from random import Random
 
+from benchmarks.samples import near
 from servolink.protocol.codec import PACKETS, Codec
 from servolink.protocol.editing import QueryActionListResponse
 from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, OVERHEAD, ByteOrder, encode_frame
@@ -21,6 +23,30 @@ TYPICAL: dict[int, Packet] = {
     3611: QueryActionListResponse(tuple(ActionEntry(at, f"action {at}") for at in range(100))),
 }
 """By frame size: a button event, the state of 16 servos, the list of 100 actions."""
+
+
+MIXES: dict[str, tuple[int, ...]] = {
+    "44 ids of 14 bytes": (14,),
+    "15 ids of 186 bytes": (186,),
+    "both in turns": (14, 186),
+}
+"""Streams of many ids by name, as a line with several kinds of requests has them: their frame sizes, in turns."""
+
+
+def mixed_frame(size: int, number: int) -> bytes:
+    """Return the frame of any kind that can have about `size` bytes; each number has its own."""
+    return Random(number).choice(_near(size))
+
+
+@cache
+def _near(size: int) -> list[bytes]:
+    return [Codec().encode(packet) for packet in near(size)]
+
+
+def mixed(sizes: tuple[int, ...], total: int) -> list[bytes]:
+    """Return frames of about these sizes in turns, with about `total` bytes in all."""
+    count = max(1, total * len(sizes) // sum(sizes))
+    return [mixed_frame(sizes[number % len(sizes)], number) for number in range(count)]
 
 
 def clean(size: int, total: int) -> bytes:

@@ -12,6 +12,7 @@ import pytest
 
 from benchmarks import BENCHMARKS, report
 from benchmarks.charts import Chart, charts, number
+from benchmarks.goals import at_least, at_most
 from benchmarks.measuring import table
 
 MACHINE = {"python": "CPython 3.11.7", "processor": "Fast", "cores": 2, "system": "Linux 6.1", "date": "2026-01-02"}
@@ -85,7 +86,24 @@ def test_a_table_has_numbers_on_the_right_and_its_notes_below(tmp_path: Path) ->
     assert "speed:\n\n| name | times |\n| --- | ---: |\n| a\\|b | 2.5x |\n| c | <= 3 |\n\n* as a note\n" in text
 
 
-def test_missed_goals_are_on_the_page(tmp_path: Path) -> None:
-    text = page(tmp_path, parser={"wrong": ["one lost"], "slow": ["too slow"]}, recall={"wrong": []})
-    assert "Goals missed:\n\n* one lost\n* too slow\n" in text
-    assert text.endswith("All goals are met.\n")
+def test_missed_goals_and_faults_are_at_the_top_of_the_page(tmp_path: Path) -> None:
+    goals = [at_most("cost", 3, 2), at_least("speed", 3, 2)]
+    text = page(tmp_path, parser={"goals": goals}, recall={"wrong": ["one lost"]})
+    top = text.partition("## The parser")[0]
+    assert "1 of 2 goals are met.\n" in top
+    assert "| [parser](#the-parser-against-a-textbook-parser) | cost | at most 2.00x | 3.00x |\n" in top
+    assert "| one lost | none | **wrong** |\n" in top
+    assert "| speed |" not in top
+
+
+def test_a_section_lists_each_goal_with_its_figure(tmp_path: Path) -> None:
+    goals = [at_most("cost", 3, 2), at_least("speed", 3, 2)]
+    text = page(tmp_path, parser={"goals": goals, "wrong": []}).partition("## The parser")[2]
+    assert "| cost | at most 2.00x | 3.00x | **missed** |\n| speed | at least 2.00x | 3.00x | met |\n" in text
+    assert "No fault was found.\n" in text
+
+
+def test_the_page_says_so_if_every_goal_is_met(tmp_path: Path) -> None:
+    text = page(tmp_path, parser={"goals": [at_least("speed", 2, 2)]})
+    assert "1 of 1 goals are met.\n" in text
+    assert "These are not" not in text

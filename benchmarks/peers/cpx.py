@@ -6,6 +6,7 @@ from functools import reduce
 from importlib import import_module
 from io import BytesIO
 from operator import xor
+from random import Random
 from typing import Any
 from unittest.mock import Mock, patch
 
@@ -31,6 +32,7 @@ class CPX(Peer):
     name = "cflib, CPX"
     package = "cflib"
     work = "xor loop, confirmation of each packet; packet object"
+    fairness = "for us: it reads byte by byte and confirms each packet; for it: the stream is in memory"
     resync = "behind the damaged frame"
     builds = True
     feeding = "stream"
@@ -49,10 +51,16 @@ class CPX(Peer):
         """Return a console packet."""
         if size > 255:
             return None
-        packet = _cpx.CPXPacket(_cpx.CPXFunction.CONSOLE, _cpx.CPXTarget.HOST, _cpx.CPXTarget.GAP8)
-        packet.data = content(size - 5, number)
-        wire = bytes([0xFF, size - 3]) + bytes(packet.wireData)
-        return wire + bytes([reduce(xor, wire)])
+        return _frame(_cpx.CPXPacket(_cpx.CPXFunction.CONSOLE, _cpx.CPXTarget.HOST, _cpx.CPXTarget.GAP8), size, number)
+
+    @classmethod
+    def mixed(cls, size: int, number: int) -> bytes | None:
+        """Return a packet with one of 7 functions, from one of 3 sources."""
+        if size > 255:
+            return None
+        random = Random(number)
+        source = random.choice([target for target in _cpx.CPXTarget if target is not _cpx.CPXTarget.HOST])
+        return _frame(_cpx.CPXPacket(random.choice(list(_cpx.CPXFunction)), _cpx.CPXTarget.HOST, source), size, number)
 
     def feed(self, chunk: bytes) -> list[Any]:
         """Read packet after packet until the port is empty."""
@@ -69,3 +77,9 @@ class CPX(Peer):
     def content(self, frame: Any) -> bytes:
         """Return the data of the packet."""
         return bytes(frame.data)
+
+
+def _frame(packet: Any, size: int, number: int) -> bytes:
+    packet.data = content(size - 5, number)
+    wire = bytes([0xFF, size - 3]) + bytes(packet.wireData)
+    return wire + bytes([reduce(xor, wire)])

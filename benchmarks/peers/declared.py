@@ -8,6 +8,7 @@ from typing import Any
 
 from benchmarks.peers.ours import typical
 from benchmarks.peers.peer import Peer
+from benchmarks.streams import mixed_frame
 from servolink.protocol.frame import MAGIC, encode_frame
 
 _construct = import_module("construct")
@@ -30,9 +31,11 @@ class Construct(Peer):
     name = "construct"
     package = "construct"
     work = "our format: magic, checksum; container object"
+    fairness = "for us: it interprets a declaration and is not made for speed"
     resync = "one byte further (by the caller)"
     builds = True
     frame = staticmethod(typical)
+    mixed = staticmethod(mixed_frame)
 
     def __init__(self) -> None:
         """Begin a stream."""

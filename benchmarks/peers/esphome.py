@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from importlib import import_module
 from operator import is_
+from random import Random
 from typing import Any
 
 from benchmarks.peers.peer import Peer, content
@@ -20,6 +21,7 @@ class Esphome(Peer):
     name = "aioesphomeapi"
     package = "aioesphomeapi"
     work = "lengths, no checksum, Cython; (type, bytes)"
+    fairness = "for it: compiled, no checksum, no search for the start of a frame"
     resync = "never: the connection is closed"
     validates = False
     compiled = True
@@ -43,9 +45,12 @@ class Esphome(Peer):
     @staticmethod
     def frame(size: int, number: int) -> bytes | None:
         """Return a frame of a message."""
-        length = size - 3 if size < 128 else size - 4
-        varint = bytes([length]) if length < 128 else bytes([length & 127 | 128, length >> 7])
-        return b"\0" + varint + bytes([_TYPE]) + content(length, number)
+        return _message(size, number, _TYPE)
+
+    @classmethod
+    def mixed(cls, size: int, number: int) -> bytes | None:
+        """Return a frame of one of 44 types."""
+        return _message(size, number, Random(number).randrange(1, 45))
 
     def feed(self, chunk: bytes) -> list[Any]:
         """Hand the chunk to the framer, which calls the receiver for each frame."""
@@ -63,10 +68,17 @@ class EsphomeAlone(Esphome):
 
     name = "aioesphomeapi, frames dropped"
     work = "the same, but nobody gets the frames"
+    fairness = "for it: compiled, and does less than any program needs"
     delivers = False
 
     def _framer(self) -> Any:
         return _with_receiver(is_, self._close)
+
+
+def _message(size: int, number: int, kind: int) -> bytes:
+    length = size - 3 if size < 128 else size - 4
+    varint = bytes([length]) if length < 128 else bytes([length & 127 | 128, length >> 7])
+    return b"\0" + varint + bytes([kind]) + content(length, number)
 
 
 def _with_receiver(receive: Any, close: Any) -> Any:

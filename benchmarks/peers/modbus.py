@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
+from random import Random
 from typing import Any, ClassVar
 
 from benchmarks.peers.peer import Peer, content
@@ -11,6 +12,9 @@ _pdu = import_module("pymodbus.pdu")
 _registers = import_module("pymodbus.pdu.register_message")
 _framer = import_module("pymodbus.framer")
 _exceptions = import_module("pymodbus.exceptions")
+
+_HOLDING = _registers.ReadHoldingRegistersResponse
+_ANSWERS = (_HOLDING, _registers.ReadInputRegistersResponse, _registers.ReadWriteMultipleRegistersResponse)
 
 
 class _Modbus(Peer):
@@ -26,15 +30,19 @@ class _Modbus(Peer):
         self._buffer = b""
 
     @classmethod
-    def _frame(cls, size: int, number: int) -> bytes | None:
+    def _frame(cls, size: int, number: int, answer: Any = _HOLDING) -> bytes | None:
         count = round((size - cls.overhead) / 2)
         if count > 125:
             return None
         words = content(2 * count, number)
         registers = [int.from_bytes(words[at : at + 2], "big") for at in range(0, 2 * count, 2)]
         framer = getattr(_framer, cls.kind)(_pdu.DecodePDU(False))  # noqa: FBT003 - a client's, by position
-        answer = _registers.ReadHoldingRegistersResponse(registers=registers, dev_id=1, transaction_id=number & 0xFFFF)
-        return bytes(framer.buildFrame(answer))
+        return bytes(framer.buildFrame(answer(registers=registers, dev_id=1, transaction_id=number & 0xFFFF)))
+
+    @classmethod
+    def mixed(cls, size: int, number: int) -> bytes | None:
+        """Return an answer of holding, input or written registers."""
+        return cls._frame(size, number, Random(number).choice(_ANSWERS))
 
     def feed(self, chunk: bytes) -> list[Any]:
         """Do as its transport and a client that takes every answer."""
@@ -61,6 +69,7 @@ class Socket(_Modbus):
 
     name = "pymodbus, socket"
     work = "no checksum; PDU object"
+    fairness = "for us: 16-bit registers become a list of numbers; for it: no checksum"
     resync = "never: a wrong protocol id stops it until the buffer overflows"
     validates = False
     kind = "FramerSocket"
@@ -77,6 +86,7 @@ class RTU(_Modbus):
 
     name = "pymodbus, RTU"
     work = "CRC-16 by table; PDU object"
+    fairness = "for us: its CRC is a loop in Python, our sum one call in C"
     resync = "the whole buffer is dropped, also what follows a good frame"
     kind = "FramerRTU"
     overhead = 5

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from benchmarks.peers.peer import Peer
+from benchmarks.streams import mixed_frame
 from benchmarks.textbook import TextbookParser
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionListResponse
@@ -33,8 +34,10 @@ class Ours(Peer):
 
     name = "servolink"
     work = "id, length rule, checksum; (id, bytes)"
+    fairness = "-"
     resync = "inside the damaged frame"
     frame = staticmethod(typical)
+    mixed = staticmethod(mixed_frame)
 
     def __init__(self) -> None:
         """Begin a stream."""
@@ -54,9 +57,11 @@ class OursTyped(Peer):
 
     name = "servolink, typed objects"
     work = "the same, and a packet object with all fields"
+    fairness = "this one is compared with parsers that build objects"
     resync = Ours.resync
     builds = True
     frame = staticmethod(typical)
+    mixed = staticmethod(mixed_frame)
 
     def __init__(self) -> None:
         """Begin a stream."""
@@ -78,8 +83,10 @@ class Textbook(Peer):
 
     name = "textbook parser"
     work = "find, sum, del; (id, bytes)"
+    fairness = "for us: its sum is a loop in C over a copy, ours is faster; for it: no ids or lengths to check"
     resync = "one byte further"
     frame = staticmethod(typical)
+    mixed = staticmethod(mixed_frame)
 
     def __init__(self) -> None:
         """Begin a stream."""

@@ -30,6 +30,8 @@ class Peer(ABC):
     """Whether the loop over the bytes is in C."""
     delivers: ClassVar[bool] = True
     """Whether `feed` returns the frames."""
+    fairness: ClassVar[str]
+    """What makes the comparison with ours unequal, and for whom."""
     feeding: ClassVar[Feeding] = "chunks"
     """Chunks of any size; one frame a call, which some need; or it reads from a stream that is there as a whole."""
 
@@ -37,6 +39,11 @@ class Peer(ABC):
     @abstractmethod
     def frame(size: int, number: int) -> bytes | None:
         """Return a frame of about `size` bytes that no other number has, None if the format has no such size."""
+
+    @classmethod
+    def mixed(cls, size: int, number: int) -> bytes | None:
+        """Return a frame of about `size` bytes whose kind changes with the number; None if the format has no kinds."""
+        return None
 
     @abstractmethod
     def feed(self, chunk: bytes) -> list[Any]:

@@ -8,11 +8,14 @@ from typing import Any
 from benchmarks.peers.damage import DAMAGES, Recall, damage, recall
 from benchmarks.peers.ours import Ours
 from benchmarks.peers.peer import Peer
-from benchmarks.peers.speed import Pace, Speed, at_best, dirty, in_chunks
-from benchmarks.streams import chunks
+from benchmarks.peers.speed import Pace, Speed, at_best, dirty, in_chunks, of_many_kinds, of_one_kind
+from benchmarks.streams import MIXES, chunks
 
 CHUNKS = {"1": 1, "64": 64, "one frame": None, "4096": 4096, "65536": 65536}
 """Bytes in a chunk, by heading."""
+
+MIX_CHUNKS = {name: CHUNKS[name] for name in ("64", "one frame", "4096")}
+"""The same for streams of many kinds of frames: what a request and its response come in, and a burst."""
 
 _INTACT = {14: 20_000, 186: 1500, 3611: 200}  # frames sent, by size; some 300 KB and more
 
@@ -45,6 +48,29 @@ class Row:
         }
 
 
+@dataclass(frozen=True)
+class Mix:
+    """One parser on one stream of many kinds of frames."""
+
+    peer: type[Peer]
+    stream: str
+    chunked: dict[str, Speed | None]
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Return everything for JSON."""
+        speeds = {name: asdict(speed) for name, speed in self.chunked.items() if speed is not None}
+        return {"parser": self.peer.name, "stream": self.stream, "speeds": speeds}
+
+
+def measure_mix(peer: type[Peer], stream: str, pace: Pace) -> Mix | None:
+    """Measure one parser beside ours on a stream of `MIXES`; None if its format has no such frames."""
+    if any(peer.mixed(size, 1) is None for size in MIXES[stream]):
+        return None
+    frames = of_many_kinds(MIXES[stream])
+    return Mix(peer, stream, {name: in_chunks(peer, frames, chunk, pace) for name, chunk in MIX_CHUNKS.items()})
+
+
 def measure(peer: type[Peer], size: int, pace: Pace, *, short: bool) -> Row | None:
     """Measure one parser beside ours; None if its format has no frame of this size."""
     if (frame := peer.frame(size, 1)) is None:
@@ -58,7 +84,10 @@ def measure(peer: type[Peer], size: int, pace: Pace, *, short: bool) -> Row | No
         len(frame),
         at_best(peer, size, pace),
         dirty(peer, size, pace) if peer.delivers else None,
-        {name: in_chunks(peer, size, chunk, pace) for name, chunk in CHUNKS.items()},
+        {
+            name: in_chunks(peer, of_one_kind(size), chunk, pace)
+            for name, chunk in (MIX_CHUNKS if short else CHUNKS).items()
+        },
         found,
         streamed,
     )

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from statistics import median
-from typing import NamedTuple
 
 from benchmarks.measuring import Table, table
 from benchmarks.peers.damage import DAMAGES
 from benchmarks.peers.ours import Ours, OursTyped
 from benchmarks.peers.peer import Peer
-from benchmarks.peers.row import CHUNKS, Row
+from benchmarks.peers.row import CHUNKS, MIX_CHUNKS, Mix, Row
 from benchmarks.peers.speed import Speed
+from benchmarks.streams import MIXES
 
 MISSING = 'not installed: pip install -e ".[bench]"'
 _FEEDING = (
@@ -29,32 +29,15 @@ _DAMAGE = (
 _FED = {"chunks": "chunks", "frames": "one frame a call", "stream": "a stream object"}
 
 
-class Goal(NamedTuple):
-    """What was to be reached, and what was."""
-
-    text: str
-    measured: str
-    met: bool
-
-
-def goals(reached: Sequence[Goal]) -> Table:
-    """Return what was to be reached."""
-    return table(
-        "Goals, in chunks of 4 KiB",
-        ("goal", "measured", "reached"),
-        [(goal.text, goal.measured, "yes" if goal.met else "no") for goal in reached],
-    )
-
-
 def who(peers: Sequence[type[Peer]], missing: Sequence[str]) -> Table:
     """Return what each parser does, so that the others can be read fairly."""
     everybody: list[type[Peer]] = [Ours, OursTyped, *peers]
     return table(
         "What each parser does for a frame, and how it is fed",
-        ("parser", "for each frame", "continues after a bad frame at", "fed"),
+        ("parser", "for each frame", "continues after a bad frame at", "fed", "unequal"),
         [
-            *((peer.name, peer.work, peer.resync, _FED[peer.feeding]) for peer in everybody),
-            *((name, MISSING, "-", "-") for name in missing),
+            *((peer.name, peer.work, peer.resync, _FED[peer.feeding], peer.fairness) for peer in everybody),
+            *((name, MISSING, "-", "-", "-") for name in missing),
         ],
         _FEEDING,
     )
@@ -132,7 +115,7 @@ def by_chunk(rows: Sequence[Row]) -> Table:
         "How many times faster ours is, by bytes in a chunk",
         ("parser", "bytes", *CHUNKS),
         [
-            (row.peer.name, f"{row.frame:,}", *(_ratio(row.chunked[name]) for name in CHUNKS))
+            (row.peer.name, f"{row.frame:,}", *(_ratio(row.chunked.get(name)) for name in CHUNKS))
             for row in rows
             if any(row.chunked.values())
         ],
@@ -146,10 +129,36 @@ def by_chunk(rows: Sequence[Row]) -> Table:
     )
 
 
+def by_mix(mixes: Sequence[Mix]) -> Table:
+    """Return how many times faster ours is on streams of many kinds of frames, alone and with objects."""
+    rows = []
+    for mix in mixes:
+        found = [(name, mix.chunked[name]) for name in MIX_CHUNKS]
+        if not any(speed for _, speed in found):
+            continue
+        typed = [_times(speed.typed.ratio) if speed and mix.peer.builds else "-" for _, speed in found]
+        rows.append((mix.peer.name, mix.stream, *(_ratio(speed) for _, speed in found), *typed))
+    return table(
+        "How many times faster ours is on streams of many kinds of frames, by bytes in a chunk",
+        ("parser", "stream", *MIX_CHUNKS, *(f"typed, {name}" for name in MIX_CHUNKS)),
+        rows,
+        [
+            "Stream: how many kinds of frames ours has of about that size, in random order.",
+            "The others have as many kinds as their format makes easy, at most 44; cobs knows none.",
+            "Typed: ours makes objects too. Parsers that read from a stream object have the whole stream there.",
+            *(f"Ours, {stream}: {_mix_rates([mix for mix in mixes if mix.stream == stream])}." for stream in MIXES),
+        ],
+    )
+
+
+def _mix_rates(mixes: Sequence[Mix]) -> str:
+    speeds = {name: [speed.ours_ns for mix in mixes if (speed := mix.chunked[name])] for name in MIX_CHUNKS}
+    return ", ".join(f"{median(found):,.0f} ns a frame ({name})" for name, found in speeds.items() if found)
+
+
 def _own_rates(size: int, rows: Sequence[Row]) -> str:
-    rates = [
-        (name, median(speed.ours_ns for row in rows if (speed := row.chunked[name]) is not None)) for name in CHUNKS
-    ]
+    speeds = {name: [speed.ours_ns for row in rows if (speed := row.chunked.get(name))] for name in CHUNKS}
+    rates = [(name, median(found)) for name, found in speeds.items() if found]
     return f"Ours, frames of {size:,} bytes: " + ", ".join(f"{1e9 / ns:,.0f}/s ({name})" for name, ns in rates) + "."
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import reduce
 from importlib import import_module
 from operator import xor
+from random import Random
 from typing import Any
 
 from benchmarks.peers.peer import Peer, content
@@ -18,6 +19,7 @@ class Znp(Peer):
     name = "zigpy-znp"
     package = "zigpy-znp"
     work = "xor, frame objects"
+    fairness = "for us: its xor is a loop in Python"
     resync = "the next start byte inside the damaged frame"
     builds = True
 
@@ -30,10 +32,12 @@ class Znp(Peer):
     @staticmethod
     def frame(size: int, number: int) -> bytes | None:
         """Return an asynchronous request of the AF subsystem."""
-        if size > 255:
-            return None
-        payload = bytes([size - 5, 0x44, 0x81]) + content(size - 5, number)
-        return b"\xfe" + payload + bytes([reduce(xor, payload)])
+        return None if size > 255 else _request(size, number, 0x81)
+
+    @classmethod
+    def mixed(cls, size: int, number: int) -> bytes | None:
+        """Return one of 44 requests."""
+        return None if size > 255 else _request(size, number, Random(number).randrange(1, 45))
 
     def feed(self, chunk: bytes) -> list[Any]:
         """Hand the chunk to the protocol, which calls `frame_received` for each frame."""
@@ -44,3 +48,8 @@ class Znp(Peer):
     def content(self, frame: Any) -> bytes:
         """Return header and data."""
         return bytes(frame.serialize())
+
+
+def _request(size: int, number: int, command: int) -> bytes:
+    payload = bytes([size - 5, 0x44, command]) + content(size - 5, number)
+    return b"\xfe" + payload + bytes([reduce(xor, payload)])
