@@ -6,6 +6,7 @@ import argparse
 import math
 import re
 from collections.abc import Callable
+from typing import Any
 
 LAST_SERVO = 254  # 255 means all
 
@@ -53,6 +54,11 @@ def number(low: float, high: float, unit: str) -> Callable[[str], float]:
         return value
 
     return read
+
+
+def add_timeout(parser: Any, default: object, help: str) -> None:  # noqa: A002 - as argparse calls it
+    """Add `--timeout` to a parser or a group of one."""
+    parser.add_argument("--timeout", type=number(0.001, 3600, "seconds"), default=default, metavar="SECONDS", help=help)
 
 
 SPEED = number(0.001, 100_000, "degrees per second")

@@ -8,12 +8,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from itertools import zip_longest
 
+from servolink.cli.arguments import add_timeout
 from servolink.cli.main import FAILED, NO_BOARD, OK, fail, usage_error
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible, run_with_board
 from servolink.client.board import Board
 from servolink.connection.options import options_in
-from servolink.connection.probe import ProbeResult, probe
+from servolink.connection.probe import PATIENCE, ProbeResult, probe
 from servolink.discovery.names import (
     Alias,
     alias_for,
@@ -35,6 +36,7 @@ def configure_list(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink list`."""
     parser.set_defaults(run=run_list)
     parser.add_argument("--probe", action="store_true", help="open each and ask whether it is a board")
+    add_timeout(parser, argparse.SUPPRESS, "with --probe: how long to wait for each response, 0.4 unless given")
 
 
 def run_list(args: argparse.Namespace) -> int:
@@ -43,7 +45,8 @@ def run_list(args: argparse.Namespace) -> int:
     async def main(interruption: Interruption) -> int:
         devices = await discover()
         names = _names(load_aliases(), devices)
-        responses = await asyncio.gather(*(probe(device.url) for device in devices)) if args.probe else []
+        probes = [probe(device.url, args.timeout or PATIENCE) for device in devices] if args.probe else []
+        responses = await asyncio.gather(*probes)
         if args.json:
             described = [asdict(device) | {"name": names.get(device.url)} for device in devices]
             for one, result in zip(described, responses, strict=False):

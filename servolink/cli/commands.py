@@ -94,7 +94,7 @@ COMMANDS = {
         STORED,
         "boards:configure_info",
         "show project id, memory, battery and what is stored on the board",
-        ("info", "info --json"),
+        ("info", "info --json", "info --timeout 10"),
     ),
     "actions": Command(
         STORED,

@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
         return OK
 
     async def main(interruption: Interruption) -> int:
-        report = await examine(facts, board, args.byte_order)
+        report = await examine(facts, board, args.byte_order, args.timeout)
         if args.json:
             print_json(_described(report))
         else:

@@ -10,13 +10,13 @@ from collections.abc import Iterable, Mapping
 from textwrap import fill
 from typing import Any, NoReturn
 
-from servolink.cli.arguments import caption_encoding, not_empty
+from servolink.cli.arguments import add_timeout, caption_encoding, not_empty
 from servolink.cli.commands import COMMANDS, TOPICS, Command
 from servolink.escaping import escape
 
 EXIT_CODES = "exit codes: 0 ok, 1 failed, 2 wrong usage, 3 no board, 130 interrupted"
 
-_COMMON = {"help", "url", "json", "verbose", "byte_order", "caption_encoding"}
+_COMMON = {"help", "url", "json", "verbose", "timeout", "byte_order", "caption_encoding"}
 _ELSEWHERE = {"help": "--help", "version": "--version"}  # typed as commands by people who know other tools
 _NEGATIVE = re.compile(r"-\.?\d")
 
@@ -128,6 +128,7 @@ def _common_options(*, is_first: bool, takes_board: bool = True) -> Any:
             metavar="BOARD",
             help="address or name of the board (SERVOLINK_BOARD; the only one here)",
         )
+        add_timeout(group, default(None), "how long to wait for each response, 3 unless given")
     group.add_argument("--json", action="store_true", default=default(value=False), help="print JSON for programs")
     group.add_argument(
         "-v", "--verbose", action="count", default=default(0), help="log to standard error; -vv logs each frame"

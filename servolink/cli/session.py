@@ -97,7 +97,11 @@ def run_with_board(
 
     try:
         connection = connect(
-            choose_board(args), byte_order=args.byte_order, caption_encoding=args.caption_encoding, **options
+            choose_board(args),
+            byte_order=args.byte_order,
+            caption_encoding=args.caption_encoding,
+            patience=args.timeout,
+            **options,
         )
     except ValueError as error:
         usage_error(args, str(error))

@@ -18,7 +18,7 @@ from servolink.transports.registry import create
 
 BYTE_ORDERS: tuple[ByteOrder, ...] = ("little", "big")
 PATIENCE = 0.4
-"""Seconds for each answer."""
+"""Seconds to wait for each response, unless given."""
 
 _LISTENING = 0.1  # seconds before the first question
 _ROUNDS = 3  # a single question may be lost on a bad line
@@ -49,8 +49,8 @@ class ProbeResult:
     """Why it could not be queried; empty if it could."""
 
 
-async def probe(url: str) -> ProbeResult:
-    """Open the device at `url`, ask, and close it.
+async def probe(url: str, patience: float = PATIENCE) -> ProbeResult:
+    """Open the device at `url`, ask, waiting up to `patience` seconds for each response, and close it.
 
     A board that does not answer is put into the new transmission mode and asked again. It is left there: one that
     was only slow to start must not be put into the old mode.
@@ -64,33 +64,35 @@ async def probe(url: str) -> ProbeResult:
     try:
         await asyncio.sleep(_LISTENING)
         unasked = ear.received
-        return ProbeResult(await _ask(transport, ear, unasked), unasked, ear.received)
+        return ProbeResult(await _ask(transport, ear, unasked, patience), unasked, ear.received)
     except TransportError as error:
         return ProbeResult(None, 0, ear.received, str(error))
     finally:
         await transport.close()
 
 
-async def _ask(transport: Transport, ear: _Ear, unasked: int) -> ProbeResponse | None:
+async def _ask(transport: Transport, ear: _Ear, unasked: int, patience: float) -> ProbeResponse | None:
     for byte_order in BYTE_ORDERS * _ROUNDS:
-        if answer := await _project_id(transport, ear, byte_order, _NEW):
+        if answer := await _project_id(transport, ear, byte_order, _NEW, patience):
             return answer
     mode = _OLD if ear.received == unasked else _NEW  # one that answered damaged is in the new mode
     for byte_order in BYTE_ORDERS:
         await transport.send(Codec(byte_order).encode(TransmissionModeSettingRequest(_NEW)))
-        if answer := await _project_id(transport, ear, byte_order, mode):
+        if answer := await _project_id(transport, ear, byte_order, mode, patience):
             return answer
         await transport.send(_UNASKED_FOR)
     return None
 
 
-async def _project_id(transport: Transport, ear: _Ear, byte_order: ByteOrder, mode: int) -> ProbeResponse | None:
+async def _project_id(
+    transport: Transport, ear: _Ear, byte_order: ByteOrder, mode: int, patience: float
+) -> ProbeResponse | None:
     loop = asyncio.get_running_loop()
     codec = Codec(byte_order)
     begun = loop.time()
     heard = ear.listen_for(codec, QueryProjectIDResponse.packet_id)
     await transport.send(codec.encode(QueryProjectIDRequest()))
-    await asyncio.wait((heard,), timeout=PATIENCE)
+    await asyncio.wait((heard,), timeout=patience)
     if not heard.done():
         return None
     response = heard.result()

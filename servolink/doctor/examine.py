@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 from servolink.connection.options import options_in
-from servolink.connection.probe import ProbeResponse, ProbeResult, probe
+from servolink.connection.probe import PATIENCE, ProbeResponse, ProbeResult, probe
 from servolink.discovery.names import resolve_url
 from servolink.discovery.search import boards, find_devices
 from servolink.doctor import Finding
@@ -60,11 +60,14 @@ class Report:
         return not self.urls or any(finding.check == "absent" for finding in self.findings)
 
 
-async def examine(facts: SystemFacts, board: str | None, byte_order: ByteOrder | None = None) -> Report:
+async def examine(
+    facts: SystemFacts, board: str | None, byte_order: ByteOrder | None = None, patience: float | None = None
+) -> Report:
     """Examine `board`, an address or a name, or all boards here; only a single board is opened and queried.
 
-    `byte_order` is the one that programs would use, that of the address unless given. Raise InvalidAddress if `board`
-    is neither a name nor an address that could be opened somewhere.
+    `byte_order` is the one that programs would use, and `patience` the seconds to wait for each response; unless given,
+    those of the address count. Raise InvalidAddress if `board` is neither a name nor an address that could be opened
+    somewhere.
     """
     found = await asyncio.to_thread(find_devices)
     report = Report(found.devices)
@@ -76,7 +79,9 @@ async def examine(facts: SystemFacts, board: str | None, byte_order: ByteOrder |
     report.findings += await asyncio.to_thread(_before_opening, facts, report.urls)
     report.findings += map(_hidden, found.failures)
     if len(report.urls) == 1:
-        await _query(facts, report, byte_order or options_in(report.urls[0]).get("byte_order", "little"))
+        options = options_in(report.urls[0])
+        byte_order = byte_order or options.get("byte_order", "little")
+        await _query(facts, report, byte_order, patience or options.get("patience"))
     elif report.urls:
         report.findings.append(_several(report.urls))
     else:
@@ -115,9 +120,9 @@ def _is_missing(facts: SystemFacts, url: str) -> bool:
     return not any(facts.node(path) for path in device_nodes(facts, url))
 
 
-async def _query(facts: SystemFacts, report: Report, byte_order: ByteOrder) -> None:
+async def _query(facts: SystemFacts, report: Report, byte_order: ByteOrder, patience: float | None) -> None:
     url = report.urls[0]
-    result = await probe(url)
+    result = await probe(url, patience or PATIENCE)
     report.response = result.response
     if result.problem:
         report.findings += _not_opened(facts, report, result.problem)
@@ -125,13 +130,13 @@ async def _query(facts: SystemFacts, report: Report, byte_order: ByteOrder) -> N
         report.findings.append(_silent(url, result))
     else:
         report.findings += _differences(url, result.response, byte_order)
-        await _measure(facts, report, result.response.byte_order)
+        await _measure(facts, report, result.response.byte_order, patience)
 
 
-async def _measure(facts: SystemFacts, report: Report, byte_order: ByteOrder) -> None:
+async def _measure(facts: SystemFacts, report: Report, byte_order: ByteOrder, patience: float | None) -> None:
     url = report.urls[0]
     try:
-        report.line = line = await measure(url, byte_order)
+        report.line = line = await measure(url, byte_order, patience)
     except TransportError as error:
         report.findings.append(
             Finding("opening", str(error), "it could be opened once, but not a second time", "servolink doctor")
@@ -182,6 +187,12 @@ def _with_baudrate(url: str) -> str:
     return url.partition("?")[0] + ("?baudrate=9600" if Address.parse(url).scheme == "serial" else "")
 
 
+def _with_option(url: str, name: str, value: str) -> str:
+    place, _, query = url.partition("?")
+    others = [option for option in query.split("&") if option and option.partition("=")[0] != name]
+    return escape(f"{place}?{'&'.join([*others, f'{name}={value}'])}")
+
+
 def _differences(url: str, response: ProbeResponse, byte_order: ByteOrder) -> Iterator[Finding]:
     if response.byte_order != byte_order:
         yield Finding(
@@ -189,14 +200,14 @@ def _differences(url: str, response: ProbeResponse, byte_order: ByteOrder) -> It
             f"the board uses {response.byte_order} byte order, and {byte_order} byte order is set",
             "neither side understands the numbers of the other, so requests have no response",
             f"servolink --byte-order {response.byte_order} --board {escape(url)} info\n"
-            f'in Python: servolink.connect(..., byte_order="{response.byte_order}")',
+            f"in every program: {_with_option(url, 'byte_order', response.byte_order)}",
         )
     if response.transmission_mode != 1:
         yield Finding(
             "transmission mode",
             "the board responded only after it was set to the new transmission mode",
             "it was in the old mode, which servolink does not support; the new mode may last until it is switched off",
-            "try your command again\nin Python: await board.set_transmission_mode(1)",
+            f"try your command again\nif it does not stay there: {_with_option(url, 'transmission_mode', '1')}",
         )
 
 

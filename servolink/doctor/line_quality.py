@@ -15,7 +15,7 @@ from servolink.protocol.settings import QueryMemorySizeRequest
 REQUESTS = 60
 """Number of queries sent; they change nothing on the board."""
 
-_PATIENCE = 0.5  # seconds for each response
+_PATIENCE = 0.5  # seconds for each response, unless given
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +33,8 @@ class Line:
     """Seconds, in the order of the queries."""
     ended: str = ""
     """Why the connection ended early; empty if it did not."""
+    patience: float = _PATIENCE
+    """Seconds that each response had."""
 
     def percentile(self, percent: int) -> float | None:
         """Return the time within which `percent` of the responses came; None if there were none."""
@@ -40,11 +42,12 @@ class Line:
         return ordered[min(len(ordered) - 1, len(ordered) * percent // 100)] if ordered else None
 
 
-async def measure(url: str, byte_order: ByteOrder) -> Line:
-    """Query the board at `url` repeatedly; OpenError if it cannot be opened."""
+async def measure(url: str, byte_order: ByteOrder, patience: float | None = None) -> Line:
+    """Query the board at `url` repeatedly, each time for `patience` seconds; OpenError if it cannot be opened."""
+    patience = patience or _PATIENCE
     requests = unanswered = 0
     ended = ""
-    async with connect(url, byte_order=byte_order, patience=_PATIENCE, angle_unit=None) as board:
+    async with connect(url, byte_order=byte_order, patience=patience, angle_unit=None) as board:
         try:
             for requests in range(1, REQUESTS + 1):  # noqa: B007 - the result says how many there were
                 try:
@@ -56,7 +59,14 @@ async def measure(url: str, byte_order: ByteOrder) -> Line:
         stats = board.stats
         noise = sum(count for reason, count in stats.skipped.items() if reason != PADDING)
         return Line(
-            stats.bytes_received, noise, requests, unanswered, stats.late_responses, tuple(stats.round_trips), ended
+            stats.bytes_received,
+            noise,
+            requests,
+            unanswered,
+            stats.late_responses,
+            tuple(stats.round_trips),
+            ended,
+            patience,
         )
 
 
@@ -74,7 +84,7 @@ def check_line(line: Line) -> Iterator[Finding]:
     if line.unanswered or line.late:
         yield Finding(
             "responses",
-            f"{line.unanswered} of {line.requests} queries had no response in {_PATIENCE:g} s"
+            f"{line.unanswered} of {line.requests} queries had no response in {line.patience:g} s"
             + (f", and {line.late} responses came late" if line.late else ""),
             "frames are lost on the line" if line.noise_bytes else "the board is busy, or bytes are lost",
             "remove the noise first"

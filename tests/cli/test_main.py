@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import importlib
 import os
 import re
@@ -19,7 +18,6 @@ import servolink
 from servolink.__main__ import main
 from servolink.cli.commands import COMMANDS
 from servolink.cli.parser import EXIT_CODES
-from servolink.client.connect import connect
 from tests import processes
 from tests.cli.programs import COMMAND, call, environment, program
 
@@ -150,6 +148,7 @@ def test_an_empty_address_in_the_environment_is_none(
         ("virtual", "--seed", "1_0"),
         ("--url", "", "move", "1=5"),
         ("move", "1=5", "--url="),
+        *(("move", "1=5", "--timeout", seconds) for seconds in ("0", "nan", "4000", "soon", "")),
         ("--url", "virtual://", "rollback", "--yes", ""),
         ("doctor", ""),
         ("decode", "--file", ""),
@@ -191,7 +190,9 @@ def test_a_board_that_cannot_be_had_is_3(url: str, command: str, capsys: pytest.
     assert re.fullmatch(r"servolink: .+\n", said.err)
 
 
-@pytest.mark.parametrize("url", ["gopher://x", "no address", "unknown-name", "virtual://?servos=x"])
+@pytest.mark.parametrize(
+    "url", ["gopher://x", "no address", "unknown-name", "virtual://?servos=x", "virtual://?patience=0"]
+)
 def test_an_address_that_is_written_wrongly_is_2(url: str, capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, "--url", url, "info", "--json")
     assert (said.code, said.out) == (2, "")
@@ -199,12 +200,13 @@ def test_an_address_that_is_written_wrongly_is_2(url: str, capsys: pytest.Captur
 
 
 @pytest.mark.parametrize("arguments", [("info",), ("move", "1=5"), ("stop",), ("events", "--count", "1")])
+@pytest.mark.parametrize("options", [("--timeout", "0.15"), ()])
 def test_a_board_that_never_answers_is_3(
-    arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    arguments: tuple[str, ...], options: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("servolink.client.connect.connect", functools.partial(connect, patience=0.15))
     with socket.create_server(("127.0.0.1", 0)) as silent:
-        said = call(capsys, "--url", f"tcp://127.0.0.1:{silent.getsockname()[1]}", *arguments)
+        url = f"tcp://127.0.0.1:{silent.getsockname()[1]}{'' if options else '?patience=0.15'}"
+        said = call(capsys, "--url", url, *arguments, *options)
     assert (said.code, said.out) == (3, "")
     assert "not answered" in said.err or "could not be confirmed" in said.err
 

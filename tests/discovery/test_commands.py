@@ -109,6 +109,15 @@ def test_use_says_what_the_name_stands_for(here: Callable[..., None], capsys: py
     assert call(capsys, "--url", "toy", "info", "--json").json["servos"] == 3
 
 
+def test_a_name_keeps_the_options_of_the_address(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(capsys, "use", "toy", "virtual://?servos=3&byte_order=big&patience=0.2").code == 0
+    assert call(capsys, "--url", "toy", "info", "--json").json["servos"] == 3
+    said = call(capsys, "--url", "toy", "--byte-order", "little", "info")
+    assert (said.code, "in 0.2 s" in said.err) == (3, True)
+    said = call(capsys, "use", "toy", "virtual://?servos=3&byte_order=middle")
+    assert (said.code, "option byte_order must be one of little, big, not 'middle'" in said.err) == (2, True)
+
+
 def test_use_lists_and_forgets_names(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
     here(PORT)
     assert call(capsys, "use", "--list").out == "no board has a name; `servolink use NAME BOARD` gives one\n"

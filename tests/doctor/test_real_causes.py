@@ -114,7 +114,11 @@ def test_the_wrong_byte_order(robot: Robot, examined: Examined) -> None:
     code, report = examined("virtual://")
     assert (code, report["response"]["byte_order"], checks(report)) == (1, "big", ["byte order"])
     assert "servolink --byte-order big --board virtual:// info" in report["findings"][0]["remedy"]
-    assert examined("--byte-order", "big", "virtual://")[0] == 0
+    assert "in every program: virtual://?byte_order=big" in report["findings"][0]["remedy"]
+    for right in (("--byte-order", "big", "virtual://"), ("virtual://?byte_order=big",)):
+        assert examined(*right)[0] == 0
+    code, report = examined("virtual://?byte_order=little&patience=0.3")
+    assert "in every program: virtual://?patience=0.3&byte_order=big" in report["findings"][0]["remedy"]
 
 
 def test_noise(robot: Robot, examined: Examined) -> None:

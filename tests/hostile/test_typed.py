@@ -34,6 +34,8 @@ TYPED = (
     "--url replay:///{} info",
     "--byte-order {} info",
     "--caption-encoding {} --url virtual:// info",
+    "--timeout {} info",
+    "--url virtual://?caption_encoding={} info",
     "info {}",
     "list {}",
     "use {} virtual://",
