@@ -10,7 +10,7 @@ from itertools import zip_longest
 
 from servolink.cli.arguments import add_timeout
 from servolink.cli.main import FAILED, NO_BOARD, OK, fail, usage_error
-from servolink.cli.output import Table, print_json, print_table, print_text
+from servolink.cli.output import Table, print_error, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible, run_with_board
 from servolink.client.board import Board
 from servolink.connection.options import options_in
@@ -44,7 +44,7 @@ def run_list(args: argparse.Namespace) -> int:
 
     async def main(interruption: Interruption) -> int:
         devices = await discover()
-        names = _names(load_aliases(), devices)
+        names = _names(_aliases(), devices)
         probes = [probe(device.url, args.timeout or PATIENCE) for device in devices] if args.probe else []
         responses = await asyncio.gather(*probes)
         if args.json:
@@ -59,6 +59,15 @@ def run_list(args: argparse.Namespace) -> int:
         return NO_BOARD if args.json else fail(NONE_HERE, NO_BOARD)
 
     return run_interruptible(main, "nothing was changed")
+
+
+def _aliases() -> dict[str, Alias]:
+    """Return the names of boards; if their file is broken, print why and return none: the boards are there anyway."""
+    try:
+        return load_aliases()
+    except TransportError as error:
+        print_error(f"servolink: {error}")
+        return {}
 
 
 def _names(aliases: Mapping[str, Alias], devices: Sequence[DeviceInfo]) -> dict[str, str]:

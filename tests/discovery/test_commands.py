@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from servolink.cli import boards
+from servolink.discovery.names import aliases_path
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from tests.cli.programs import call, finished, in_terminal, program, started
 
@@ -90,6 +92,19 @@ def test_list_names_boards(here: Callable[..., None], capsys: pytest.CaptureFixt
     here(BOARD, DeviceInfo("serial:///dev/ttyACM8", "board", PortIdentity(serial_number="C3")))
     boards = call(capsys, "list", "--json").json["boards"]
     assert [(board["url"], board["name"]) for board in boards] == [(BOARD.url, None), ("serial:///dev/ttyACM8", "left")]
+
+
+def test_list_shows_boards_although_their_names_are_broken(
+    here: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    here(BOARD)
+    path = aliases_path()
+    path.parent.mkdir(parents=True)
+    path.write_text("[boards", encoding="utf-8")
+    said = call(capsys, "list")
+    assert (said.code, BOARD.url in said.out) == (0, True)
+    assert re.fullmatch(r"servolink: \S+boards\.toml cannot be used: .*; correct it or remove it\n", said.err)
+    assert call(capsys, "list", "--json").json["boards"][0]["name"] is None
 
 
 def test_list_asks_each_only_with_probe(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
