@@ -276,7 +276,7 @@ def run(args: argparse.Namespace) -> int:
     """Play all steps: 0, or 1 if a check failed."""
     # The variables name the user's board for other commands, which says nothing about this one.
     if args.url not in {None, os.environ.get("SERVOLINK_BOARD"), os.environ.get("SERVOLINK_URL")}:
-        usage_error(args, "the demo has virtual boards of its own; leave out --url")
+        usage_error(args, "the demo has virtual boards of its own; leave out --board")
     stage = Stage(as_json=args.json, fast=args.fast)
 
     async def main(interruption: Interruption) -> int:
@@ -332,8 +332,8 @@ def _next_commands() -> list[str]:
     servolink = own_name()
     return [
         f"{servolink} virtual --tcp {place}",
-        f"{servolink} --url tcp://{place} servos",
-        f"{servolink} --url tcp://{place} move 1=60 2=-30 --speed 45",
+        f"{servolink} --board tcp://{place} servos",
+        f"{servolink} --board tcp://{place} move 1=60 2=-30 --speed 45",
     ]
 
 

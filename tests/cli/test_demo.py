@@ -147,7 +147,7 @@ def test_an_error_ends_the_play(capsys: pytest.CaptureFixture[str], monkeypatch:
 @pytest.mark.parametrize("width", [80, 44])
 def test_long_lines_are_broken_between_words(width: int, capsys: pytest.CaptureFixture[str]) -> None:
     text = "pulled while writing, at macro 1: the connection to /dev/pts/1 is gone: the cable was pulled out of it"
-    command = "servolink --url tcp://127.0.0.1:40000 move 1=60 2=-30 --speed 45 --with-many-more-options"
+    command = "servolink --board tcp://127.0.0.1:40000 move 1=60 2=-30 --speed 45 --with-many-more-options"
     result = {"ok": True, "seconds": 9.5, "next": [command]}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stage, "is_terminal", lambda: True)
@@ -164,9 +164,9 @@ def test_long_lines_are_broken_between_words(width: int, capsys: pytest.CaptureF
 
 @pytest.mark.parametrize("url", ["nonsense://x", "virtual://"])
 def test_an_address_is_wrong_usage(url: str, capsys: pytest.CaptureFixture[str]) -> None:
-    said = call(capsys, "--url", url, "demo", "--fast")
+    said = call(capsys, "--board", url, "demo", "--fast")
     assert (said.code, said.out) == (2, "")
-    assert "the demo has virtual boards of its own; leave out --url" in said.err
+    assert "the demo has virtual boards of its own; leave out --board" in said.err
 
 
 def test_the_board_of_other_commands_is_left_alone(
