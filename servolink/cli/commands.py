@@ -121,7 +121,7 @@ COMMANDS = {
         PROJECTS,
         "export:configure_export",
         "write everything on the board into a project file",
-        ("export robot.servolink.json",),
+        ("export robot.servolink.json", "export robot.servolink.json --yes"),
     ),
     "plan": Command(
         PROJECTS,

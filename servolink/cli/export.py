@@ -8,9 +8,10 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from servolink.cli.live import shown_progress
-from servolink.cli.main import OK
+from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import Table, counted, print_error, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.terminal import can_ask, confirm
 from servolink.client.board import Board
 from servolink.errors import ProjectError
 from servolink.escaping import escape
@@ -25,13 +26,20 @@ def configure_export(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink export`."""
     parser.set_defaults(run=run_export)
     parser.add_argument("file", type=Path, metavar="FILE", help="such as robot.servolink.json")
+    parser.add_argument("--yes", action="store_true", help="replace a project file without asking")
 
 
 def run_export(args: argparse.Namespace) -> int:
-    """Read everything from the board and write the file, whole or not at all."""
+    """Read everything from the board and write the file, whole or not at all, after asking if it exists."""
     _refuse_other_files(args.file)
+    asks = args.file.exists() and not args.yes
+    if asks and (args.json or not can_ask()):
+        usage_error(args, f"{args.file} exists; --yes replaces it")
 
     async def talk(board: Board, interruption: Interruption) -> int:
+        if asks and not await confirm(f"{args.file} exists. Replace it?"):
+            print_error(f"servolink: {interruption.state}")
+            return FAILED
         with shown_progress(board, quiet=args.json) as on_progress:
             project = await board.export_project(on_progress=on_progress)
         if is_unfinished(project.project_id):  # the id of an interrupted import, which no file may give to a board

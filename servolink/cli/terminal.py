@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from typing import NoReturn
 
 from servolink.cli.output import print_error
+from servolink.escaping import escape
 
 _cleanups: list[Callable[[], object]] = []
 
@@ -44,7 +45,7 @@ async def confirm(question: str) -> bool:
 
     Call it only if `can_ask()`. The loop and signals keep working meanwhile.
     """
-    print(f"{question} [y/N] ", end="", file=sys.stderr, flush=True)
+    print(f"{escape(question)} [y/N] ", end="", file=sys.stderr, flush=True)
     try:
         answer = await _line()
     except asyncio.CancelledError:

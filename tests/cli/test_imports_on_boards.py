@@ -98,8 +98,25 @@ def test_export_writes_everything_into_a_file(shell: Shell, tmp_path: Path) -> N
     assert said.out == f"{file}: project 7, 1 servo parameter, 2 actions, 1 macro, 1 joystick table\n"
     assert said.err == "", "progress is shown on a terminal only"
     assert load_project(file) == BEFORE
-    assert shell("--json", "export", str(file)).json["actions"] == 2
+    assert shell("--json", "export", str(file), "--yes").json["actions"] == 2
     assert shell("plan", str(file)).out == "0 differences: the board holds this project\n"
+
+
+def test_export_asks_before_it_replaces_a_project(shell: Shell, tmp_path: Path) -> None:
+    file = tmp_path / "robot.servolink.json"
+    save_project(file, AFTER)
+    for options in ((), ("--json",)):
+        refused = shell("export", str(file), *options)
+        assert (refused.code, refused.out) == (2, "")
+        assert f"{file} exists; --yes replaces it" in refused.err
+    for answer in ("n\n", "\x04"):
+        left = in_terminal("--url", shell.url, "export", str(file), typed=answer)
+        assert left.code == 1
+        assert "exists. Replace it? [y/N]" in " ".join(left.out.split())
+        assert "was not written" in left.out
+    assert load_project(file) == AFTER
+    assert in_terminal("--url", shell.url, "export", str(file), typed="y\n").code == 0
+    assert load_project(file) == BEFORE
 
 
 def test_export_does_not_write_over_what_is_no_project(shell: Shell, tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def test_what_is_exported_can_always_be_planned_and_applied(tmp_path: Path, caps
     other = f"virtual://?servos=2&state={tmp_path / 'other'}"
     assert call(capsys, "plan", file, "--url", other).code == 1
     assert call(capsys, "apply", file, "--yes", "--url", other).code == 0
-    assert call(capsys, "export", file, "--url", other).code == 0
+    assert call(capsys, "export", file, "--yes", "--url", other).code == 0
     assert load_project(file).actions[0].action_caption == "\x1b[2J"
 
 
