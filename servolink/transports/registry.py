@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
-from servolink.errors import TransportError, TransportUnavailable
+from servolink.errors import OpenError, TransportError, TransportUnavailable
 from servolink.escaping import escape
 from servolink.transports.address import Address, shorten
 from servolink.transports.base import Transport
@@ -25,7 +25,8 @@ DISCOVERY = "servolink.discovery"
 
 Factory: TypeAlias = Callable[[Address], Transport]
 
-_CLOSE_LIMIT = 1.0  # seconds that the transport of another package may take to close
+_OPEN_LIMIT = 60.0  # seconds that the transport of another package may take to open
+_CLOSE_LIMIT = 1.0  # and to close
 _logger = logging.getLogger("servolink.transport")
 
 
@@ -110,13 +111,21 @@ class PlugInTransport(WrappedTransport):
         self._package = package
 
     async def _open(self) -> None:
+        limit = asyncio.timeout(_OPEN_LIMIT)
         try:
-            await super()._open()
+            async with limit:
+                await super()._open()
         except TransportError:
             raise
-        except Exception:
+        except Exception as error:
             with suppress(Exception):  # it may have opened something before it failed
-                await self._inner.close()
+                async with asyncio.timeout(_CLOSE_LIMIT):
+                    await self._inner.close()
+            if limit.expired():
+                raise OpenError(
+                    f"{self.url}: the plug-in {self._package} did not open it within {_OPEN_LIMIT:g} s; check whether "
+                    "the board is there and switched on"
+                ) from error
             raise
 
     async def _close(self) -> None:

@@ -36,6 +36,8 @@ class Fragile(MemoryTransport):
         self.mode = self.url.partition("://")[0].removeprefix("fragile-")
         if self.mode == "open":
             raise KeyError("acme\x1b")
+        if self.mode == "wait":
+            await asyncio.sleep(3600)
         await super().open(receiver)
 
     async def send(self, data):
@@ -49,7 +51,7 @@ class Fragile(MemoryTransport):
     async def close(self):
         if self.mode == "close":
             raise KeyError("acme\x1b")
-        if self.mode == "hang":
+        if self.mode in ("hang", "wait"):
             await asyncio.sleep(3600)
         await super().close()
 
@@ -67,7 +69,7 @@ def _plug_ins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (information / "METADATA").write_text("Metadata-Version: 2.1\nName: acme-boards\nVersion: 1.0\n")
     names = ["works", "refuses", "fails", "returns_nothing", "missing"]
     lines = [f"{name.replace('_', '-')} = acme_boards:{name}" for name in names]
-    lines += [f"fragile-{mode} = acme_boards:fragile" for mode in ("open", "send", "lose", "close", "hang")]
+    lines += [f"fragile-{mode} = acme_boards:fragile" for mode in ("open", "wait", "send", "lose", "close", "hang")]
     (information / "entry_points.txt").write_text(
         "\n".join(["[servolink.transports]", *lines, "gone = acme_gone:works", "tcp = acme_boards:fails"])
     )
@@ -177,6 +179,19 @@ def test_an_opening_of_a_plug_in_that_fails_in_its_own_way_names_it() -> None:
         ear = Ear()
         with pytest.raises(OpenError, match=r"fragile-open://: cannot open it: KeyError: 'acme\\x1b' .*acme-boards\)$"):
             await create("fragile-open://").open(ear)
+        assert ear.losses == []
+
+    run(main())
+
+
+@pytest.mark.usefixtures("_plug_ins")
+def test_a_plug_in_that_never_opens_is_given_up_after_a_minute() -> None:
+    async def main() -> None:
+        ear = Ear()
+        before = asyncio.get_running_loop().time()
+        with pytest.raises(OpenError, match=r"^fragile-wait://: the plug-in acme-boards did not open it within 60 s;"):
+            await create("fragile-wait://").open(ear)
+        assert asyncio.get_running_loop().time() - before <= 61, "nor is it waited for while it closes"
         assert ear.losses == []
 
     run(main())
