@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
+from servolink.listeners import host_and_port
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
@@ -11,6 +12,12 @@ from servolink.transports.base import Transport
 
 GUARD = 120.0
 """Seconds after which a test that waits for real input gives up."""
+ANY_PORT = "127.0.0.1:0"
+
+
+async def client(url: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    """Connect to a place, or to the place of an address, without a transport."""
+    return await asyncio.open_connection(*host_and_port(url.removeprefix("tcp://")))
 
 
 class Heard:
