@@ -95,6 +95,7 @@ async def _pass_requests(
             for at in range(0, len(chunk), _PIECE):
                 await transport.send(chunk[at : at + _PIECE])
                 await asyncio.sleep(0)  # the transport delivers responses in the next turn; other hosts get theirs
+                await transport.send(b"")  # a slow line has taken this piece
                 if not patient:
                     await writer.drain()
     except (TransportError, OSError):

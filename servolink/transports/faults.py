@@ -133,7 +133,49 @@ class LineFaults:
             out.append(byte ^ (1 << self._random.randrange(8)) if flip else byte)
 
 
+MAX_LATE = 128 * 1024
+"""Bytes that may be late in one direction. Until there are fewer, sending waits, as on any slow line."""
+
 _UNPLUGGED = "it was unplugged by fault injection"
+
+
+class _LateChunks:
+    """The chunks that are late in one direction, with the time at which each arrives."""
+
+    def __init__(self) -> None:
+        self.room = asyncio.Event()
+        """Set while fewer than MAX_LATE bytes are late."""
+        self._chunks: deque[tuple[float, bytes]] = deque()
+        self.size = 0
+        """How many bytes are late."""
+        self._count(0)
+
+    def __bool__(self) -> bool:
+        return bool(self._chunks)
+
+    @property
+    def first(self) -> tuple[float, bytes]:
+        return self._chunks[0]
+
+    def append(self, at: float, chunk: bytes) -> None:
+        self._chunks.append((at, chunk))
+        self._count(len(chunk))
+
+    def popleft(self) -> bytes:
+        _, chunk = self._chunks.popleft()
+        self._count(-len(chunk))
+        return chunk
+
+    def clear(self) -> None:
+        self._chunks.clear()
+        self._count(-self.size)
+
+    def _count(self, change: int) -> None:
+        self.size += change
+        if self.size < MAX_LATE:
+            self.room.set()
+        else:
+            self.room.clear()
 
 
 class FaultyTransport(WrappedTransport):
@@ -146,17 +188,22 @@ class FaultyTransport(WrappedTransport):
         super().__init__(inner)
         self._down = LineFaults(faults if sent else Faults(), f"sent {seed}")
         self._up = LineFaults(faults if received else Faults(), f"received {seed}")
-        self._late_down: deque[tuple[float, bytes]] = deque()
-        self._late_up: deque[tuple[float, bytes]] = deque()
+        self._late_down = _LateChunks()
+        self._late_up = _LateChunks()
         self._sending: asyncio.Task[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
+
+    @property
+    def late_bytes(self) -> int:
+        """How many bytes are late, in both directions."""
+        return self._late_down.size + self._late_up.size
 
     def data(self, chunk: bytes, /) -> None:
         """Apply faults to `chunk` and pass on the result."""
         now = asyncio.get_running_loop().time()
         for at, piece in self._up.apply(chunk, now):
             if self._late_up or at > now:
-                self._late_up.append((at, piece))
+                self._late_up.append(at, piece)
             else:
                 self._deliver(piece)
         self._arm()
@@ -167,11 +214,12 @@ class FaultyTransport(WrappedTransport):
         return self._send_faulty(data)
 
     async def _send_faulty(self, data: bytes) -> None:
-        """Apply faults to `data` and send the result; delayed pieces count as sent."""
+        """Apply faults to `data` and send the result; delayed pieces count as sent, as long as there is room."""
         now = asyncio.get_running_loop().time()
         pieces = self._down.apply(data, now)
         if self._late_down or any(at > now for at, _ in pieces):
-            self._late_down += pieces
+            for at, piece in pieces:
+                self._late_down.append(at, piece)
             if pieces and (self._sending is None or self._sending.done()):
                 self._sending = asyncio.ensure_future(self._send_late())
         elif pieces or not data:
@@ -179,6 +227,8 @@ class FaultyTransport(WrappedTransport):
         if self._down.unplugged:
             self._break(_UNPLUGGED)
             raise self._lost()
+        for late in (self._late_down, self._late_up):
+            await late.room.wait()
 
     async def _close(self) -> None:
         self._forget_late()  # delayed pieces are lost
@@ -192,8 +242,9 @@ class FaultyTransport(WrappedTransport):
         loop = asyncio.get_running_loop()
         try:
             while self._late_down:
-                at, piece = self._late_down[0]  # removed only when sent, so that nothing overtakes it
+                at, piece = self._late_down.first  # removed only when sent, so that nothing overtakes it
                 await asyncio.sleep(at - loop.time())
+                await self._late_up.room.wait()  # a few bytes of a request can bring 64 KiB
                 await self._inner.send(piece)
                 self._late_down.popleft()
         except ConnectionLost:
@@ -201,13 +252,14 @@ class FaultyTransport(WrappedTransport):
 
     def _arm(self) -> None:
         if self._late_up and self._timer is None:
-            self._timer = asyncio.get_running_loop().call_at(self._late_up[0][0], self._release)
+            self._timer = asyncio.get_running_loop().call_at(self._late_up.first[0], self._release)
 
     def _release(self) -> None:
         self._timer = None
-        now = max(self._late_up[0][0], asyncio.get_running_loop().time())  # a timer may fire early by a rounding error
-        while self._late_up and self._late_up[0][0] <= now:
-            self._deliver(self._late_up.popleft()[1])
+        due, _ = self._late_up.first
+        now = max(due, asyncio.get_running_loop().time())  # a timer may fire early by a rounding error
+        while self._late_up and self._late_up.first[0] <= now:
+            self._deliver(self._late_up.popleft())
         self._arm()
 
     def _forget_late(self) -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from servolink.errors import ConnectionLost, ServolinkError, TransportUnavailable
 from servolink.transports.address import Address
-from servolink.transports.faults import Faults, FaultyTransport, LineFaults
+from servolink.transports.faults import MAX_LATE, Faults, FaultyTransport, LineFaults
 from servolink.transports.memory import MemoryTransport
 from tests.transports.wires import Ear
 from tests.virtual_time import VirtualTimeLoop, run
@@ -263,6 +263,39 @@ def test_a_delay_lasts_as_long_as_asked() -> None:
             await line.other.send(b"y")
             await line.ear.hear(1)
             assert loop.time() - start == pytest.approx(1.4)
+
+    run(main())
+
+
+def test_a_sender_waits_while_too_much_is_late() -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        async with _Line(Faults(delay=1.0, delay_time=60.0)) as line:
+            start = loop.time()
+            await line.faulty.send(bytes(MAX_LATE - 1))
+            assert loop.time() - start == 0, "there was room"
+            await line.faulty.send(b"x")
+            assert loop.time() - start == pytest.approx(60)
+            await line.far.hear(MAX_LATE)
+            await line.other.send(bytes(MAX_LATE))
+            await asyncio.sleep(0)
+            await line.faulty.send(b"")
+            assert loop.time() - start == pytest.approx(120), "a request would bring more"
+            assert len(await line.ear.hear(MAX_LATE)) == MAX_LATE
+
+    run(main())
+
+
+def test_late_requests_wait_while_too_many_responses_are_late() -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        async with _Line(Faults(delay=1.0, delay_time=60.0)) as line:
+            start = loop.time()
+            await line.faulty.send(b"x")
+            await asyncio.sleep(30)
+            await line.other.send(bytes(MAX_LATE))
+            assert await line.far.hear(1) == b"x"
+            assert loop.time() - start == pytest.approx(90)
 
     run(main())
 

@@ -18,10 +18,11 @@ from servolink.protocol.editing import AddActionRequest, QueryActionRequest
 from servolink.protocol.joystick import PRESS, UP, ButtonEventResponse, SubscribeButtonEventRequest
 from servolink.protocol.records import Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
-from servolink.transports.faults import Faults
+from servolink.transports.faults import MAX_LATE, Faults, FaultyTransport
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import serve
+from servolink.virtual.transport import VirtualTransport
 from tests.virtual.receiving import ANY_PORT, GUARD, Heard, ask, client
 
 LIST = QueryServoListRequest()
@@ -186,6 +187,7 @@ def test_a_host_that_never_reads_is_left_behind_and_others_are_served(monkeypatc
 BIG_ACTION = AddActionRequest(1, "", tuple(Step(1, 0, 1) for _ in range(12_000)))
 
 BIG_QUERIES = Codec().encode(QueryActionRequest(1)) * 400
+ONE_PIECE = 10 * 65_536  # the responses to the requests that are passed on at once
 
 
 def test_hosts_that_ask_a_lot_and_never_read_cost_little_and_others_are_served(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -223,6 +225,33 @@ def test_hosts_that_ask_a_lot_and_never_read_cost_little_and_others_are_served(m
         assert max(most) <= listeners.MAX_WAITING
 
     monkeypatch.setattr(listeners, "bridge", watched)
+    asyncio.run(main())
+
+
+def test_responses_that_are_late_cost_little() -> None:
+    """As above, on a line on which all responses are still to come."""
+    lines: list[FaultyTransport] = []
+    board = VirtualBoard(servos=3)
+
+    def connect() -> FaultyTransport:
+        lines.append(FaultyTransport(VirtualTransport(board), Faults(delay=1.0, delay_time=3600), sent=False))
+        return lines[-1]
+
+    async def main() -> None:
+        clean = VirtualTransport(board)
+        await clean.open(heard := Heard())
+        await ask(clean, heard, BIG_ACTION)
+        async with listeners.serve_network(connect, "127.0.0.1", 0) as url:
+            with socket.create_connection(host_and_port(url.removeprefix("tcp://"))) as host:
+                host.sendall(BIG_QUERIES)
+                async with asyncio.timeout(GUARD):
+                    while not lines or lines[0].late_bytes < MAX_LATE:
+                        await asyncio.sleep(0)
+                for _ in range(1000):
+                    await asyncio.sleep(0)
+                assert lines[0].late_bytes <= MAX_LATE + ONE_PIECE < listeners.MAX_WAITING
+        await clean.close()
+
     asyncio.run(main())
 
 
