@@ -1,21 +1,43 @@
 """What servolink costs, as ratios to something everybody knows, measured in the same run: `python -m benchmarks`."""
 
-BENCHMARKS = {
-    "parser": ("benchmarks.parser", True, "The parser against a textbook parser"),
-    "peers": ("benchmarks.peers", True, "The parser against those of other libraries, each on its own format"),
-    "packets": ("benchmarks.packets", True, "Bytes to typed packets and back, against bare tuples and other tools"),
-    "hostile": ("benchmarks.hostile", True, "Streams made to be expensive"),
-    "recall": ("benchmarks.recall", True, "Intact frames found on a damaged line"),
-    "reliability": ("benchmarks.reliability", True, "Conversations on bad lines, with bad boards and busy programs"),
-    "roundtrip": ("benchmarks.roundtrip", True, "A request and its response, layer by layer"),
-    "handoff": ("benchmarks.handoff", True, "From a reading thread to the event loop"),
-    "start": ("benchmarks.start", False, "Time until a program or a command has started"),
-    "scale": ("benchmarks.scale", False, "Many boards, and a board with a large library"),
-    "fuzz": ("benchmarks.fuzz.campaign", False, "Random and mutated input for everything that takes bytes"),
-    "imports": ("benchmarks.imports", True, "Projects written while the cable is pulled"),
-}
-"""Name to the module, whether `--short` without names runs it, and its heading, in the order of docs/benchmarks.md.
+from typing import NamedTuple
 
-Each module has `run(*, short) -> Result`. To publish its figures:
-`python -m benchmarks NAME --output benchmarks/figures/NAME.json && python -m benchmarks --report`.
-"""
+
+class Benchmark(NamedTuple):
+    """A module with `run(*, short) -> Result`, and its section of docs/benchmarks.md."""
+
+    module: str
+    heading: str
+    is_short: bool = True
+    """Whether `--short` without names runs it."""
+    is_campaign: bool = False
+    """Whether it looks for faults rather than for time, the longer the better; `--publish` runs it only by name."""
+
+
+BENCHMARKS = {
+    "wire": Benchmark("benchmarks.wire", "The share of a line that is used"),
+    "roundtrip": Benchmark("benchmarks.roundtrip", "A request and its response, layer by layer"),
+    "pipelined": Benchmark("benchmarks.pipelined", "Several requests on a line at once"),
+    "crowd": Benchmark("benchmarks.crowd", "Many callers at once"),
+    "opening": Benchmark("benchmarks.opening", "From nothing to the first response"),
+    "events": Benchmark("benchmarks.events", "Button events"),
+    "start": Benchmark("benchmarks.start", "Time until a program or a command has started"),
+    "scale": Benchmark("benchmarks.scale", "Many boards, and a board with a large library", is_short=False),
+    "handoff": Benchmark("benchmarks.handoff", "From a reading thread to the event loop"),
+    "parser": Benchmark("benchmarks.parser", "The parser against a textbook parser"),
+    "peers": Benchmark("benchmarks.peers", "The parser against those of other libraries, each on its own format"),
+    "packets": Benchmark("benchmarks.packets", "Bytes to typed packets and back, against bare tuples and other tools"),
+    "hostile": Benchmark("benchmarks.hostile", "Streams made to be expensive"),
+    "recall": Benchmark("benchmarks.recall", "Intact frames found on a damaged line", is_campaign=True),
+    "reliability": Benchmark(
+        "benchmarks.reliability", "Conversations on bad lines, with bad boards and busy programs", is_campaign=True
+    ),
+    "fuzz": Benchmark(
+        "benchmarks.fuzz.campaign",
+        "Random and mutated input for everything that takes bytes",
+        is_short=False,
+        is_campaign=True,
+    ),
+    "imports": Benchmark("benchmarks.imports", "Projects written while the cable is pulled", is_campaign=True),
+}
+"""In the order of docs/benchmarks.md: what a user waits for first, then what it is made of, then faults."""

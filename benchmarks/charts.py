@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from benchmarks.measuring import Result, Table
@@ -27,11 +28,12 @@ class Chart:
 
 
 def charts(name: str, result: Result) -> list[Chart]:
-    """Return the charts of a benchmark's result, none if it has none or lacks the table that they show."""
-    try:
-        return list(_CHARTS[name](result["tables"])) if name in _CHARTS and result.get("tables") else []
-    except StopIteration:
-        return []
+    """Return the charts of a benchmark's result, as far as it has the tables that they show."""
+    found: list[Chart] = []
+    if name in _CHARTS and result.get("tables"):
+        with suppress(LookupError):
+            found.extend(_CHARTS[name](result["tables"]))
+    return found
 
 
 def number(cell: str) -> float | None:
@@ -52,22 +54,6 @@ def _peers(tables: list[Table]) -> Iterator[Chart]:
         {"frames/s": _column(speeds, "frames/s")},
         is_log=True,
     )
-    by_chunk = _table(tables, "How many times faster ours is")
-    sizes = ["1", "64", "one frame", "4096", "65536"]
-    yield Chart(
-        "parser-chunks",
-        "How many times as fast as other parsers, by bytes in a chunk",
-        "times as fast, frames of about 14 bytes; above the line servolink is faster",
-        sizes,
-        {
-            row[0]: [row[by_chunk["columns"].index(size)] for size in sizes]
-            for row in by_chunk["rows"]
-            if row[1] in _SHORT_FRAMES and row[0] in _LINES
-        },
-        is_log=True,
-        is_line=True,
-        goal=1,
-    )
     found = _table(tables, "Intact frames found")
     found["rows"] = [row for row in found["rows"] if row[1] in _SHORT_FRAMES]
     yield Chart(
@@ -77,6 +63,24 @@ def _peers(tables: list[Table]) -> Iterator[Chart]:
         _column(found, "parser"),
         {"found": _column(found, "both")},
     )
+    mixed = _table(tables, "How many times faster ours is on streams of many kinds")
+    sizes = ["64", "one frame", "4096"]
+    yield Chart(
+        "parser-mixed",
+        "How many times as fast as other parsers, on a stream of mixed frames",
+        "times as fast by bytes in a chunk, frames of 14 and 186 bytes in turns; above the line servolink is faster",
+        sizes,
+        {row[0]: _alike(mixed, row, sizes) for row in mixed["rows"] if row[1] == "both in turns" and row[0] in _LINES},
+        is_log=True,
+        is_line=True,
+        goal=1,
+    )
+
+
+def _alike(mixed: Table, row: list[str], sizes: list[str]) -> list[str]:
+    """Return the cells of a row: with objects where the other parser makes some too."""
+    typed = [row[mixed["columns"].index(f"typed, {size}")] for size in sizes]
+    return typed if "-" not in typed else [row[mixed["columns"].index(size)] for size in sizes]
 
 
 _SHORT_FRAMES = {"13", "14", "21", "32"}
@@ -145,19 +149,73 @@ def _scale(tables: list[Table]) -> Iterator[Chart]:
     )
 
 
+def _wire(tables: list[Table]) -> Iterator[Chart]:
+    shares = _table(tables, "State of 16 servos, asked again")
+    depths = [name for name in shares["columns"] if name.startswith("depth ")]
+    yield Chart(
+        "wire",
+        "The share of a line that is used",
+        "% of the line that the states of 16 servos take, by requests on the line at once",
+        depths,
+        {
+            row[0].partition(", ")[0]: [row[shares["columns"].index(depth)] for depth in depths]
+            for row in shares["rows"]
+            if row[1] == "servolink"
+        },
+        is_line=True,
+        goal=100,
+    )
+
+
+def _crowd(tables: list[Table]) -> Iterator[Chart]:
+    costs = _table(tables, "Callers at once")
+    counts = costs["columns"][2:-1]
+    yield Chart(
+        "crowd",
+        "What a request costs where many wait",
+        "µs of CPU of each request, by number of callers; one query",
+        counts,
+        {
+            f"depth {row[1]}" if row[0] == "one query" else "asyncio alone": row[2:-1]
+            for row in costs["rows"]
+            if row[0] == "one query" or (row[0], row[1]) == ("asyncio alone", "1")
+        },
+        is_log=True,
+        is_line=True,
+    )
+
+
+def _pipelined(tables: list[Table]) -> Iterator[Chart]:
+    rates = _table(tables, "responses of 186 bytes")
+    cells = {(f"{row[0]}, {row[1]}".rstrip(", "), row[2]): row[3] for row in rates["rows"]}
+    clients = list(dict.fromkeys(client for client, _ in cells))
+    yield Chart(
+        "pipelined",
+        "Requests per second over a pseudo-terminal",
+        "requests/s, by requests on the line at once; longer is better",
+        clients,
+        {f"depth {depth}": [cells[client, depth] for client in clients] for depth in ("1", "4", "16")},
+    )
+
+
 _CHARTS: dict[str, Callable[[list[Table]], Iterator[Chart]]] = {
+    "wire": _wire,
+    "roundtrip": _roundtrip,
+    "pipelined": _pipelined,
+    "crowd": _crowd,
+    "start": _start,
+    "scale": _scale,
     "peers": _peers,
     "hostile": _hostile,
     "reliability": _reliability,
-    "roundtrip": _roundtrip,
-    "start": _start,
-    "scale": _scale,
 }
 
 
 def _table(tables: list[Table], title: str) -> Table:
-    """Return a copy of the table whose title begins like this."""
-    found = next(table for table in tables if table["title"].startswith(title))
+    """Return a copy of the table whose title begins like this. Raise LookupError if there is none."""
+    found = next((table for table in tables if table["title"].startswith(title)), None)
+    if found is None:
+        raise LookupError(f"no table is called {title!r}")
     return Table(title=found["title"], columns=found["columns"], rows=list(found["rows"]), notes=found["notes"])
 
 

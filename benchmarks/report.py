@@ -21,8 +21,8 @@ _INTRODUCTION = """\
 # Benchmarks
 
 Everyone can produce these figures again: `pip install -e ".[bench]"` in a copy of the repository, then the command
-above each table. `python -m benchmarks --report` makes this page and its charts from the figures in
-`benchmarks/figures/`.
+above each table. `python -m benchmarks --publish` measures everything except the searches for faults, which take as
+long as one likes, and makes this page. `--report` makes it again from the figures in `benchmarks/figures/`.
 
 Times are CPU times of one process that stays on one core, unless stated otherwise. What is compared runs in turns,
 round by round, because the speed of a machine drifts. A figure is the median of the rounds, a ratio the median of the
@@ -59,7 +59,7 @@ def _results(figures: Path) -> Iterator[tuple[str, Result, Result]]:
 
 
 def _section(name: str, result: Result, machine: Result) -> Iterator[str]:
-    yield f"## {BENCHMARKS[name][2]}\n"
+    yield f"## {BENCHMARKS[name].heading}\n"
     yield f"```console no-run\n$ python -m benchmarks {name}\n```\n"
     yield "{python}, {processor}, {cores} cores, {system}; {date}.".format(**machine)
     if versions := result.get("versions"):
@@ -106,7 +106,7 @@ def _summary(results: list[tuple[str, Result, Result]]) -> Iterator[str]:
 
 def _link(name: str) -> str:
     """Return a link to the section of a benchmark."""
-    return f"[{name}](#{re.sub(r'[^a-z0-9 -]', '', BENCHMARKS[name][2].lower()).replace(' ', '-')})"
+    return f"[{name}](#{re.sub(r'[^a-z0-9 -]', '', BENCHMARKS[name].heading.lower()).replace(' ', '-')})"
 
 
 def _table(quote: Table) -> Iterator[str]:

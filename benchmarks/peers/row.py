@@ -75,7 +75,7 @@ def measure(peer: type[Peer], size: int, pace: Pace, *, short: bool) -> Row | No
     """Measure one parser beside ours; None if its format has no frame of this size."""
     if (frame := peer.frame(size, 1)) is None:
         return None
-    found, streamed = _recalls(peer, size, _INTACT[size] // (10 if short else 1)) if peer.delivers else ({}, {})
+    found, streamed = _recalls(peer, size, _INTACT[size] // (40 if short else 1)) if peer.delivers else ({}, {})
     if peer is Ours:  # which is measured beside each of the others
         return Row(peer, size, len(frame), None, None, {}, found, streamed)
     return Row(

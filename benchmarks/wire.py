@@ -1,0 +1,216 @@
+"""How much of a line is used, in virtual time: a model of it that knows no CPU, so that only waiting counts."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from benchmarks.answers import answers, exchange
+from benchmarks.goals import Goal, at_least
+from benchmarks.instant import requests
+from benchmarks.measuring import Result, Table, table
+from servolink.client.board import Board
+from servolink.client.connect import connect
+from servolink.protocol.codec import Codec
+from servolink.transports.lifecycle import BaseTransport
+from tests.virtual_time import VirtualTimeLoop
+
+DEPTHS = (1, 2, 4, 8, 16)
+_SIZE = 186
+
+
+@dataclass(frozen=True)
+class Line:
+    """A full-duplex line to a board that answers in order."""
+
+    name: str
+    bytes_per_second: float
+    turnaround: float
+    """Seconds from the end of a request to the beginning of its response; requests overlap in it."""
+    latency: float = 0.0
+    """Seconds for which an adapter collects what comes from the board, from its first byte on."""
+    share: float = 0.98
+    """The goal: of the line, at the best depth."""
+
+
+LINES = (
+    Line("115,200 baud", 11_520, 0.0),
+    Line("FTDI adapter, 115,200 baud", 11_520, 0.001, 0.016),
+    Line("USB CDC, 1 MB/s", 1_000_000, 0.001, share=0.95),
+)
+
+
+class LineTransport(BaseTransport):
+    """One end of such a line, on the running loop's time."""
+
+    def __init__(self, line: Line) -> None:
+        """Lead to a board that answers from a table."""
+        super().__init__(f"line://{line.name}")
+        self._line = line
+        self._answers = answers()
+        self._sent_until = self._received_until = 0.0
+        self._coming: deque[tuple[float, bytes]] = deque()  # when each byte arrives, in runs that end then
+        self.delivered = 0
+        """Bytes that the program has."""
+
+    async def _open(self) -> None:
+        self._loop = asyncio.get_running_loop()
+
+    def _send(self, data: bytes) -> None:
+        line, now = self._line, self._loop.time()
+        for packet_id, size in requests(data):
+            self._sent_until = max(self._sent_until, now) + size / line.bytes_per_second
+            answer = self._answers.get(packet_id, b"")
+            begin = max(self._received_until, self._sent_until + line.turnaround)
+            self._received_until = begin + len(answer) / line.bytes_per_second
+            if line.latency:
+                self._collect(answer, begin)
+            else:
+                self._loop.call_at(self._received_until, self._arrive, answer)
+
+    def send_now(self, data: bytes) -> None:
+        """Send from a callback."""
+        self._send(data)
+
+    def _arrive(self, data: bytes) -> None:
+        self.delivered += len(data)
+        self._deliver(data)
+
+    def _collect(self, answer: bytes, begin: float) -> None:
+        """Put the bytes of `answer` into the adapter, one by one."""
+        idle = not self._coming
+        self._coming.extend(
+            (begin + (at + 1) / self._line.bytes_per_second, answer[at : at + 1]) for at in range(len(answer))
+        )
+        if idle and answer:
+            self._loop.call_at(self._coming[0][0] + self._line.latency, self._hand_over)
+
+    def _hand_over(self) -> None:
+        """Pass on what has come, and wait again from the next byte on."""
+        came = []
+        while self._coming and self._coming[0][0] <= self._loop.time():
+            came.append(self._coming.popleft()[1])
+        if self._coming:
+            self._loop.call_at(self._coming[0][0] + self._line.latency, self._hand_over)
+        self._arrive(b"".join(came))
+
+    async def _close(self) -> None:
+        """Nothing is open."""
+
+    def _abort(self) -> None:
+        """Nothing is open."""
+
+
+def run(*, short: bool) -> Result:
+    """Poll 16 servos on each line at each depth."""
+    responses = 64 if short else 640
+    shares = {line.name: {depth: _in_virtual_time(line, depth, responses)[0] for depth in DEPTHS} for line in LINES}
+    limits = {line.name: {depth: limit(line, depth, responses) for depth in DEPTHS} for line in LINES}
+    openings = {line.name: _in_virtual_time(line, 1, 1)[1] for line in LINES}
+    return {
+        "tables": [_table(shares, limits, openings)],
+        "goals": list(_goals(shares)),
+        "shares": shares,
+        "limits": limits,
+        "openings": openings,
+    }
+
+
+def _in_virtual_time(line: Line, depth: int, responses: int) -> tuple[float, float]:
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        return runner.run(_poll(line, depth, responses))
+
+
+def limit(line: Line, depth: int, responses: int) -> float:
+    """Return the share that a client reaches which sends a request for each response, and does nothing else."""
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        return runner.run(_count(line, depth, responses))
+
+
+class _Counter:
+    """A receiver that answers each whole response with the next request."""
+
+    def __init__(self, transport: LineTransport, responses: int) -> None:
+        query, answer = exchange(_SIZE)
+        self._transport, self._frame, self._size = transport, Codec().encode(query), len(answer)
+        self._left = responses
+        self._came = 0
+        self.over = asyncio.get_running_loop().create_future()
+
+    async def begin(self, depth: int) -> None:
+        for _ in range(depth):
+            await self._transport.send(self._frame)
+
+    def data(self, chunk: bytes) -> None:
+        self._came += len(chunk)
+        while self._came >= self._size and not self.over.done():
+            self._came -= self._size
+            self._left -= 1
+            if not self._left:
+                self.over.set_result(None)
+            self._transport.send_now(self._frame)
+
+    def lost(self, error: Exception | None) -> None:
+        """End with the transport."""
+
+
+async def _count(line: Line, depth: int, responses: int) -> float:
+    loop, transport = asyncio.get_running_loop(), LineTransport(line)
+    counter = _Counter(transport, responses)
+    await transport.open(counter)
+    began = loop.time()
+    await counter.begin(depth)
+    await counter.over
+    share = transport.delivered / line.bytes_per_second / (loop.time() - began)
+    await transport.close()
+    return share
+
+
+async def _poll(line: Line, depth: int, responses: int) -> tuple[float, float]:
+    """Return the share of the line that responses take, and the seconds of opening."""
+    loop, transport = asyncio.get_running_loop(), LineTransport(line)
+    opening = loop.time()
+    async with connect(transport, depth=depth, patience=60) as board:
+        opening = loop.time() - opening
+        await board.servos()
+        began, before = loop.time(), transport.delivered
+        async with asyncio.TaskGroup() as group:
+            for _ in range(depth):
+                group.create_task(_ask(board, responses // depth))
+        return (transport.delivered - before) / line.bytes_per_second / (loop.time() - began), opening
+
+
+async def _ask(board: Board, times: int) -> None:
+    for _ in range(times):
+        await board.servos()
+
+
+def _goals(shares: dict[str, dict[int, float]]) -> Iterator[Goal]:
+    for line in LINES:
+        share, depth = max((share, -depth) for depth, share in shares[line.name].items())
+        yield at_least(f"share of the line, {line.name}; best: depth {-depth}", share, line.share, "{:.1%}")
+
+
+def _table(
+    shares: dict[str, dict[int, float]], limits: dict[str, dict[int, float]], openings: dict[str, float]
+) -> Table:
+    return table(
+        "State of 16 servos, asked again and again: share of the line that the responses take",
+        ("line", "client", *(f"depth {depth}" for depth in DEPTHS), "opening, ms"),
+        [
+            (line, client, *(f"{share:.1%}" for share in found[line].values()), opening)
+            for line in shares
+            for client, found, opening in (
+                ("servolink", shares, f"{openings[line] * 1000:.1f}"),
+                ("the limit", limits, "-"),
+            )
+        ],
+        [
+            "Depth: how many requests may be on the line at once (`connect(..., depth=)`), and as many callers.",
+            "In virtual time, where programs need no CPU. The limit: as many requests out as the depth, at any time.",
+            "The board takes 1 ms on all but the first line. An FTDI adapter passes on what it has after 16 ms.",
+            "Opening: from an open port until the program may send its first request.",
+        ],
+    )

@@ -1,0 +1,94 @@
+"""The boards and lines that benchmarks ask: they answer as real ones would, and a model of a line obeys its formula."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from benchmarks.answers import SERVOS, answers
+from benchmarks.crowd import growth
+from benchmarks.instant import InstantTransport, requests
+from benchmarks.responder import Listener, Responder, program
+from benchmarks.wire import LINES, Line, limit
+from servolink.client.connect import connect
+from servolink.protocol.codec import Codec
+from servolink.protocol.packet import Query
+from servolink.protocol.servos import QueryServoListRequest, QueryServoRequest
+from servolink.protocol.settings import QueryRemainPowerRequest
+from servolink.transports.base import Transport
+
+REQUEST, RESPONSE = 10, 186  # bytes of the frames of a poll
+
+
+async def ask_everything(url: str | Transport) -> None:
+    async with connect(url) as board:
+        assert len(await board.servos()) == len(SERVOS)
+        await board.servo_ids()
+        await board.memory()
+        await board.battery()
+        await board.project_id()
+        await board.active_joystick_table()
+
+
+@pytest.mark.parametrize("kind", [Responder, Listener])
+@pytest.mark.parametrize("language", ["C", "Python"])
+def test_a_responder_answers_whatever_opening_and_polling_ask(
+    kind: type[Responder | Listener], language: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if language == "Python":
+        monkeypatch.setattr("shutil.which", lambda _: None)
+        program.cache_clear()
+    other = kind(answers())
+    try:
+        asyncio.run(ask_everything(other.path if isinstance(other, Responder) else other.url))
+    finally:
+        other.close()
+        program.cache_clear()
+
+
+def test_an_instant_board_answers_the_same() -> None:
+    asyncio.run(ask_everything(InstantTransport()))
+
+
+def test_several_frames_in_one_write_are_several_requests() -> None:
+    packets: list[Query[Any]] = [QueryServoRequest(255), QueryServoListRequest(), QueryRemainPowerRequest()]
+    frames = [Codec().encode(packet) for packet in packets]
+    assert requests(b"".join(frames)) == [
+        (packet.packet_id, len(frame)) for packet, frame in zip(packets, frames, strict=True)
+    ]
+
+
+def round_trip(line: Line) -> float:
+    return (REQUEST + RESPONSE) / line.bytes_per_second + line.turnaround
+
+
+@pytest.mark.parametrize("line", [line for line in LINES if not line.latency], ids=lambda line: line.name)
+def test_a_line_asked_one_by_one_waits_for_each_round_trip(line: Line) -> None:
+    assert limit(line, 1, 50) == pytest.approx(RESPONSE / line.bytes_per_second / round_trip(line))
+
+
+@pytest.mark.parametrize("line", LINES, ids=lambda line: line.name)
+def test_a_line_is_full_where_enough_requests_are_on_it(line: Line) -> None:
+    shares = [limit(line, depth, 1000) for depth in (1, 4, 16)]
+    assert shares == sorted(shares)
+    assert 0.98 < shares[-1] <= 1
+
+
+def test_an_adapter_keeps_a_response_until_its_time_is_over() -> None:
+    (line,) = (line for line in LINES if line.latency)
+    first = REQUEST / line.bytes_per_second + line.turnaround + 1 / line.bytes_per_second
+    expected = RESPONSE / line.bytes_per_second / (first + line.latency)
+    whole = limit(Line("long enough", line.bytes_per_second, line.turnaround, 0.1), 1, 20)
+    assert whole == pytest.approx(RESPONSE / line.bytes_per_second / (first + 0.1))
+    assert limit(line, 1, 20) < expected  # its last bytes come after the first 16 ms, and wait once more
+
+
+@pytest.mark.parametrize(
+    ("costs", "times"),
+    [({1: 9, 10: 3, 100: 3}, 1), ({1: 9, 10: 3, 100: 6, 1000: 5}, 2), ({1: 3, 10: 9, 100: 3}, 3)],
+    ids=["falls", "rises", "rises and falls"],
+)
+def test_growth_is_counted_from_the_cheapest_to_any_larger_number(costs: dict[int, float], times: float) -> None:
+    assert growth(costs)[0] == times
