@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import re
-import secrets
 import stat
 import time
 import warnings
@@ -50,7 +49,7 @@ def write_atomically(path: Path, content: bytes, *, private: bool = False) -> No
         path = Path(os.path.realpath(path))
     if path.exists() and not path.is_dir():  # the system itself refuses a folder, in clear words
         _refuse_irregular(path, path.stat())
-    temporary = path.with_name(f".servolink-{secrets.token_hex(8)}")
+    temporary = path.with_name(f".servolink-{os.urandom(8).hex()}")
     try:
         with open(temporary, "xb", opener=_create_private if private else None) as file:
             file.write(content)

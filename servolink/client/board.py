@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import AsyncIterator, Iterable, Mapping
-from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from servolink.client.events import ButtonEvents, ButtonSubscription
 from servolink.client.reconnect import ConnectionState
@@ -38,6 +37,9 @@ from servolink.protocol.settings import (
     QueryRemainPowerRequest,
     SendDummyDataRequest,
 )
+
+if TYPE_CHECKING:  # loading it takes as long as loading all packets
+    from pathlib import Path
 
 R = TypeVar("R", bound=Response)
 

@@ -13,7 +13,6 @@ from servolink.client.session import Session, set_mode
 from servolink.connection.connection import Connection
 from servolink.connection.options import ConnectionOptions, TransmissionMode, options_in
 from servolink.connection.stats import Stats
-from servolink.discovery.names import resolve_url
 from servolink.errors import ConnectionLost, OpenError, RequestError, RequestTimeout, TransportUnavailable
 from servolink.escaping import quote
 from servolink.motion import AngleLimits, AngleUnit, MotionLimits
@@ -22,7 +21,6 @@ from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport
 from servolink.transports.lifecycle import BaseTransport, WrappedTransport
 from servolink.transports.registry import create
-from servolink.transports.serial_ports import PortTracker
 
 _TRIES = 3  # of a query, within the patience of the connection
 
@@ -104,12 +102,14 @@ class connect:  # noqa: N801 - reads as the function it stands for
             transport = self._url if isinstance(self._url, BaseTransport) else WrappedTransport(self._url)
             options = ConnectionOptions(**self._options)
             return self._board_on(Session(await self._open_connection(transport, options, Stats())))
-        address = await resolve_url(self._url)
+        address = await _resolve(self._url)
         options = ConnectionOptions(**(options_in(address) | self._options))
         stats = Stats()
         connection = await self._open_connection(create(address), options, stats)
         if not self._reconnect:
             return self._board_on(Session(connection))
+        from servolink.transports.serial_ports import PortTracker
+
         port = PortTracker(address)
 
         async def reopen() -> Connection:
@@ -170,6 +170,15 @@ class connect:  # noqa: N801 - reads as the function it stands for
         """Close the board."""
         if self._board is not None:
             await self._board.close()
+
+
+async def _resolve(board: str | None) -> str:
+    """Return the address of a board, which may be given by name."""
+    if board is not None and "://" in board:
+        return board
+    from servolink.discovery.names import resolve_url  # late: most programs search for nothing
+
+    return await resolve_url(board)
 
 
 def _shorten_traceback(error: OpenError) -> None:

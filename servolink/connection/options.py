@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
+
+from msgspec import Struct
 
 from servolink.escaping import quote
 from servolink.protocol.caption import check_encoding
@@ -21,8 +22,7 @@ LEAST_PATIENCE, MOST_PATIENCE = 0.001, 3600.0
 MOST_DEPTH = 64
 
 
-@dataclass(frozen=True, slots=True)
-class ConnectionOptions:
+class ConnectionOptions(Struct, frozen=True):
     """How to talk to a board. Raise TypeError or ValueError for an option that is wrong."""
 
     byte_order: ByteOrder = "little"

@@ -7,7 +7,6 @@ last field. That covers all 60 packets, so nothing more general is built.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from struct import error as struct_error
 from typing import Any, get_type_hints
@@ -24,8 +23,7 @@ Decoder = Callable[[bytes, str], Packet]
 """Returns the packet for a content and a caption encoding. Raises DecodeError, which keeps the content."""
 
 
-@dataclass(frozen=True, slots=True)
-class LengthRule:
+class LengthRule(Record, frozen=True):
     """The content lengths a packet may have: `base + n * unit` with n from 0 to `limit`."""
 
     base: int

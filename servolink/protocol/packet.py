@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import types
-from dataclasses import dataclass
 from operator import index
 from struct import Struct as Format
 from typing import Annotated, Any, ClassVar, Generic, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -14,15 +13,13 @@ from msgspec import Struct as Record
 from servolink.escaping import quote
 
 
-@dataclass(frozen=True, slots=True)
-class Wire:
+class Wire(Struct, frozen=True):
     """The form of a value on the wire: a `struct` code without byte order."""
 
     code: str
 
 
-@dataclass(frozen=True, slots=True)
-class Counted:
+class Counted(Struct, frozen=True):
     """A repeated group behind the fixed fields; its count, in this `struct` code, comes first."""
 
     count: str
@@ -48,8 +45,7 @@ U8_COUNT = Counted("B")
 U16_COUNT = Counted("H")
 
 
-@dataclass(frozen=True, slots=True)
-class Value:
+class Value(Struct, frozen=True):
     """One number or caption of a packet or a record."""
 
     name: str

@@ -6,7 +6,6 @@ All layers loop over `RECORD_TYPES`; a new type of record is one more entry.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from msgspec import Struct
@@ -32,8 +31,7 @@ Record: TypeAlias = Action | Macro | JoystickTable
 T = TypeVar("T", bound=Struct)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StoredType(Generic[T]):
+class StoredType(Struct, Generic[T], frozen=True, eq=False):
     """A type of object that a board stores; its first field is the id."""
 
     label: str
@@ -67,8 +65,7 @@ class StoredType(Generic[T]):
         return layout(self.add_class, "little").rule.unit
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RecordType(StoredType[T]):
+class RecordType(StoredType[T], frozen=True, eq=False):
     """A type of record that is listed, queried, added and deleted one by one."""
 
     list_request: Query[Any]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import starmap
 from operator import itemgetter
 from struct import Struct as Format
@@ -21,8 +20,7 @@ Reader = Callable[[bytes, int, str], tuple[Any, ...]]
 """Reads a group: takes the content, the position of its first row, and the encoding of captions."""
 
 
-@dataclass(frozen=True, slots=True)
-class Writing:
+class Writing(Record, frozen=True):
     """How to write values."""
 
     encoding: str

@@ -6,7 +6,6 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from urllib.parse import unquote
 
 from servolink.errors import InvalidAddress
 
@@ -182,7 +181,11 @@ def _options(url: str, query: str) -> dict[str, str]:
 def _unescaped(url: str, text: str) -> str:
     if bad := _BAD_ESCAPE.search(text):
         raise refusal(url, f"bad escape {text[bad.start() :][:3]!r}; write a percent sign as %25")
-    plain = unquote(text, errors="surrogateescape")
+    plain = text
+    if "%" in text:
+        from urllib.parse import unquote  # most programs start without it
+
+        plain = unquote(text, errors="surrogateescape")
     if _CONTROL.search(plain):
         raise refusal(url, f"holds a control character; {_FORMS}")
     return plain

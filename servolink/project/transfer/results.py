@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from msgspec import Struct
+
+if TYPE_CHECKING:  # `Board` names these types, and loading it takes as long as loading all packets
+    from pathlib import Path
 
 Phase: TypeAlias = Literal["reading", "saving", "marking", "clearing", "writing", "verifying", "finishing"]
 """`reading` and `saving` change nothing on the board; from `marking` on it says that an import is under way."""
