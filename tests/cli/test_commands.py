@@ -86,6 +86,10 @@ def test_info(board: Board) -> None:
     assert 0 < described["round_trip_seconds"] < 1
 
 
+def test_no_project_id_is_called_none(capsys: pytest.CaptureFixture[str]) -> None:
+    assert re.search(r"^project id +none$", call(capsys, "-b", "virtual://", "info").out, re.MULTILINE)
+
+
 def test_servos(board: Board) -> None:
     said = board("servos")
     assert plain(said.out)
@@ -344,8 +348,8 @@ def test_bench(board: Board) -> None:
 def test_bench_shows_how_far_it_is(url: str) -> None:
     said = in_terminal("--url", url, "bench", "--requests", "50")
     assert said.code == 0
-    assert all(f"{what} " in said.out for what in ("shortest response: free memory", "list of actions"))
-    assert "%" in said.out
+    for what in ("shortest response: free memory", "state of all servos", "list of actions"):
+        assert re.search(rf"{what} \S*\x1b.* \S*100%", said.out), "the last picture of each bar"
 
 
 def test_programs_reach_the_board_as_functions_do(url: str) -> None:

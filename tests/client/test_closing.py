@@ -12,6 +12,8 @@ from contextlib import closing, contextmanager
 import pytest
 
 from servolink import Board, connect
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.serve import serve
 
 
 async def opened(url: str) -> Board:
@@ -54,6 +56,22 @@ def test_a_board_whose_loop_has_ended_can_be_closed(reconnect: bool) -> None:
     board = asyncio.run(connected())
     asyncio.run(asyncio.wait_for(board.close(), 60))
     assert repr(board) == "<Board virtual:// closed>"
+
+
+def test_a_board_whose_loop_ended_while_it_was_lost_can_be_closed() -> None:
+    async def lost() -> Board:
+        async with serve(VirtualBoard(servos=1), tcp="127.0.0.1:0") as (url,):
+            board = await connect(url, reconnect=True)
+        async for state in board.states():
+            if state == "lost":
+                break
+        return board
+
+    loop = asyncio.new_event_loop()
+    board = loop.run_until_complete(lost())
+    loop.close()  # without an end of the task that reconnects, unlike asyncio.run
+    asyncio.run(asyncio.wait_for(board.close(), 60))
+    assert repr(board).endswith(" closed>")
 
 
 def test_closing_after_the_loop_has_ended_frees_a_tcp_connection() -> None:

@@ -92,6 +92,7 @@ def test_a_board_in_good_health(line: str, examined: Examined, capsys: pytest.Ca
         assert report["line"]["round_trip_seconds"]["p50"] > 0
         said = call(capsys, "doctor", url)
         assert (said.code, said.out.splitlines()[-1]) == (0, "nothing is wrong")
+        assert "project id none, little byte order" in said.out, "as `servolink info` calls it"
 
 
 @pytest.mark.usefixtures("patient")
