@@ -68,6 +68,17 @@ def test_only_what_is_needed_is_loaded(arguments: tuple[str, ...], unwanted: set
     assert loaded & unwanted == set()
 
 
+def test_connecting_loads_neither_searches_nor_other_kinds_of_address() -> None:
+    program = "import sys, servolink; servolink.connect('virtual://'); print(*sys.modules, file=sys.stderr)"
+    loaded = set(processes.run([sys.executable, "-c", program], check=True).stderr.split())
+    assert "servolink.client.board" in loaded
+    assert loaded & (HEAVY - {"asyncio", "ssl", "servolink.client"}) == set()
+    assert (
+        loaded & {"servolink.cli", "servolink.discovery", "servolink.transports.serial_ports", "servolink.virtual"}
+        == set()
+    )
+
+
 def test_the_public_names_are_loaded_when_they_are_used() -> None:
     assert set(servolink.__all__) <= set(dir(servolink))
     assert all(hasattr(servolink, name) for name in servolink.__all__)

@@ -20,7 +20,9 @@ import asyncio
 from servolink.transports.memory import MemoryTransport
 
 def works(address):
-    return MemoryTransport(address.url, address.text("name", "acme"))
+    name = address.text("name", "acme")
+    address.refuse_unknown()
+    return MemoryTransport(address.url, name)
 
 def refuses(address):
     raise address.refusal("needs a name")
@@ -125,6 +127,13 @@ def test_a_missing_library_is_named_with_what_to_install(monkeypatch: pytest.Mon
     with pytest.raises(TransportUnavailable, match=r"pip install .*pyserial-asyncio") as caught:
         create("/dev/ttyACM0")
     assert not isinstance(caught.value, InvalidAddress)
+
+
+@pytest.mark.usefixtures("_plug_ins")
+def test_options_of_the_connection_are_no_business_of_another_package() -> None:
+    assert create("works://?name=x&byte_order=big&depth=4").url == "works://?name=x&byte_order=big&depth=4"
+    with pytest.raises(TransportUnavailable, match="unknown option dept; works:// has: name; every address has: byte"):
+        create("works://?name=x&dept=4")
 
 
 @pytest.mark.usefixtures("_plug_ins")
