@@ -7,7 +7,7 @@ async with servolink.connect("virtual://?servos=16") as board:
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+TYPE_CHECKING = False  # as type checkers know it, without the import: nothing catches Ctrl-C before `__main__` does
 
 if TYPE_CHECKING:
     __all__: list[str]
@@ -70,8 +70,6 @@ if TYPE_CHECKING:
     from servolink.protocol.servos import ALL_SERVOS as ALL_SERVOS
     from servolink.transports.device_info import DeviceInfo as DeviceInfo
 else:
-    from importlib import import_module
-
     # A module is imported when its first name is used: the command line starts without most of them.
     _MODULES = {
         "Action": "servolink.protocol.records",
@@ -140,6 +138,8 @@ else:
 
             value: object = version("servolink")
         elif name in _MODULES:
+            from importlib import import_module
+
             value = getattr(import_module(_MODULES[name]), name)
         else:
             raise AttributeError(f"module 'servolink' has no attribute {name!r}")

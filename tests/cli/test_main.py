@@ -21,6 +21,8 @@ from servolink.cli.parser import EXIT_CODES
 from tests import processes
 from tests.cli.programs import COMMAND, call, environment, program
 
+PACKAGE = Path(servolink.__file__).parent
+
 HEAVY = {
     "asyncio",
     "rich",
@@ -310,6 +312,19 @@ def test_ctrl_c_while_it_starts_prints_nothing(module: str) -> None:
         [sys.executable, "-c", INTERRUPTED_IMPORT, module, "-b", "virtual://", "info"], env=environment()
     )
     assert (ran.returncode, ran.stdout, ran.stderr) == (130, "", "")
+
+
+FIRST_IMPORTS = """
+import sys
+before = set(sys.modules)
+import servolink.__main__
+print(*sorted(set(sys.modules) - before))
+"""
+
+
+def test_nothing_that_takes_time_is_imported_where_ctrl_c_is_not_caught_yet() -> None:
+    ran = processes.run([sys.executable, "-S", "-c", FIRST_IMPORTS], env=environment(PYTHONPATH=str(PACKAGE.parent)))
+    assert ran.stdout.split() == ["__future__", "servolink", "servolink.__main__"]
 
 
 def test_the_log_is_printed_on_request(capsys: pytest.CaptureFixture[str]) -> None:
