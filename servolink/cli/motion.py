@@ -46,7 +46,11 @@ def configure_move(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
     parser.add_argument("--adc", action="store_true", help="angles are raw ADC readings; needs --duration")
     parser.add_argument(
-        "--limit", nargs=2, type=float, metavar=("LOW", "HIGH"), help="refuse angles outside LOW to HIGH degrees"
+        "--limit",
+        nargs=2,
+        type=float,
+        metavar=("LOW", "HIGH"),
+        help="refuse angles outside LOW to HIGH degrees; without it any angle is sent",
     )
     parser.add_argument("--speed-cap", type=SPEED, metavar="N", help="refuse more than N degrees per second")
 

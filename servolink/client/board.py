@@ -216,7 +216,8 @@ class Board:
 
         Give either `duration`, 0.01..327.67 seconds, or `speed` in degrees per second: then the present angles are
         read first, and each servo turns at that speed. Raise EncodeError, before anything moves, for an angle outside
-        `angle_limits` or a speed above `speed_cap`.
+        `angle_limits` or a speed above `speed_cap`. Without `angle_limits` any angle is sent, as the protocol gives no
+        range.
 
         Returns when the movement was sent, which says nothing about the servos: the board reports no errors, and a
         servo turns only as far as it can. With `wait`, returns when all have arrived, and raises RequestTimeout for
