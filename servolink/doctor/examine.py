@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from servolink.connection.options import options_in
+from servolink.connection.options import ConnectionOptions, options_in
 from servolink.connection.probe import PATIENCE, ProbeResponse, ProbeResult, probe
 from servolink.discovery.names import resolve_url
 from servolink.discovery.search import boards, find_devices
@@ -80,7 +80,7 @@ async def examine(
     report.findings += map(_hidden, found.failures)
     if len(report.urls) == 1:
         options = options_in(report.urls[0])
-        byte_order = byte_order or options.get("byte_order", "little")
+        byte_order = byte_order or ConnectionOptions(**options).byte_order
         await _query(facts, report, byte_order, patience or options.get("patience"))
     elif report.urls:
         report.findings.append(_several(report.urls))
