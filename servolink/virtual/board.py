@@ -16,7 +16,7 @@ from servolink.protocol.parser import FrameParser
 from servolink.protocol.settings import TransmissionModeSettingRequest
 from servolink.virtual.handlers import HANDLERS, RequestContext
 from servolink.virtual.hardware import MEMORY, NEW_PROTOCOL, Hardware
-from servolink.virtual.storage import Clear, Contents, OnDuplicate, partial_write
+from servolink.virtual.storage import Clear, Contents, OnDuplicate, Storage, partial_write
 
 _SILENCE = 0.25  # seconds after which half a frame is given up
 
@@ -46,9 +46,8 @@ class VirtualBoard(Hardware):
         bus_powered: bool = False,
     ) -> None:
         """Switch on. Boards with the same `seed` behave the same. Raise ValueError for a value out of range."""
-        super().__init__(
-            servos, seed, codec, memory, on_duplicate=on_duplicate, clear=clear, send_event=self._send_event
-        )
+        storage = Storage(memory, on_duplicate=on_duplicate, clear=clear)
+        super().__init__(servos, storage, seed=seed, codec=codec, send_event=self._send_event)
         self.sessions: list[Session] = []
         """The hosts that are attached."""
         self._partial_writes = partial_writes

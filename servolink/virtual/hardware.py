@@ -12,7 +12,7 @@ from servolink.protocol.codec import Codec
 from servolink.virtual.buttons import Buttons
 from servolink.virtual.player import Player
 from servolink.virtual.servo import Servo
-from servolink.virtual.storage import Clear, OnDuplicate, Storage
+from servolink.virtual.storage import Storage
 
 MEMORY = 64 * 1024
 MAX_SERVOS = 254
@@ -30,13 +30,11 @@ class Hardware:
 
     def __init__(
         self,
-        servos: int = 16,
+        servos: int,
+        storage: Storage,
+        *,
         seed: int = 0,
         codec: Codec | None = None,
-        memory: int = MEMORY,
-        *,
-        on_duplicate: OnDuplicate = "replace",
-        clear: Clear = "all",
         send_event: Callable[[bytes], None] = lambda frame: None,
     ) -> None:
         """Switch on; frames of button events go to `send_event`. Raise ValueError for a value out of range."""
@@ -48,7 +46,7 @@ class Hardware:
             servo_id: Servo(servo_id, angle=float(random.randint(-10, 10)), friction=random.uniform(0.9, 1.1))
             for servo_id in range(1, servos + 1)
         }
-        self.storage = Storage(memory, on_duplicate=on_duplicate, clear=clear)
+        self.storage = storage
         self.player = Player(self.servos, self.storage, self.codec)
         self.mode = NEW_PROTOCOL
         """The transmission mode."""
