@@ -21,12 +21,14 @@ def main() -> int:
     """Run the benchmarks that were named, or all."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(BENCHMARKS))
-    parser.add_argument("--short", action="store_true", help="less exact; without names, what takes half a minute")
+    parser.add_argument(
+        "--short", action="store_true", help="less exact; without names, what takes half a minute in all"
+    )
     parser.add_argument("--output", type=Path, metavar="FILE", help="write all figures as JSON")
     parser.add_argument(
         "--publish",
         action="store_true",
-        help="write the figures to benchmarks/figures/ and make the pages; without names, what takes ten minutes",
+        help="write the figures to benchmarks/figures/ and make the pages; without names, ten minutes of figures",
     )
     parser.add_argument(
         "--report", action="store_true", help="make docs/benchmarks.md and docs/limits.md from benchmarks/figures/"

@@ -33,6 +33,7 @@ _LOADS: dict[str, tuple[Query[Any], ...]] = {
     ),
 }
 _ALONE = "asyncio alone"
+_HOPELESS = 4.0  # above this growth, larger numbers are not tried: a cost that grows with the callers takes minutes
 
 Ask = Callable[[int], Awaitable[object]]
 """Make the request with this number."""
@@ -42,14 +43,15 @@ Costs = dict[tuple[str, int], dict[int, float]]
 
 def run(*, short: bool) -> Result:
     """Measure all depths and numbers of callers; the least of all rounds counts, as a busy machine only adds."""
-    rounds, total = (1, 200) if short else (5, 10_000)
+    rounds, total = (1, 200) if short else (3, 5000)
     costs: Costs = {}
     gc.collect()
     gc.freeze()
     try:
         for _ in range(rounds):
-            for waiters in WAITERS[: 4 if short else None]:
-                for case, cost in asyncio.run(_measure(waiters, total)):
+            for waiters in WAITERS[: 3 if short else None]:
+                hopeless = {case for case, us in costs.items() if growth(us)[0] > _HOPELESS and waiters > max(us)}
+                for case, cost in asyncio.run(_measure(waiters, total, hopeless)):
                     of_case = costs.setdefault(case, {})
                     of_case[waiters] = min(cost, of_case.get(waiters, cost))
     finally:
@@ -61,13 +63,15 @@ def run(*, short: bool) -> Result:
     }
 
 
-async def _measure(waiters: int, total: int) -> list[tuple[tuple[str, int], float]]:
+async def _measure(waiters: int, total: int, hopeless: set[tuple[str, int]]) -> list[tuple[tuple[str, int], float]]:
     found = []
     for depth in DEPTHS:
         turns = asyncio.Semaphore(depth)
         found.append(((_ALONE, depth), await _cost(lambda _, turns=turns: _wait(turns), waiters, total)))  # type: ignore[misc]
         async with connect(InstantTransport(), depth=depth, patience=600) as board:
             for load, queries in _LOADS.items():
+                if (load, depth) in hopeless:
+                    continue
                 ask = _asking(board, queries)
                 await ask(0)
                 found.append(((load, depth), await _cost(ask, waiters, total)))
@@ -106,17 +110,18 @@ def _goals(costs: Costs) -> Iterator[Goal]:
 
 
 def _table(costs: Costs) -> Table:
-    counts = [waiters for waiters in WAITERS if waiters in next(iter(costs.values()))]
+    counts = [waiters for waiters in WAITERS if any(waiters in us for us in costs.values())]
     return table(
         "Callers at once, in memory: CPU of each request, µs",
         ("requests", "depth", *(f"{waiters:,}" for waiters in counts), "growth"),
         [
-            (load, depth, *(f"{us[waiters]:.1f}" for waiters in counts), f"{growth(us)[0]:.2f}x")
+            (load, depth, *(f"{us[n]:.1f}" if n in us else "-" for n in counts), f"{growth(us)[0]:.2f}x")
             for (load, depth), us in sorted(costs.items())
         ],
         [
             "The columns are numbers of callers: tasks that wait for one response each of a board in the same process.",
             "Growth: the most by which a request gets dearer from any number of callers to a larger one.",
+            f'"-": not tried, because a smaller number had made a request more than {_HOPELESS:.0f} times as dear.',
             "asyncio alone: the same tasks with a semaphore and one turn of the event loop in place of the request.",
         ],
     )

@@ -120,9 +120,9 @@ def _lines(chart: Chart) -> tuple[Figure, Axes]:
         axes.yaxis.set_major_formatter("{x:g}")
     ends: dict[str, float] = {}
     for (name, cells), (colour, _) in zip(chart.series.items(), _LINES, strict=False):
-        values = [number(cell) or 0 for cell in cells]
-        axes.plot(range(len(values)), values, color=colour, marker="o", markersize=5, linewidth=2)
-        ends[name] = values[-1]
+        points = [(at, value) for at, cell in enumerate(cells) if (value := number(cell)) is not None]
+        axes.plot(*zip(*points, strict=True), color=colour, marker="o", markersize=5, linewidth=2)
+        ends[name] = points[-1][1]
     axes.set_xticks(range(len(chart.labels)), chart.labels)
     _name_ends(axes, ends)
     axes.set_title(chart.axis, loc="left", size=9.5)

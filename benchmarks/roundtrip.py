@@ -46,7 +46,7 @@ class _Case:
 
 def run(*, short: bool) -> Result:
     """Measure all clients in turns, for each size of answer."""
-    rounds, times = (1, 50) if short else (15, 400)
+    rounds, times = (1, 50) if short else (21, 400)
     result: Result = {"tables": [], "goals": [], "versions": {}, "cases": []}
     for size in SIZES:
         neighbours = Neighbours()

@@ -28,7 +28,7 @@ _WORKER = (sys.executable, "-m", "benchmarks.scale_worker")
 def run(*, short: bool) -> Result:
     """Measure all counts of each kind, in turns."""
     neighbours = Neighbours()
-    rounds, seconds = (1, 1) if short else (5, 4)
+    rounds, seconds = (1, 1) if short else (3, 3)
     found: dict[tuple[str, int], list[dict[str, Any]]] = {(kind, count): [] for kind in KINDS for count in COUNTS}
     for _ in range(rounds):
         for (kind, count), runs in found.items():
@@ -36,7 +36,7 @@ def run(*, short: bool) -> Result:
                 runs.append(_json("poll", str(seconds), *urls))
     others = neighbours.note()
     with _served("serve-library") as url:
-        library = [_json("library", url) for _ in range(1 if short else 5)]
+        library = [_json("library", url) for _ in range(1 if short else 3)]
     wrong = [f"{kind} {count}: not all answered" for (kind, count), runs in found.items() if _share(runs) == 0]
     goals = [
         at_most(f"CPU of one more board among {COUNTS[-1]} over one more among {COUNTS[-2]}, {kind}", ratio, GROWTH)
