@@ -62,13 +62,13 @@ class Compiled(Library):
 def test_a_goal_is_missed_by_whoever_comes_nearest(ratio: float, met: bool) -> None:
     (goal,) = peers.goals([row(Library, 50.0, 1.0), row(Library, ratio, 1.0), row(Textbook, 2.0, 1.0)], [])
     assert goal["met"] == met
-    assert goal["figure"] == f"{ratio:.1f} times as fast"
+    assert goal["figure"] == f"{ratio:.1f}x its speed"
 
 
 def test_ours_makes_objects_too_beside_a_parser_that_does() -> None:
     (goal,) = peers.goals([row(Library, 12.0, 1.0), row(Builder, 50.0, 9.0)], [])
     assert not goal["met"]
-    assert goal["figure"] == "9.0 times as fast"
+    assert goal["figure"] == "9.0x its speed"
     assert "builder, both with objects" in goal["name"]
 
 
@@ -77,7 +77,7 @@ def test_small_chunks_and_streams_of_many_kinds_have_goals_too() -> None:
     mixes = [Mix(Compiled, stream, dict.fromkeys(MIX_CHUNKS, level.best)) for stream in MIXES]
     found = {goal["name"]: goal for goal in peers.goals([level], mixes)}
     assert len(found) == 2 + len(MIXES)
-    assert {goal["figure"] for goal in found.values()} == {"2.00 times as slow"}
+    assert {goal["figure"] for goal in found.values()} == {"2.00x its time"}
     assert not any(goal["met"] for goal in found.values())
 
 

@@ -116,8 +116,8 @@ def goals(rows: list[Row], mixes: list[Mix]) -> list[Goal]:
             ratio, row = min(beside, key=lambda each: each[0])
             typed = ", both with objects" if row.peer.builds else ""
             name = f"parsers in pure Python that check a sum, {size} bytes; the nearest is {row.peer.name}{typed}"
-            found.append(at_least(name, ratio, TIMES, "{:.1f} times as fast"))
-    slower = "{:.2f} times as slow"
+            found.append(at_least(name, ratio, TIMES, "{:.1f}x its speed"))
+    slower = "{:.2f}x its time"
     for row in rows:
         if row.peer.name == "aioesphomeapi" and row.size in SLOWER:
             name = f"aioesphomeapi (Cython, no checksum), {row.size} bytes"

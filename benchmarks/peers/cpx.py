@@ -32,7 +32,7 @@ class CPX(Peer):
     name = "cflib, CPX"
     package = "cflib"
     work = "xor loop, confirmation of each packet; packet object"
-    fairness = "for us: it reads byte by byte and confirms each packet; for it: the stream is in memory"
+    fairness = "ours: it reads byte by byte and confirms each packet; theirs: the stream is in memory"
     resync = "behind the damaged frame"
     builds = True
     feeding = "stream"

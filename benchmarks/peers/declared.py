@@ -31,7 +31,7 @@ class Construct(Peer):
     name = "construct"
     package = "construct"
     work = "our format: magic, checksum; container object"
-    fairness = "for us: it interprets a declaration and is not made for speed"
+    fairness = "ours: it interprets a declaration and is not made for speed"
     resync = "one byte further (by the caller)"
     builds = True
     frame = staticmethod(typical)

@@ -33,7 +33,7 @@ class Dynamixel(Peer):
     name = "dynamixel-sdk, protocol 2"
     package = "dynamixel-sdk"
     work = "CRC-16 by table, byte stuffing; list of numbers"
-    fairness = "for us: CRC and stuffing are loops in Python; for it: the stream is in memory"
+    fairness = "ours: CRC and stuffing are loops in Python; theirs: the stream is in memory"
     resync = "all bytes read so far are dropped"
     feeding = "stream"
 

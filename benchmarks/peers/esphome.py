@@ -21,7 +21,7 @@ class Esphome(Peer):
     name = "aioesphomeapi"
     package = "aioesphomeapi"
     work = "lengths, no checksum, Cython; (type, bytes)"
-    fairness = "for it: compiled, no checksum, no search for the start of a frame"
+    fairness = "theirs: compiled, no checksum, no search for the start of a frame"
     resync = "never: the connection is closed"
     validates = False
     compiled = True
@@ -68,7 +68,7 @@ class EsphomeAlone(Esphome):
 
     name = "aioesphomeapi, frames dropped"
     work = "the same, but nobody gets the frames"
-    fairness = "for it: compiled, and does less than any program needs"
+    fairness = "theirs: compiled, and does less than any program needs"
     delivers = False
 
     def _framer(self) -> Any:

@@ -44,7 +44,7 @@ class Mavlink(Peer):
     name = "pymavlink"
     package = "pymavlink"
     work = "CRC-16 with the message's own seed; message object"
-    fairness = "for us: its CRC is a loop in Python; its frames of 14 bytes have 21"
+    fairness = "ours: its CRC is a loop in Python; its frames of 14 bytes have 21"
     resync = "behind the damaged frame"
     builds = True
 

@@ -69,7 +69,7 @@ class Socket(_Modbus):
 
     name = "pymodbus, socket"
     work = "no checksum; PDU object"
-    fairness = "for us: 16-bit registers become a list of numbers; for it: no checksum"
+    fairness = "ours: 16-bit registers become a list of numbers; theirs: no checksum"
     resync = "never: a wrong protocol id stops it until the buffer overflows"
     validates = False
     kind = "FramerSocket"
@@ -86,7 +86,7 @@ class RTU(_Modbus):
 
     name = "pymodbus, RTU"
     work = "CRC-16 by table; PDU object"
-    fairness = "for us: its CRC is a loop in Python, our sum one call in C"
+    fairness = "ours: its CRC is a loop in Python, our sum one call in C"
     resync = "the whole buffer is dropped, also what follows a good frame"
     kind = "FramerRTU"
     overhead = 5

@@ -33,7 +33,7 @@ class Moteus(Peer):
     name = "moteus"
     package = "moteus"
     work = "text line, CRC-8 by table, hexadecimal; CAN frame object"
-    fairness = "for us: text has twice the bytes, and its CRC is a loop in Python"
+    fairness = "ours: text has twice the bytes, and its CRC is a loop in Python"
     resync = "the next line"
     builds = True
 

@@ -31,7 +31,7 @@ class Peer(ABC):
     delivers: ClassVar[bool] = True
     """Whether `feed` returns the frames."""
     fairness: ClassVar[str]
-    """What makes the comparison with ours unequal, and for whom."""
+    """Where the comparison is unequal: what is to the advantage of which side."""
     feeding: ClassVar[Feeding] = "chunks"
     """Chunks of any size; one frame a call, which some need; or it reads from a stream that is there as a whole."""
 

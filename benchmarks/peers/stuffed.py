@@ -22,7 +22,7 @@ class Cobs(Peer):
     name = "cobs"
     package = "cobs"
     work = "split at zeros, decoder in C, sum by adler32 as ours; bytes"
-    fairness = "for it: split and decoder are loops in C, and it checks neither id nor length"
+    fairness = "theirs: split and decoder are loops in C, and it checks neither id nor length"
     resync = "the next zero"
     compiled = True
 

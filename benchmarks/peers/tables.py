@@ -15,6 +15,7 @@ from benchmarks.streams import MIXES
 
 MISSING = 'not installed: pip install -e ".[bench]"'
 _FEEDING = (
+    "Advantage: where the comparison is unequal, and in whose favour.",
     "Ours is fed chunks of 4 KiB. One frame a call is best for the parsers that need it; see the table of chunks.",
     "A comparison that spreads over more than 10 % is measured again, twice at most; the steadiest one is shown.",
     "Parsers that read from a stream object have it in memory: a real port would cost them a system call a read.",
@@ -34,7 +35,7 @@ def who(peers: Sequence[type[Peer]], missing: Sequence[str]) -> Table:
     everybody: list[type[Peer]] = [Ours, OursTyped, *peers]
     return table(
         "What each parser does for a frame, and how it is fed",
-        ("parser", "for each frame", "continues after a bad frame at", "fed", "unequal"),
+        ("parser", "for each frame", "continues after a bad frame at", "fed", "advantage"),
         [
             *((peer.name, peer.work, peer.resync, _FED[peer.feeding], peer.fairness) for peer in everybody),
             *((name, MISSING, "-", "-", "-") for name in missing),

@@ -17,7 +17,7 @@ class UBX(Peer):
     name = "pyubx2"
     package = "pyubx2"
     work = "Fletcher loop; message object with all fields"
-    fairness = "for us: its checksum is a loop in Python, and every field gets a name; for it: the stream is in memory"
+    fairness = "ours: its checksum is a loop in Python, and every field gets a name; theirs: the stream is in memory"
     resync = "behind the damaged frame"
     builds = True
     feeding = "stream"

@@ -19,7 +19,7 @@ class Znp(Peer):
     name = "zigpy-znp"
     package = "zigpy-znp"
     work = "xor, frame objects"
-    fairness = "for us: its xor is a loop in Python"
+    fairness = "ours: its xor is a loop in Python"
     resync = "the next start byte inside the damaged frame"
     builds = True
 
