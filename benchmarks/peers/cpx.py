@@ -53,8 +53,8 @@ class CPX(Peer):
             return None
         return _frame(_cpx.CPXPacket(_cpx.CPXFunction.CONSOLE, _cpx.CPXTarget.HOST, _cpx.CPXTarget.GAP8), size, number)
 
-    @classmethod
-    def mixed(cls, size: int, number: int) -> bytes | None:
+    @staticmethod
+    def mixed(size: int, number: int) -> bytes | None:
         """Return a packet with one of 7 functions, from one of 3 sources."""
         if size > 255:
             return None

@@ -47,8 +47,8 @@ class Esphome(Peer):
         """Return a frame of a message."""
         return _message(size, number, _TYPE)
 
-    @classmethod
-    def mixed(cls, size: int, number: int) -> bytes | None:
+    @staticmethod
+    def mixed(size: int, number: int) -> bytes | None:
         """Return a frame of one of 44 types."""
         return _message(size, number, Random(number).randrange(1, 45))
 

@@ -64,8 +64,8 @@ class Mavlink(Peer):
             return None
         return bytes(message.pack(_dialect.MAVLink(None)))
 
-    @classmethod
-    def mixed(cls, size: int, number: int) -> bytes | None:
+    @staticmethod
+    def mixed(size: int, number: int) -> bytes | None:
         """Return any message whose frame has about as many bytes: one of 41 kinds, or of 2."""
         kinds = _near(size)
         return _packed(Random(number).choice(kinds)) if kinds else None

@@ -39,11 +39,6 @@ class _Modbus(Peer):
         framer = getattr(_framer, cls.kind)(_pdu.DecodePDU(False))  # noqa: FBT003 - a client's, by position
         return bytes(framer.buildFrame(answer(registers=registers, dev_id=1, transaction_id=number & 0xFFFF)))
 
-    @classmethod
-    def mixed(cls, size: int, number: int) -> bytes | None:
-        """Return an answer of holding, input or written registers."""
-        return cls._frame(size, number, Random(number).choice(_ANSWERS))
-
     def feed(self, chunk: bytes) -> list[Any]:
         """Do as its transport and a client that takes every answer."""
         buffer, frames = self._buffer + chunk, []
@@ -80,6 +75,11 @@ class Socket(_Modbus):
         """Return an answer with its transaction id."""
         return Socket._frame(size, number)
 
+    @staticmethod
+    def mixed(size: int, number: int) -> bytes | None:
+        """Return an answer of holding, input or written registers."""
+        return Socket._frame(size, number, Random(number).choice(_ANSWERS))
+
 
 class RTU(_Modbus):
     """The framer of Modbus over serial lines."""
@@ -95,3 +95,8 @@ class RTU(_Modbus):
     def frame(size: int, number: int) -> bytes | None:
         """Return an answer with its CRC."""
         return RTU._frame(size, number)
+
+    @staticmethod
+    def mixed(size: int, number: int) -> bytes | None:
+        """Return an answer of holding, input or written registers."""
+        return RTU._frame(size, number, Random(number).choice(_ANSWERS))

@@ -55,8 +55,8 @@ class Moteus(Peer):
             return None
         return _line(size, number, 0x8001)
 
-    @classmethod
-    def mixed(cls, size: int, number: int) -> bytes | None:
+    @staticmethod
+    def mixed(size: int, number: int) -> bytes | None:
         """Return a CAN frame from one of 44 devices."""
         return None if size > 186 else _line(size, number, 0x8000 + Random(number).randrange(1, 45))
 

@@ -40,8 +40,8 @@ class Peer(ABC):
     def frame(size: int, number: int) -> bytes | None:
         """Return a frame of about `size` bytes that no other number has, None if the format has no such size."""
 
-    @classmethod
-    def mixed(cls, size: int, number: int) -> bytes | None:
+    @staticmethod
+    def mixed(size: int, number: int) -> bytes | None:
         """Return a frame of about `size` bytes whose kind changes with the number; None if the format has no kinds."""
         return None
 

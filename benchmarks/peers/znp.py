@@ -34,8 +34,8 @@ class Znp(Peer):
         """Return an asynchronous request of the AF subsystem."""
         return None if size > 255 else _request(size, number, 0x81)
 
-    @classmethod
-    def mixed(cls, size: int, number: int) -> bytes | None:
+    @staticmethod
+    def mixed(size: int, number: int) -> bytes | None:
         """Return one of 44 requests."""
         return None if size > 255 else _request(size, number, Random(number).randrange(1, 45))
 
