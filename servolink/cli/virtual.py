@@ -122,16 +122,19 @@ async def _serve(board: VirtualBoard, args: argparse.Namespace) -> None:
     if args.state:
         StateSaver(board, args.state)  # until the loop ends
     async with serve(board, pty=pty, tcp=tcp, usbip=args.usbip, faults=args.faults, seed=args.seed) as urls:
-        with _announced(urls, args.servos), _playing(board, args.script), _keyboard(board):
+        with _announced(urls, board), _playing(board, args.script), _keyboard(board):
             for url in urls:
                 print(json.dumps({"listening": url}) if args.json else f"listening {url}", flush=True)
             await stop.wait()
 
 
-def _announced(urls: list[str], servos: int) -> AbstractContextManager[None]:
+def _announced(urls: list[str], board: VirtualBoard) -> AbstractContextManager[None]:
     """Announce the board, so that `servolink list` finds it: once, at the address for several hosts if there is one."""
     reachable = [url for scheme in ("tcp://", "serial://") for url in urls if url.startswith(scheme)]
-    return announced(DeviceInfo(reachable[0], f"virtual board with {servos} servos")) if reachable else nullcontext()
+    if not reachable:
+        return nullcontext()
+    url = reachable[0] if board.codec.byte_order == "little" else f"{reachable[0]}?byte_order={board.codec.byte_order}"
+    return announced(DeviceInfo(url, f"virtual board with {len(board.servos)} servos"))
 
 
 def _stop_on_signals() -> asyncio.Event:

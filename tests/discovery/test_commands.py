@@ -196,6 +196,18 @@ def test_served_boards_are_found_and_asked(two_served: list[str]) -> None:
     assert asyncio.run(_discovered()) >= set(two_served)
 
 
+def test_a_served_board_is_found_with_its_byte_order() -> None:
+    server = started("virtual", "--tcp", "127.0.0.1:0", "--servos", "2", "--byte-order", "big")
+    try:
+        assert server.stdout
+        url = server.stdout.readline().split()[1]
+        assert f"{url}?byte_order=big" in asyncio.run(_discovered())
+        assert program("--url", f"{url}?byte_order=big", "info", "--json").json["servos"] == 2
+    finally:
+        server.terminate()
+        finished(server)
+
+
 async def _discovered() -> set[str]:
     import servolink
 
