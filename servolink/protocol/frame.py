@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from struct import Struct
 from typing import Literal
 from zlib import adler32
@@ -9,6 +10,7 @@ from zlib import adler32
 _MOST_BLOCKS = 4096  # running sums kept: those of 1 MiB of stream
 
 
+@lru_cache(maxsize=256)
 def piecewise(size: int) -> Struct:
     """Return the struct that cuts `size` bytes into pieces of 256."""
     whole, rest = divmod(size, 256)

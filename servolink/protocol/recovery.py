@@ -55,60 +55,64 @@ class Recovery:
         self._deepest = deepest
         self.in_sync = True
         """Nothing has been skipped since the last frame."""
-        self._last: Frame | None = None  # ends at the parser's position, but for `_zeros` zero bytes
-        self._rest: bytes | None = None  # the part of `_last` still to be searched; None: all but its first byte
+        self.last: Frame | None = None
+        """The last frame, which ends `_zeros` zero bytes before the parser's position; None if it is not searched."""
+        self.is_calm = False
+        """Whether `accept` would only replace `last`: nothing was skipped behind it, and no rescan is under way."""
+        self._rest: bytes | None = None  # the part of `last` still to be searched; None: all but its first byte
         self._zeros = 0
-        self._inner: InnerParser | None = None  # looks for a frame that reaches from `_last` into the padding
+        self._inner: InnerParser | None = None  # looks for a frame that reaches from `last` into the padding
         self._inside: list[Frame] = []  # the frames it has found so far
         self.rereads: list[int] = []
         """For each rescan under way, where in the buffer the bytes end that are read again."""
 
     def accept(self, frame: Frame, end: int) -> None:
         """Record that `frame` ends at `end` of the buffer, in sync."""
-        self._last = frame
+        self.last = frame
         if self.rereads:  # a rescan counts as long as frames begin before its end
             start = end - OVERHEAD - len(frame[1])
             self.rereads = [reread for reread in self.rereads if reread > start]
         if len(self.rereads) >= self._deepest:
-            self._last = None  # it is inside so many others that it is not searched again
+            self.last = None  # it is inside so many others that it is not searched again
         if not self.in_sync:
             self.in_sync, self._rest, self._inner, self._zeros = True, None, None, 0
+        self.is_calm = self.last is not None and not self.rereads
 
     def lose_sync(self, *, search: bool = False) -> None:
         """Record that no frame follows the last one, which is searched later only if `search`."""
-        self.in_sync = False
+        self.in_sync = self.is_calm = False
         if not search:
-            self._last = None
+            self.last = None
 
     def take_inside(self, wary: int) -> list[Frame]:
         """Return the frames inside the last one, and keep only the rest of it, which may reach out of it."""
-        if self._last is None:
+        if self.last is None:
             return []
-        inner, found = self._search(self._last, wary)
+        inner, found = self._search(self.last, wary)
         if inner.held:  # a frame begins at its end and may reach out of it
             self._rest = inner.held
         else:
             self._go_on_as(inner.recovery)
-        self.in_sync = False  # so that the next frame replaces what was kept here
+        self.in_sync = self.is_calm = False  # so that the next frame replaces what was kept here
         return found
 
     def padding_end(self, data: bytes, at: int, wary: int) -> int:
         """Return where the zeros at `at` end, or before that where a frame may end that reaches into them."""
         match = _ZEROS.match(data, at)
         end = match.end() if match else at
-        if self._last is not None and self._inner is None:  # the first zeros behind this frame
-            inside = self._inside_of(self._last)
+        if self.last is not None and self._inner is None:  # the first zeros behind this frame
+            inside = self._inside_of(self.last)
             if next_magic(inside, 0) < len(inside):
-                self._inner, self._inside = self._search(self._last, wary)
+                self._inner, self._inside = self._search(self.last, wary)
             else:
-                self._last = None
-        if self._last is not None and self._inner is not None and self._inner.held:
+                self.last = None
+        if self.last is not None and self._inner is not None and self._inner.held:
             end = min(end, at + self._inner.missing)
         return end
 
     def read_padding(self, zeros: bytes) -> list[Frame]:
         """Return the frames inside the last one if one of them ends with these zeros, else an empty list."""
-        if self._last is None or self._inner is None:
+        if self.last is None or self._inner is None:
             return []
         self._zeros += len(zeros)
         if reaching := self._inner.feed(zeros):
@@ -116,7 +120,7 @@ class Recovery:
             self._go_on_as(self._inner.recovery)
             return found
         if (not self._inner.held and not self._inside) or self._zeros > MAX_CONTENT:
-            self._last = None  # nothing begins in it, or nothing reaches that far
+            self.last = None  # nothing begins in it, or nothing reaches that far
         return []
 
     def rescan(self, data: bytes, at: int) -> tuple[bytes, int] | None:
@@ -125,7 +129,7 @@ class Recovery:
         Return `data` and `at` if none may begin in it, None if there is no frame to search. The bytes put in front of
         `data` were in the buffer before.
         """
-        last, self._last = self._last, None
+        last, self.last = self.last, None
         if last is None:
             return None
         again = self._inside_of(last) + bytes(self._zeros)
@@ -157,7 +161,7 @@ class Recovery:
 
     def _go_on_as(self, other: Recovery) -> None:
         """Take over the state of an inner parser, which has reached the same place."""
-        self._last, self._rest, self._zeros = other._last, other._rest, other._zeros
+        self.last, self._rest, self._zeros = other.last, other._rest, other._zeros
         self._inner, self._inside = other._inner, other._inside
 
 
