@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import socket
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -20,6 +21,7 @@ from servolink.transports.stream import keep_alive
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import serve
 from tests.virtual.receiving import ANY_PORT, GUARD, Heard, ask, client
+from tests.virtual_time import run
 
 LIST = QueryServoListRequest()
 ANSWER = QueryServoListResponse((1, 2, 3))
@@ -119,6 +121,29 @@ def test_connections_that_cannot_be_accepted_are_told_once_and_accepted_later(
     assert [record.getMessage() for record in caplog.records] == [
         "no connection can be accepted, trying again each second: [Errno 24] Too many open files"
     ]
+
+
+def test_accepting_is_tried_each_second_and_its_failure_is_told_each_minute(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    attempts: list[float] = []
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+
+        async def sock_accept(listening: socket.socket) -> Any:
+            attempts.append(loop.time())
+            if len(attempts) == 150:
+                raise asyncio.CancelledError
+            raise OSError(errno.EMFILE, "Too many open files")
+
+        monkeypatch.setattr(loop, "sock_accept", sock_accept)
+        with socket.socket() as listening, pytest.raises(asyncio.CancelledError):
+            await listeners._accept(listening, lambda connection: None)
+
+    run(main())
+    assert [two - one for one, two in pairwise(attempts)] == [1.0] * 149
+    assert len(caplog.records) == 3
 
 
 def test_all_addresses_of_a_machine_have_the_same_port() -> None:
