@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Any
 
 from servolink.errors import DecodeError, EncodeError
 from servolink.protocol.caption import check_encoding
 from servolink.protocol.codec import PACKETS, Codec, in_range
-from servolink.protocol.frame import HEADER_SIZE, OVERHEAD, ByteOrder, Frame, encode_frame
+from servolink.protocol.frame import HEADER_SIZE, MAGIC, OVERHEAD, ByteOrder, Frame, encode_frame
 from servolink.protocol.json_form import packet_from_json, packet_to_json
 from servolink.protocol.layout import layout
 from servolink.protocol.packet import Packet
@@ -18,6 +19,7 @@ from tests.fuzz.recipes import IDS, Cursor, content_for, made
 
 _ORDERS: tuple[ByteOrder, ...] = ("little", "big")
 _LARGEST_FRAME = 65_544
+_BEFORE_MAGIC = re.compile(b"(?=%b)" % re.escape(MAGIC))
 _ENCODINGS = ("utf-8", "utf-8", "utf-8", "big5", "utf-16-le", "latin-1", "shift_jis", "gb18030")
 _CODECS = {(order, name): Codec(order, name) for order in _ORDERS for name in _ENCODINGS}
 
@@ -49,14 +51,15 @@ def _parse(stream: bytes, order: ByteOrder, cuts: int) -> list[Frame]:
     assert len(whole._entries) <= _MAX_KNOWN_HEADERS
     assert whole.frames == len(frames)
     _check_account(stream, frames, whole, order)
-    pieces = FrameParser(order)
-    again: list[Frame] = []
     step = max(1 + cuts % 61, len(stream) // (64 if cuts < 16 else 3))
-    for at in range(0, len(stream), step):
-        again += pieces.feed(stream[at : at + step])
-    again += pieces.finish()
-    assert again == frames
-    assert pieces.skipped == whole.skipped
+    for chunks in (
+        (stream[at : at + step] for at in range(0, len(stream), step)),
+        _BEFORE_MAGIC.split(stream),  # frames in a row are a chunk each
+    ):
+        pieces = FrameParser(order)
+        again = [frame for chunk in chunks for frame in pieces.feed(chunk)]
+        assert again + pieces.finish() == frames
+        assert pieces.skipped == whole.skipped
     if cuts >= 240:
         _abandon(stream, order, step)
     return frames

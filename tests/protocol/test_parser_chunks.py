@@ -102,7 +102,9 @@ def line(random: Random, byte_order: ByteOrder, damage: float) -> list[bytes]:
         if chance < damage:
             head = HEADER[byte_order].pack(MAGIC, SendDummyDataRequest.packet_id, 8)
             lucky = head + bytes([(good[7] - sum(head + good[:7])) % 256]) + good[:7]  # has swallowed a beginning
-            pieces += random.choice([[random.randbytes(9)], [good[:-3]], [good[3:]], [lucky, good[7:]]])
+            pieces += random.choice(
+                [[random.randbytes(9)], [good[:-1] + b"!"], [good[:-3]], [good[3:]], [lucky, good[7:]]]
+            )
         elif chance > 0.98:
             pieces.append(bytes(random.randrange(1, 20)))
         elif chance > 0.975:
