@@ -40,4 +40,4 @@ BENCHMARKS = {
     ),
     "imports": Benchmark("benchmarks.imports", "Projects written while the cable is pulled", is_campaign=True),
 }
-"""In the order of docs/benchmarks.md: what a user waits for first, then what it is made of, then faults."""
+"""In the order of docs/benchmarks.md: first the waits of a user, then their parts, then faults."""

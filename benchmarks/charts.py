@@ -68,7 +68,7 @@ def _peers(tables: list[Table]) -> Iterator[Chart]:
     yield Chart(
         "parser-mixed",
         "How many times as fast as other parsers, on a stream of mixed frames",
-        "times as fast by bytes in a chunk, frames of 14 and 186 bytes in turns; above the line servolink is faster",
+        "times as fast by bytes in a chunk, 14 and 186 bytes in turns; servolink is faster above the line",
         sizes,
         {row[0]: _alike(mixed, row, sizes) for row in mixed["rows"] if row[1] == "both in turns" and row[0] in _LINES},
         is_log=True,
@@ -150,7 +150,7 @@ def _scale(tables: list[Table]) -> Iterator[Chart]:
 
 
 def _wire(tables: list[Table]) -> Iterator[Chart]:
-    shares = _table(tables, "State of 16 servos, asked again")
+    shares = _table(tables, "Share of the line that the states")
     depths = [name for name in shares["columns"] if name.startswith("depth ")]
     yield Chart(
         "wire",

@@ -66,9 +66,9 @@ def _section(name: str, result: Result, machine: Result) -> Iterator[str]:
         yield f"With {', '.join(f'{other} {version}' for other, version in versions.items())}."
     yield ""
     yield from (f"![{chart.title}](pictures/benchmarks/{chart.name}.svg)\n" for chart in charts(name, result))
+    yield from _outcome(result)
     for quote in result.get("tables", []):
         yield from _table(quote)
-    yield from _outcome(result)
 
 
 def _outcome(result: Result) -> Iterator[str]:

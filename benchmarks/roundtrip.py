@@ -111,11 +111,11 @@ def _goals(size: int, cases: list[_Case]) -> Iterator[Goal]:
         if ours is None or epoll is None:
             continue
         where = f"{size} bytes, {loop}"
-        yield at_most(f"`request` over epoll, {where}", _over(ours, epoll) / 1000, added, "{:+.1f} µs")
-        yield at_most(f"`request` beside epoll, {where}", _ratio(ours, epoll), TIMES[loop])
+        yield at_most(f"what `request` adds to epoll, {where}", _over(ours, epoll) / 1000, added, "{:+.1f} µs")
+        yield at_most(f"time of `request` over that of epoll, {where}", _ratio(ours, epoll), TIMES[loop])
         if modbus is not None:
             system = _over(modbus, epoll) / _over(ours, epoll)
-            name = f"pymodbus beside `request`, {where} (without the time of epoll: {system:.1f}x)"
+            name = f"time of pymodbus over that of `request`, {where} (without that of epoll: {system:.1f}x)"
             yield at_least(name, _ratio(modbus, ours), PEER_GOAL)
 
 

@@ -28,7 +28,7 @@ _WORKER = (sys.executable, "-m", "benchmarks.scale_worker")
 def run(*, short: bool) -> Result:
     """Measure all counts of each kind, in turns."""
     neighbours = Neighbours()
-    rounds, seconds = (1, 1) if short else (3, 3)
+    rounds, seconds = (1, 1) if short else (3, 2)
     found: dict[tuple[str, int], list[dict[str, Any]]] = {(kind, count): [] for kind in KINDS for count in COUNTS}
     for _ in range(rounds):
         for (kind, count), runs in found.items():

@@ -31,7 +31,7 @@ def run(*, short: bool) -> Result:
     cases = _cases(versions)
     walls: dict[str, list[float]] = {name: [] for name in cases}
     cpus: dict[str, list[float]] = {name: [] for name in cases}
-    for at in range(4 if short else 22):
+    for at in range(3 if short else 22):
         for name, command in cases.items():
             wall, cpu = _start(command)
             if at:  # the first one brings the files into memory, and compiles them

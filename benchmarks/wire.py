@@ -197,7 +197,7 @@ def _table(
     shares: dict[str, dict[int, float]], limits: dict[str, dict[int, float]], openings: dict[str, float]
 ) -> Table:
     return table(
-        "State of 16 servos, asked again and again: share of the line that the responses take",
+        "Share of the line that the states of 16 servos take, asked again and again",
         ("line", "client", *(f"depth {depth}" for depth in DEPTHS), "opening, ms"),
         [
             (line, client, *(f"{share:.1%}" for share in found[line].values()), opening)
