@@ -1,4 +1,4 @@
-"""What a board says that is always in the same state: the frames of all responses that opening and polling need."""
+"""A board that never changes: the frames of all responses that opening and polling need."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many callers at once: what a request costs, however many wait for their turn."""
+"""Many callers at once: the CPU of a request by the number of callers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Goals as data: what was to be reached and what was, so that no page can praise what was not measured."""
+"""Goals as data, with the figures measured: the page counts them, so it cannot claim more than was reached."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ class Goal(TypedDict):
     """A goal of one benchmark, ready for JSON."""
 
     name: str
-    """What is measured, on what and beside what."""
+    """The quantity, on which stream or line and beside which peer."""
     goal: str
     figure: str
     met: bool

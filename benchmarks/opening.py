@@ -1,4 +1,4 @@
-"""What it takes until a program has its first response: opening the port, finding out what is owed, and asking."""
+"""The time until a program has its first response: opening the port, the queries of opening, and one request."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def run(*, short: bool) -> Result:
             for name, of_line in times.items()
         ],
         [
-            "Requests on opening: queries that prove that nothing which is owed to an earlier program comes later.",
+            "Requests on opening: queries whose responses prove that none to an earlier program is still to come.",
             neighbours.note(),
         ],
     )

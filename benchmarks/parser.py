@@ -20,7 +20,7 @@ TIMES = {"14": 2.5, "186": 3.5, "3611": 4.5}
 LONG = 1000
 """MB/s of 3.6 KB frames in the same chunks."""
 AT_ONCE = 450
-"""Nanoseconds for a call with one whole frame of 14 or 186 bytes, whatever its kind: what most responses come in."""
+"""Nanoseconds for a call with one whole frame of 14 or 186 bytes of any kind, as most responses arrive."""
 
 
 def run(*, short: bool) -> Result:

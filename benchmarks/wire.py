@@ -1,14 +1,15 @@
-"""How much of a line is used, in virtual time: a model of it that knows no CPU, so that only waiting counts."""
+"""The share of a line that is used, in virtual time: the model has no CPU, so only waiting counts."""
 
 from __future__ import annotations
 
 import asyncio
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from benchmarks.answers import answers, exchange
-from benchmarks.goals import Goal, at_least
+from benchmarks.goals import Goal, at_least, at_most
 from benchmarks.instant import requests
 from benchmarks.measuring import Result, Table, table
 from servolink.client.board import Board
@@ -18,6 +19,8 @@ from servolink.transports.lifecycle import BaseTransport
 from tests.virtual_time import VirtualTimeLoop
 
 DEPTHS = (1, 2, 4, 8, 16)
+SENDINGS = 1.01
+"""At most so many times a query is sent on a good line, repeats included, at any depth."""
 _SIZE = 186
 
 
@@ -54,6 +57,8 @@ class LineTransport(BaseTransport):
         self._coming: deque[tuple[float, bytes]] = deque()  # when each byte arrives, in runs that end then
         self.delivered = 0
         """Bytes that the program has."""
+        self.sent: Counter[int] = Counter()
+        """Requests by packet id."""
 
     async def _open(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -61,6 +66,7 @@ class LineTransport(BaseTransport):
     def _send(self, data: bytes) -> None:
         line, now = self._line, self._loop.time()
         for packet_id, size in requests(data):
+            self.sent[packet_id] += 1
             self._sent_until = max(self._sent_until, now) + size / line.bytes_per_second
             answer = self._answers.get(packet_id, b"")
             begin = max(self._received_until, self._sent_until + line.turnaround)
@@ -106,19 +112,33 @@ class LineTransport(BaseTransport):
 def run(*, short: bool) -> Result:
     """Poll 16 servos on each line at each depth."""
     responses = 64 if short else 640
-    shares = {line.name: {depth: _in_virtual_time(line, depth, responses)[0] for depth in DEPTHS} for line in LINES}
+    polls = {line.name: {depth: _in_virtual_time(line, depth, responses) for depth in DEPTHS} for line in LINES}
+    shares = {name: {depth: poll.share for depth, poll in of_line.items()} for name, of_line in polls.items()}
     limits = {line.name: {depth: limit(line, depth, responses) for depth in DEPTHS} for line in LINES}
-    openings = {line.name: _in_virtual_time(line, 1, 1)[1] for line in LINES}
+    openings = {name: of_line[1].opening for name, of_line in polls.items()}
+    sendings, depth = max((poll.sendings, depth) for of_line in polls.values() for depth, poll in of_line.items())
+    most = at_most(f"sendings of a query on a good line; most: depth {depth}", sendings, SENDINGS, "{:.3f}")
     return {
         "tables": [_table(shares, limits, openings)],
-        "goals": list(_goals(shares)),
+        "goals": [*_goals(shares), most],
         "shares": shares,
         "limits": limits,
         "openings": openings,
     }
 
 
-def _in_virtual_time(line: Line, depth: int, responses: int) -> tuple[float, float]:
+class Poll(NamedTuple):
+    """The outcome of asking for 16 servos again and again."""
+
+    share: float
+    """Of the line, that responses took."""
+    sendings: float
+    """Of each query."""
+    opening: float
+    """Seconds."""
+
+
+def _in_virtual_time(line: Line, depth: int, responses: int) -> Poll:
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         return runner.run(_poll(line, depth, responses))
 
@@ -168,8 +188,7 @@ async def _count(line: Line, depth: int, responses: int) -> float:
     return share
 
 
-async def _poll(line: Line, depth: int, responses: int) -> tuple[float, float]:
-    """Return the share of the line that responses take, and the seconds of opening."""
+async def _poll(line: Line, depth: int, responses: int) -> Poll:
     loop, transport = asyncio.get_running_loop(), LineTransport(line)
     opening = loop.time()
     async with connect(transport, depth=depth, patience=60) as board:
@@ -179,7 +198,9 @@ async def _poll(line: Line, depth: int, responses: int) -> tuple[float, float]:
         async with asyncio.TaskGroup() as group:
             for _ in range(depth):
                 group.create_task(_ask(board, responses // depth))
-        return (transport.delivered - before) / line.bytes_per_second / (loop.time() - began), opening
+        share = (transport.delivered - before) / line.bytes_per_second / (loop.time() - began)
+        query, _ = exchange(_SIZE)
+        return Poll(share, transport.sent[query.packet_id] / (1 + responses // depth * depth), opening)
 
 
 async def _ask(board: Board, times: int) -> None:

@@ -15,7 +15,7 @@ CHUNKS = {"1": 1, "64": 64, "one frame": None, "4096": 4096, "65536": 65536}
 """Bytes in a chunk, by heading."""
 
 MIX_CHUNKS = {name: CHUNKS[name] for name in ("64", "one frame", "4096")}
-"""The same for streams of many kinds of frames: what a request and its response come in, and a burst."""
+"""The same for streams of many kinds of frames: as single responses arrive, and bursts."""
 
 _INTACT = {14: 20_000, 186: 1500, 3611: 200}  # frames sent, by size; some 300 KB and more
 
