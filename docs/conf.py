@@ -11,11 +11,16 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # what is documented is what lies here, installed or not
 
 import servolink  # noqa: E402
+from servolink.client import board  # noqa: E402
+from servolink.project.transfer import results  # noqa: E402
 
 if TYPE_CHECKING:
     from sphinx.addnodes import pending_xref
     from sphinx.application import Sphinx
     from sphinx.environment import BuildEnvironment
+
+for module in (board, results):
+    vars(module)["Path"] = Path  # imported there for type checkers only; Sphinx evaluates signatures
 
 project = "servolink"
 author = "The servolink authors"
