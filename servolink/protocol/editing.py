@@ -58,6 +58,7 @@ class AddActionRequest(Action, Request[AddActionResponse], frozen=True, gc=False
 
     packet_id: ClassVar[int] = 30030
     section: ClassVar[str] = "3.3.3.1"
+    changes: ClassVar[str] = "action_id"
 
 
 class DeleteActionResponse(Result, frozen=True, gc=False):
@@ -72,6 +73,7 @@ class DeleteActionRequest(Request[DeleteActionResponse], frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 30040
     section: ClassVar[str] = "3.3.4.1"
+    changes: ClassVar[str] = "action_id"
     action_id: I32
 
 
@@ -118,6 +120,7 @@ class AddMacroRequest(Macro, Request[AddMacroResponse], frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 30070
     section: ClassVar[str] = "3.3.7.1"
+    changes: ClassVar[str] = "macro_id"
 
 
 class DeleteMacroResponse(Result, frozen=True, gc=False):
@@ -132,6 +135,7 @@ class DeleteMacroRequest(Request[DeleteMacroResponse], frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 30080
     section: ClassVar[str] = "3.3.8.1"
+    changes: ClassVar[str] = "macro_id"
     macro_id: I32
 
 
@@ -147,6 +151,7 @@ class ExecuteMacroRequest(Request[ExecuteMacroResponse], frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 30090
     section: ClassVar[str] = "3.3.9.1"
+    alone: ClassVar[bool] = True
     macro_id: I32
 
 
@@ -192,6 +197,7 @@ class WriteProjectIDRequest(Request[WriteProjectIDResponse], frozen=True, gc=Fal
 
     packet_id: ClassVar[int] = 30120
     section: ClassVar[str] = "3.3.12.1"
+    repeatable: ClassVar[bool] = True
     project_id: I32
 
 

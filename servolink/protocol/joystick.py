@@ -53,6 +53,7 @@ class AddJoystickTableRequest(JoystickTable, Request[AddJoystickTableResponse], 
 
     packet_id: ClassVar[int] = 40030
     section: ClassVar[str] = "3.4.3.1"
+    changes: ClassVar[str] = "table_id"
 
 
 class DeleteJoystickTableResponse(Result, frozen=True, gc=False):
@@ -67,6 +68,7 @@ class DeleteJoystickTableRequest(Request[DeleteJoystickTableResponse], frozen=Tr
 
     packet_id: ClassVar[int] = 40040
     section: ClassVar[str] = "3.4.4.1"
+    changes: ClassVar[str] = "table_id"
     table_id: I32
 
 
@@ -82,6 +84,7 @@ class SetActiveJoystickTableRequest(Request[SetActiveJoystickTableResponse], fro
 
     packet_id: ClassVar[int] = 40050
     section: ClassVar[str] = "3.4.5.1"
+    repeatable: ClassVar[bool] = True
     table_id: I32
 
 
@@ -112,6 +115,7 @@ class SubscribeButtonEventRequest(Request[SubscribeButtonEventResponse], frozen=
 
     packet_id: ClassVar[int] = 40070
     section: ClassVar[str] = "3.4.7.1"
+    repeatable: ClassVar[bool] = True
     subscribe: Annotated[Flag, Meta(description="0 end, 1 start")]
 
 

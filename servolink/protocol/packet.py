@@ -140,6 +140,10 @@ class Packet(Struct, frozen=True, gc=False):
     packet_id: ClassVar[int]
     section: ClassVar[str]
     """The section of the document that defines the packet."""
+    repeatable: ClassVar[bool] = False
+    """Whether the host may send it again: doing it twice has the effect of doing it once."""
+    alone: ClassVar[bool] = False
+    """Whether no other packet may be under way beside it: their order decides what they do."""
 
 
 class Response(Packet, frozen=True, gc=False):
@@ -164,6 +168,8 @@ class Request(Packet, Generic[R_co], frozen=True, gc=False):
 
     echoed: ClassVar[str] = ""
     """The field that the response repeats; a board that refuses sends 0 in its place."""
+    changes: ClassVar[str] = ""
+    """The field with the id of the one record that the request changes, none if it changes anything else."""
 
     def accepts(self, response: Response) -> bool:
         """Return whether `response`, which has the right id, can be the response to exactly this request."""
@@ -174,3 +180,5 @@ class Request(Packet, Generic[R_co], frozen=True, gc=False):
 
 class Query(Request[R_co], frozen=True, gc=False):
     """A request that changes nothing, so it may be repeated."""
+
+    repeatable: ClassVar[bool] = True

@@ -22,6 +22,8 @@ class TransmissionModeSettingRequest(Request[TransmissionModeSettingResponse], f
 
     packet_id: ClassVar[int] = 10010
     section: ClassVar[str] = "3.1.1.1"
+    repeatable: ClassVar[bool] = True
+    alone: ClassVar[bool] = True
     mode: Annotated[Flag, Meta(description="0 old protocol, 1 new protocol")]
 
 
@@ -37,6 +39,7 @@ class ClearAllDataRequest(Request[ClearAllDataResponse], frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 10020
     section: ClassVar[str] = "3.1.2.1"
+    alone: ClassVar[bool] = True
 
 
 class QueryMemorySizeResponse(Response, frozen=True, gc=False):
