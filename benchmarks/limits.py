@@ -85,7 +85,8 @@ def _weaknesses(sums: dict[str, Any], hidden: dict[str, Any], reopening: dict[st
         believed.setdefault(damage, {})[size] = " → ".join(_share(count, sums["count"]) for count in counts)
     first = next(iter(believed.values()))
     heard = next(iter(hidden.values()))
-    at_once, later = reopening.values()
+    few = [counts for name, counts in reopening.items() if name.startswith("1 to 5")]
+    many = [counts for name, counts in reopening.items() if name.startswith(("8,", "16,", "32,"))]
     return {
         "sums": _table(("damage", *first), [(damage, *cells.values()) for damage, cells in believed.items()]),
         "hidden": _table(
@@ -95,8 +96,10 @@ def _weaknesses(sums: dict[str, Any], hidden: dict[str, Any], reopening: dict[st
         "hidden_missed": f"{sum(counts['intact'] - counts['found'] for counts in hidden.values()):,}",
         "hidden_intact": f"{sum(counts['intact'] for counts in hidden.values()):,}",
         "hidden_frames": f"{heard['intact'] + heard['damaged']:,}",
-        "reopened": f"{at_once['fooled'] / at_once['begun']:.1%}",
-        "reopened_later": f"{later['fooled'] / later['begun']:.1%}",
+        "few_openings": f"{sum(counts['openings'] for counts in few):,}",
+        "few_wrong": f"{sum(counts.get('wrong openings', 0) for counts in few):,}",
+        "many_openings": f"{sum(counts['openings'] for counts in many):,}",
+        "many_wrong": f"{sum(counts.get('wrong openings', 0) for counts in many):,}",
     }
 
 

@@ -15,7 +15,19 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.measuring import Result, machine
-from benchmarks.reliability import PARTS, flood, framing, hidden, reopening, simulation, soak, stalls, sums, together
+from benchmarks.reliability import (
+    PARTS,
+    flood,
+    framing,
+    hidden,
+    model,
+    reopening,
+    simulation,
+    soak,
+    stalls,
+    sums,
+    together,
+)
 from benchmarks.reliability.history import STEPS, relive
 from benchmarks.report import FIGURES
 from servolink.escaping import escape
@@ -57,6 +69,7 @@ def main() -> int:
 def _work(args: argparse.Namespace) -> Callable[[], Result]:
     pythons = tuple(args.python or [sys.executable])
     work: dict[str, Callable[..., Result]] = {
+        "model": model.run,
         "simulation": partial(simulation.run, first=args.first, histories=args.histories, steps=args.steps),
         "framing": framing.run,
         "hidden": hidden.run,
@@ -72,7 +85,10 @@ def _work(args: argparse.Namespace) -> Callable[[], Result]:
 def _replay(seed: int, steps: int) -> int:
     history = relive(seed, steps)
     scene = history.scene
-    print(f"seed {seed}: {scene.line.name}; board: {scene.board.name}; {scene.callers} callers, window {scene.window}")
+    print(
+        f"seed {seed}: {scene.line.name}; board: {scene.board.name}; {scene.load}; {scene.callers} callers, "
+        f"depth {scene.depth}"
+    )
     for when, event, what in history.latest:
         print(f"{when:14.6f}  {event:16} {what.hex(' ') if isinstance(what, bytes) else escape(what)}")
     print(f"{steps} calls in {history.seconds:.0f} s of virtual time: {dict(history.counts)}")

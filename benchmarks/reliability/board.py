@@ -75,7 +75,8 @@ class SimulatedBoard:
         self.to_board, self.to_host = Witness(), Witness()
         self.free_at = wire.now
         """When everything that it was asked so far is answered."""
-        self._character = character
+        self.character = character
+        """How it behaves from now on."""
         self._codec = codec
         self._random = random
         self._wire = wire
@@ -88,7 +89,7 @@ class SimulatedBoard:
 
     def heal(self) -> None:
         """Be prompt on a clean line from now on."""
-        self._character = BOARDS[0]
+        self.character = BOARDS[0]
         self._fails_at = _NEVER
         self._down_line = self._up_line = Direction(Line(""), self._random)
 
@@ -133,12 +134,12 @@ class SimulatedBoard:
         return self._is_up()
 
     def _next_failure(self, since: float) -> float:
-        up_for = self._character.up_for
+        up_for = self.character.up_for
         return since + self._random.uniform(*up_for) if up_for else _NEVER
 
     def _take(self, packet: Packet, number: int | None, begins: float) -> None:
         chance = self._random.random()
-        character = self._character
+        character = self.character
         if begins >= self._fails_at or chance < character.lost:
             return
         number = self._checker.executes(number, packet)
@@ -150,7 +151,7 @@ class SimulatedBoard:
         if self._random.random() < _PUSHED:
             self._say(ButtonEventResponse(number, 1), begins, 0)
         arrives = self._say(numbered(packet, number), ready, number)
-        self._checker.sendings[number].answer_arrives = arrives
+        self._checker.arrives(number, arrives)
         if self._random.random() < character.twice:
             self._say(numbered(packet, number), self.free_at, number)
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from struct import pack
 
 from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.packet import Command, Packet, Query, Response
+from servolink.protocol.packet import Command, Packet, Query, Request, Response
 from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest, SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest
-from tests.client.numbered_board import numbered
+from tests.client.numbered_board import ABSENT, numbered
 
 MOTION = (ExecuteActionRequest, ExecuteActionExRequest, ExecuteMacroRequest)
 ONCE = (*MOTION, ClearAllDataRequest)
@@ -35,6 +35,8 @@ class Call:
     timeout: float | None = None
     begun: int = 0
     """How many sendings there had been."""
+    until: float = float("inf")
+    """When its own time ends."""
     sent: list[int] = field(default_factory=list)
     """Its sendings of `request`; fences are not among them."""
     executed: int = 0
@@ -51,15 +53,19 @@ class Sending:
     """When the last byte of its answer is ready to be read, whole; None if that never happens."""
 
 
-CALL: contextvars.ContextVar[Call] = contextvars.ContextVar("CALL")
+CALL: contextvars.ContextVar[Call | None] = contextvars.ContextVar("CALL", default=None)
 """The call in whose name is being sent."""
 
 
 class Checker:
     """Judge of one history."""
 
-    def __init__(self, *, damaging: bool, repeating: bool) -> None:
-        """Forgive what damage that the checksum did not show, or an answer that came twice, explains."""
+    def __init__(self, *, damaging: bool, repeating: bool, ambiguous: bool) -> None:
+        """Forgive what damage that the checksum did not show, or an answer that came twice, explains.
+
+        `ambiguous`: several requests may be under way, so that a response that came in time may have to be kept until
+        others prove whose it is.
+        """
         self.faults: list[str] = []
         """What must not be."""
         self.counts: Counter[str] = Counter()
@@ -71,9 +77,12 @@ class Checker:
         """The latest, by number."""
         self._damaging = damaging
         self._repeating = repeating
+        self._ambiguous = ambiguous
         self._false: deque[Packet] = deque(maxlen=_KEPT)
         self._damage: deque[tuple[int, Packet]] = deque(maxlen=_KEPT)  # what the board was told by nobody
         self._stopped_at = 0
+        self._free_at = 0.0  # when the latest answer arrives
+        self._alone_until = 0.0  # when the answer to the latest request arrives that bears nothing beside it
         self._digest = hashlib.blake2b(digest_size=16)
         self.latest: deque[tuple[float, str, bytes | str]] = deque(maxlen=_SHOWN)
         """The last events before the first fault."""
@@ -99,24 +108,56 @@ class Checker:
 
     # --- what is sent and done ----------------------------------------------------------------------------------
 
-    def sends(self, packet: Packet, deadline: float) -> int:
-        """Return the number of the sending that begins; the caller is in `CALL`."""
-        call = CALL.get()
+    def sends(self, packet: Packet, now: float, deadline: float, call: Call | None) -> int:
+        """Return the number of the sending that begins, in the name of `call`; None for a handshake."""
         number = self._begin(Sending(call, packet, deadline))
         if isinstance(packet, Command):
             self.counts["commands sent"] += 1
+        if call is None:
+            return number
         if packet != call.request:
             if not isinstance(packet, Query):
                 self.fault(call.step, f"{packet} was sent, which {call.request} does not need")
             return number
+        self._overlooks(call, call.sent[-1:])
         call.sent.append(number)
         if call.is_stop and isinstance(packet, SetServoParameterRequest):
             self._stopped_at = number
         elif isinstance(packet, MOTION) and call.begun < self._stopped_at:
             self.fault(call.step, f"{packet} was sent after a stop that was asked for later")
-        if len(call.sent) > 1 and not isinstance(packet, Query) and not call.is_stop:
+        if len(call.sent) > 1 and not packet.repeatable and not call.is_stop:
             self.fault(call.step, f"{packet} was sent again")
+        if (
+            len(call.sent) == 1
+            and not (call.is_stop or self._damaging or self._repeating)
+            and now < (self._free_at if packet.alone else self._alone_until)
+        ):
+            self.counts["sent beside others"] += 1
+            self.fault(call.step, f"{packet} was sent beside others")
         return number
+
+    def _overlooks(self, call: Call, numbers: list[int]) -> None:
+        """Look for an answer that came in time, and was not delivered."""
+        if self._damaging or self._ambiguous or self._repeating or isinstance(call.request, SetServoParameterRequest):
+            return
+        for number in numbers:
+            sending = self.sendings[number]
+            arrives, deadline = sending.answer_arrives, min(sending.deadline, call.until)
+            if number % ABSENT == 0 and isinstance(call.request, Request) and call.request.echoed:
+                continue  # "none" may have to be kept: it also fits a repeat for another record, whose answer was lost
+            if arrives is not None and arrives <= deadline:
+                self.counts["lost in time"] += 1
+                self.fault(call.step, f"the answer to {call.request} came {deadline - arrives:.6f} s early")
+
+    def arrives(self, number: int, when: float | None) -> None:
+        """Note when the answer to a sending will have arrived whole; None if it never will."""
+        sending = self.sendings[number]
+        sending.answer_arrives = when
+        if when is None or (sending.call is not None and sending.call.is_stop):
+            return
+        self._free_at = max(self._free_at, when)
+        if sending.packet.alone:
+            self._alone_until = max(self._alone_until, when)
 
     def executes(self, number: int | None, packet: Packet) -> int:
         """Note what the board does, and return the number that its answer must show."""
@@ -138,7 +179,7 @@ class Checker:
                 self.counts["commands executed"] += 1
             if isinstance(packet, ONCE):
                 self.counts["motion and clearing"] += 1
-            if call.executed > 1 and not isinstance(packet, Query) and not call.is_stop:
+            if call.executed > 1 and not packet.repeatable and not call.is_stop:
                 self.counts["executed twice"] += 1
                 self.fault(call.step, f"{packet} was executed {call.executed} times")
         return number
@@ -157,14 +198,23 @@ class Checker:
 
     def answered(self, call: Call, answer: Response) -> str:
         """Judge an answer."""
-        if any(answer == numbered(call.request, number) for number in call.sent):
+        if any(answer == numbered(call.request, number) for number in self._origins(call)):
             return "right"
         if answer in self._false or self._answers_damage(call, answer):
             return "damage accepted"
         if self._repeating:
             return "of a repeated answer"
-        self.fault(call.step, f"{call.request} got {answer}; its own sendings are {call.sent}")
-        return "wrong"
+        before = (number for number, sending in self.sendings.items() if sending.packet == call.request)
+        kind = "stale" if any(answer == numbered(call.request, number) for number in before) else "wrong"
+        self.fault(call.step, f"{call.request} got {answer}, which is {kind}; its own sendings are {call.sent}")
+        return kind
+
+    def _origins(self, call: Call) -> list[int]:
+        """Return the sendings whose answers are right: those of the call, and equal ones of others since its first."""
+        if not call.request.repeatable:
+            return call.sent
+        numbers = range(call.sent[0], self.number + 1)
+        return [number for number in numbers if self.sendings[number].packet == call.request]
 
     def unanswered(self, call: Call, *, unknown: bool) -> str:
         """Judge an error that says that no answer came."""
@@ -172,12 +222,7 @@ class Checker:
             self.fault(call.step, f"{call.request} was sent and is said to have changed nothing")
         if unknown and not call.sent:
             self.fault(call.step, f"{call.request} was never sent and is said to be in doubt")
-        for number in call.sent if not isinstance(call.request, SetServoParameterRequest) else ():
-            sending = self.sendings[number]
-            arrives = sending.answer_arrives
-            if not self._damaging and arrives is not None and arrives <= sending.deadline:
-                self.counts["lost in time"] += 1
-                self.fault(call.step, f"the answer to {call.request} came {sending.deadline - arrives:.6f} s early")
+        self._overlooks(call, call.sent)
         if unknown:
             self.unknown.append(call)
         return "outcome unknown" if unknown else "timed out"

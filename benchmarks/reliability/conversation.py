@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import dataclass
 from random import Random
 from typing import Any, cast
 
@@ -47,7 +48,40 @@ _KINDS: dict[Callable[[Random], Packet], float] = {
     lambda random: settings.ClearAllDataRequest(): 2.5,
     lambda random: _STOP: 0.5,
 }
-_MAKERS, _WEIGHTS = tuple(_KINDS), tuple(_KINDS.values())
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """What callers do."""
+
+    kinds: dict[Callable[[Random], Packet], float]
+    """Makers of packets, with their weights."""
+    reads_back: bool = False
+    """Whether a caller reads back the actions that it writes."""
+
+
+_RARE: dict[Callable[[Random], Packet], float] = {
+    lambda random: editing.QueryProjectIDRequest(): 1,
+    lambda random: servos.QueryServoListRequest(): 1,
+    lambda random: servos.ExecuteActionRequest((_STEP,)): 1,
+    lambda random: servos.SetAngleUnitRequest(random.randrange(1, 4), 0): 0.5,
+    lambda random: _STOP: 0.5,
+}
+_WRITES: dict[Callable[[Random], Packet], float] = {
+    **_RARE,
+    lambda random: editing.AddActionRequest(random.randrange(1, 100), "wave", (_STEP,)): 80,
+    lambda random: editing.DeleteActionRequest(random.randrange(1, 100)): 10,
+    lambda random: editing.WriteProjectIDRequest(random.randrange(1, 1000)): 2,
+}
+
+LOADS = {
+    "mixed": Load(_KINDS),
+    "telemetry": Load({**_RARE, lambda random: servos.QueryServoRequest(servos.ALL_SERVOS): 95}),
+    "records": Load({**_RARE, lambda random: editing.QueryActionRequest(random.randrange(1, 100)): 95}),
+    "writes": Load(_WRITES),
+    "writes, read back": Load(_WRITES, reads_back=True),
+}
+"""By name. Boards say of every eighth record that there is none."""
 
 CANCELLED = 0.02
 """Chance that a caller loses patience."""
@@ -56,9 +90,9 @@ _PARTICULAR = 0.1  # chance that a caller says how long to wait
 _TIMEOUTS = (0.003, 0.01, 0.05, 0.7)
 
 
-def drawn(random: Random) -> Packet:
+def drawn(random: Random, load: Load = LOADS["mixed"]) -> Packet:
     """Return something to say to a board."""
-    [make] = random.choices(_MAKERS, _WEIGHTS)
+    [make] = random.choices(tuple(load.kinds), tuple(load.kinds.values()))
     return make(random)
 
 
@@ -68,6 +102,7 @@ class Conversation:
     def __init__(
         self,
         line: Line,
+        load: Load,
         random: Random,
         checker: Checker,
         connected: Callable[[], Board],
@@ -75,7 +110,10 @@ class Conversation:
     ) -> None:
         """Draw what they do from `random`; `reconnect` replaces a connection that was lost."""
         self.steps = 0
+        self.calls = 0
+        """Steps, and read-backs that belong to them."""
         self._line = line
+        self._load = load
         self._random = random
         self._checker = checker
         self._connected = connected
@@ -92,7 +130,7 @@ class Conversation:
         random, loop = self._random, asyncio.get_running_loop()
         while self.steps < until:
             self.steps += 1
-            packet = drawn(random)
+            packet = drawn(random, self._load)
             call = Call(self.steps, packet, is_stop=packet is _STOP)
             if random.random() < _PARTICULAR:
                 call.timeout = random.choice(_TIMEOUTS)
@@ -106,14 +144,19 @@ class Conversation:
                 self._checker.counts["cancelled"] += task.cancelled()
             else:
                 await self.do(call)
+                if self._load.reads_back and isinstance(packet, editing.AddActionRequest):
+                    await self.do(Call(self.steps, editing.QueryActionRequest(packet.action_id)))
             if random.random() < 0.5:
                 await asyncio.sleep(random.uniform(0, 0.01))
 
     async def do(self, call: Call) -> None:
         """Do one thing and let the checker judge how it ends."""
         CALL.set(call)
+        self.calls += 1
         loop, checker = asyncio.get_running_loop(), self._checker
         call.begun = checker.number
+        if call.timeout is not None:
+            call.until = loop.time() + call.timeout
         checker.note(loop.time(), "asked", f"{call.step} {type(call.request).__name__}")
         board = self._connected()
         try:

@@ -48,7 +48,7 @@ class _PushingBoard:
 async def _flood(events: int) -> Result:
     transport = _PushingBoard()
     link = Connection(transport, Codec())
-    await link.open()
+    await link.open(handshake=False)
     board = Board(Session(link), None, MotionLimits())
     async with board.button_events(_LIMIT) as reader:
         transport.push(10 * _BURST)

@@ -90,5 +90,5 @@ async def _live(history: History, steps: int) -> None:
     history.counts.update(checker.counts)
     history.counts.update(stage.stats)
     history.counts["unknown and done"] = sum(call.executed > 0 for call in checker.unknown)
-    history.counts.update(calls=stage.conversation.steps, sendings=checker.number, missed=missed)
+    history.counts.update(calls=stage.conversation.calls, sendings=checker.number, missed=missed)
     history.digest, history.seconds = checker.digest, loop.now - begun

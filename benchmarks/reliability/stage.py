@@ -9,26 +9,28 @@ from dataclasses import dataclass
 from random import Random
 
 from benchmarks.reliability.board import BOARDS, Character, SimulatedBoard, Wire
-from benchmarks.reliability.checker import Call, Checker
-from benchmarks.reliability.conversation import Conversation
+from benchmarks.reliability.checker import CALL, Call, Checker
+from benchmarks.reliability.clock import Deadlock
+from benchmarks.reliability.conversation import LOADS, Conversation
 from benchmarks.reliability.line import LINES, Line
 from benchmarks.reliability.witness import WitnessedParser
 from servolink.client.board import Board
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
-from servolink.errors import DecodeError
+from servolink.errors import DecodeError, OpenError
 from servolink.motion import MotionLimits
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import Frame
-from servolink.protocol.packet import Packet
+from servolink.protocol.packet import Packet, Request
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.transports.base import Transport
 from servolink.transports.lifecycle import WrappedTransport
 
-_TIMEOUT = 0.25
 _QUIET = 30.0
 _REPLUGGED = 0.1
-_COUNTED = ("fences", "late_responses", "rescued", "retries", "mismatched", "unsolicited")
+_MOST_OPENINGS = 30
+_COUNTED = ("fences", "late_responses", "retries", "mismatched", "unsolicited", "reopenings")
+_DEPTHS = (1, 1, 2, 4, 8, 16)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +41,8 @@ class Scene:
     line: Line
     board: Character
     callers: int = 1
-    window: int = 1
+    depth: int = 1
+    load: str = "mixed"
     codec: Codec = Codec()  # noqa: RUF009 - nobody changes one
 
     @classmethod
@@ -50,8 +53,9 @@ class Scene:
             seed,
             LINES[seed % len(LINES)],
             BOARDS[seed // len(LINES) % len(BOARDS)],
-            random.choice((1, 1, 2, 4)),
-            random.choice((1, 1, 3)),
+            (depth := random.choice(_DEPTHS)) * random.choice((1, 1, 2)),
+            depth,
+            random.choice(tuple(LOADS)),
             Codec("big" if random.random() < 0.3 else "little"),
         )
 
@@ -67,8 +71,13 @@ class Cable(WrappedTransport):
 
     async def send(self, data: bytes) -> None:
         """Send what the line leaves of a frame."""
+        if not data:  # asks when all that was sent before has left
+            await super().send(data)
+            return
+        assert self.link is not None  # noqa: S101 - nothing is sent before the connection is open
         packet = self._codec.decode_frame(data)
-        number = self._checker.sends(packet, self._deadline(packet))
+        opens = asyncio.current_task() is self.link._opening  # noqa: SLF001 - a handshake is in nobody's name
+        number = self._checker.sends(packet, self._wire.now, self._deadline(packet), None if opens else CALL.get())
         self._checker.note(self._wire.now, "sent", data)
         if arriving := self._board.carry(packet.packet_id, data, number):
             await super().send(arriving)
@@ -80,8 +89,10 @@ class Cable(WrappedTransport):
 
     def _deadline(self, packet: Packet) -> float:
         assert self.link is not None  # noqa: S101 - nothing is sent before the connection is open
-        lane = self.link.lanes.by_response_id.get(packet.packet_id + 1)
-        return lane.pending.deadline if lane is not None and lane.pending is not None else 0.0
+        if not isinstance(packet, Request) or self.link.answers.opening is not None:
+            return 0.0
+        slot = self.link._slots.lanes[packet.packet_id + 1].slots[-1]  # noqa: SLF001 - when it will be overdue
+        return slot.sent_at + slot.timeout
 
 
 class Stage:
@@ -90,25 +101,45 @@ class Stage:
     def __init__(self, scene: Scene, wire: Wire, transport: Callable[[SimulatedBoard], Transport]) -> None:
         """`transport` makes each connection's way to the board."""
         random = Random(f"history {scene.seed}")
-        self.checker = Checker(damaging=scene.line.damages, repeating=bool(scene.board.twice))
+        self.checker = Checker(
+            damaging=scene.line.damages, repeating=bool(scene.board.twice), ambiguous=scene.depth > 1
+        )
         self.board = SimulatedBoard(scene.board, scene.line, scene.codec, random, wire, self.checker)
-        self.conversation = Conversation(scene.line, random, self.checker, lambda: self.connected, self.reconnect)
+        self.conversation = Conversation(
+            scene.line, LOADS[scene.load], random, self.checker, lambda: self.connected, self.reconnect
+        )
+        self.codec = scene.codec
         self.stats: Counter[str] = Counter()
         self._scene, self._wire, self._transport = scene, wire, transport
         self._reconnecting = asyncio.Lock()
-        self._latest: Connection | None = None
+        self._random = random
 
-    async def connect(self, *, anew: bool = False) -> None:
-        """Open a connection; `anew`: by a program that knows of none before."""
+    async def connect(self) -> None:
+        """Open a connection; the board may be down for a while, and the line may be bad."""
+        for _ in range(_MOST_OPENINGS):
+            try:
+                await self.open_once()
+            except OpenError:
+                self.checker.counts["not opened"] += 1
+            else:
+                return
+        raise Deadlock(f"no connection after {_MOST_OPENINGS} openings")
+
+    async def open_once(self) -> None:
+        """Open a connection. Raise OpenError if the board is silent."""
         scene = self._scene
-        before = None if anew else self._latest
         cable = Cable(self._transport(self.board), self.board, scene.codec, self._wire, self.checker)
-        link = Connection(cable, scene.codec, timeout=_TIMEOUT, window=scene.window, before=before)
-        cable.link = self._latest = link
+        link = Connection(cable, scene.codec, depth=scene.depth, random=self._random)
+        cable.link = self.link = link
         parser = WitnessedParser(scene.codec.byte_order, self._believes)
         parser.skipped = link.stats.skipped
         link.answers._parser = parser  # noqa: SLF001 - what it believes is to be compared with what was said
         await link.open()
+        try:
+            await link.shake_hands()
+        except OpenError:
+            await link.close()
+            raise
         self.connected = Board(Session(link), None, MotionLimits())
 
     async def reconnect(self, lost: Board) -> None:

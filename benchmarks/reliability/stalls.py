@@ -112,8 +112,8 @@ async def _lost(
         await transport.open(plain)
         lost.append(await _count_lost(plain.ask, arrived, timeout, stall, max(1, count // 10)))
         await transport.close()
-    link = Connection(make(), Codec(), timeout=timeout, retries=0)
-    await link.open()
+    link = Connection(make(), Codec(), patience=timeout)
+    await link.open(handshake=False)
     lost.append(await _count_lost(lambda: link.request(_REQUEST), arrived, timeout, stall, count))
     await link.close()
     return lost

@@ -159,6 +159,7 @@ async def survive_damage(scene: Scene) -> Outcome:
 
 async def survive_delay(scene: Scene) -> Outcome:
     """Hold one response back until it is wrong: nobody waits for it, and the servos are elsewhere."""
+    await scene.board.servos()  # so that nothing that was sent again before is still to be answered
     before, delayed, old = scene.counters(), scene.line.delayed, scene.angles
     scene.stage.say(
         f"servo 1 is at {old[1]}°; all angles are read, and the response is held back until nobody waits for it"

@@ -177,7 +177,7 @@ def run_stop(args: argparse.Namespace) -> int:
         print_servos(servos, as_json=args.json)
         return OK
 
-    return run_with_board(args, talk, greet=False)
+    return run_with_board(args, talk, greet=False, handshake=False)  # the handshake comes after the stop
 
 
 def configure_release(parser: argparse.ArgumentParser) -> None:

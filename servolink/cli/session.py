@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from servolink.cli.main import INTERRUPTED, NO_BOARD, fail, usage_error
 from servolink.cli.output import Table, console, lost_output, print_error, show_table
 from servolink.cli.terminal import can_ask, end_process, handled
-from servolink.errors import OpenError, OutcomeUnknown, RequestTimeout, ServolinkError
+from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown, RequestTimeout, ServolinkError
 
 if TYPE_CHECKING:  # and imported late: `--help` of a command needs none of it
     from servolink.client.board import Board
@@ -90,8 +90,8 @@ def run_with_board(
 ) -> int:
     """Connect to the board of `args` and return the exit code of `talk`.
 
-    `greet` sends a harmless query first, to tell a board that does not answer from a command that failed, and
-    reports an import left unfinished on the board. `state` is what Ctrl-C reports at first; `options` go to `connect`.
+    `greet` reports an import left unfinished on the board. `state` is what Ctrl-C reports at first; `options` go to
+    `connect`.
     """
     from servolink.client.connect import connect
 
@@ -113,7 +113,7 @@ def run_with_board(
                     if greet and await board.has_unfinished_import():
                         print_error(UNFINISHED_IMPORT)
                     return await talk(board, interruption)
-            except (RequestTimeout, OutcomeUnknown) as error:
+            except (RequestTimeout, OutcomeUnknown, ConnectionLost) as error:
                 if board.stats.frames_received:
                     raise
                 return fail(error, NO_BOARD)

@@ -22,8 +22,6 @@ from servolink.transports.base import Transport
 from servolink.transports.lifecycle import BaseTransport, WrappedTransport
 from servolink.transports.registry import create
 
-_TRIES = 3  # of a query, within the patience of the connection
-
 
 class connect:  # noqa: N801 - reads as the function it stands for
     """`async with connect(url) as board:` opens a board and closes it again; `await connect(url)` only opens it.
@@ -44,6 +42,9 @@ class connect:  # noqa: N801 - reads as the function it stands for
     With `reconnect`, a lost connection to the same board is restored in the background. Requests that were waiting
     have failed, and no movement is repeated (see `Board.states`).
 
+    Connecting begins with a handshake: a few queries that prove that no response to an earlier program is still to
+    come. With `handshake` False they are sent before the first request instead, so that a `stop` goes out before them.
+
     Raise OpenError or TransportUnavailable, which say what to do.
     """
 
@@ -60,6 +61,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         angle_limits: AngleLimits | None = None,
         speed_cap: float | None = None,
         reconnect: bool = False,
+        handshake: bool = True,
     ) -> None:
         """Check the arguments. Nothing is opened yet."""
         given = {
@@ -79,10 +81,10 @@ class connect:  # noqa: N801 - reads as the function it stands for
             _refuse_transport(url, "reconnect")
         self._url = url
         self._reconnect = reconnect
+        self._handshake = handshake
         self._angle_unit: AngleUnit | None = angle_unit
         self._limits = MotionLimits(angle_limits, speed_cap)
         self._board: Board | None = None
-        self._before: Connection | None = None  # the latest one to this board; its late responses are not ours
 
     if not TYPE_CHECKING:  # a type checker would take it as a promise that every attribute exists
 
@@ -133,26 +135,26 @@ class connect:  # noqa: N801 - reads as the function it stands for
         connection = Connection(
             transport,
             Codec(options.byte_order, options.caption_encoding),
-            timeout=options.patience / _TRIES,
-            retries=_TRIES - 1,
-            window=options.depth,
+            patience=options.patience,
+            depth=options.depth,
+            wake=options.transmission_mode != "keep",
             stats=stats,
-            before=self._before,
         )
         try:
             await connection.open()
-        except OpenError as error:
-            _shorten_traceback(error)
-            raise
-        self._before = connection
-        if options.transmission_mode == 1:
-            try:
+            if self._handshake:
+                await connection.shake_hands()
+            if options.transmission_mode == 1:
                 await set_mode(connection, 1)
-            except BaseException as error:
-                await connection.close()
-                if isinstance(error, RequestError):
-                    raise OpenError(str(error)) from None
-                raise
+        except BaseException as error:
+            await connection.close()
+            if isinstance(error, RequestError):
+                raise OpenError(str(error)) from None
+            if isinstance(error, ConnectionLost):
+                raise OpenError(str(error)) from error
+            if isinstance(error, OpenError):
+                _shorten_traceback(error)
+            raise
         return connection
 
     def __await__(self) -> Generator[Any, None, Board]:
@@ -208,12 +210,9 @@ async def reconnecting(url: str | None = None, **options: Any) -> AsyncGenerator
     """
     _refuse_transport(url, "reconnecting")
     pause = FIRST_PAUSE
-    before: Connection | None = None
     while True:
-        connecting = connect(url, **options)
-        connecting._before = before  # noqa: SLF001 - the only place outside where one connection follows another
         try:
-            async with connecting as board:
+            async with connect(url, **options) as board:
                 yield board
             if board.stats.round_trips:
                 pause = FIRST_PAUSE
@@ -221,6 +220,5 @@ async def reconnecting(url: str | None = None, **options: Any) -> AsyncGenerator
             raise  # waiting does not help against a wrong address
         except (OpenError, ConnectionLost):
             pass  # not plugged in yet, or unplugged in the body
-        before = connecting._before  # noqa: SLF001 - likewise
         await asyncio.sleep(pause)
         pause = min(2 * pause, LONGEST_PAUSE)

@@ -9,7 +9,16 @@ from msgspec import Struct
 
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
-from servolink.errors import DecodeError, EncodeError, NotFound, OutcomeUnknown, Rejected, RequestTimeout
+from servolink.errors import (
+    ConnectionLost,
+    DecodeError,
+    EncodeError,
+    NotFound,
+    OutcomeUnknown,
+    Rejected,
+    RequestTimeout,
+    TransportError,
+)
 from servolink.escaping import quote
 from servolink.motion import (
     AngleUnit,
@@ -243,10 +252,15 @@ class ServoController:
             # `set_servo`. So the state of the servos is what counts.
             await connection.send_stop(request)
             try:
-                states = await connection.request(QueryServoRequest(ALL_SERVOS), first=True, retries=0)
+                await connection.shake_hands()  # if that was put off, so that the stop goes first
+                states = await connection.request(
+                    QueryServoRequest(ALL_SERVOS), timeout=connection.patience / _STOP_TRIES, first=True
+                )
             except (RequestTimeout, DecodeError) as error:
                 doubt = str(error)
                 continue
+            except TransportError as error:
+                raise ConnectionLost(f"a stop was sent and could not be confirmed: {error}") from error
             moving = [state.servo_id for state in states.servos if state.is_start or not state.is_hold]
             if states.servos and not moving:
                 return

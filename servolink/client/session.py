@@ -79,8 +79,7 @@ class Session:
             raise TypeError(f"the board does not answer {type(packet).__name__}; use send")
         if timeout is not None:
             check_seconds("timeout", timeout)
-        retries = None if timeout is None else 0
-        return await self.connection.request(packet, timeout=timeout, retries=retries, unchecked=unchecked)
+        return await self.connection.request(packet, timeout=timeout, unchecked=unchecked)
 
     async def send(self, packet: Command) -> None:
         """Send a packet that the board does not answer (see `Board.send`)."""
@@ -171,8 +170,7 @@ class Session:
         # First this protocol, if a mode was ever set: a board that restarted in mode 0 would not answer the check.
         if self._mode is not None:
             await set_mode(connection, 1)
-        # Before anything is changed: another board may be plugged in at this address. Its response also proves
-        # that nothing is still to come for an earlier connection.
+        # Before anything is changed: another board may be plugged in at this address.
         await self.identity.check(connection)
         # Before the swap: a caller who sees `connected` must find units and events as they were.
         for restore in self._restorers:

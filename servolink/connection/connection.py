@@ -1,316 +1,277 @@
-"""Link: the conversation with one board over one transport; here its sending half.
-
-A request is encoded, waits for its turn, proves with a fence that its lane is clean, and is sent; then its future
-is the truth, which `answers.py` settles.
-"""
+"""Connection: the conversation with one board over one transport."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
-from collections import deque
+import os
+from random import Random
 from typing import Any, NoReturn, TypeVar
 
+from servolink.connection.call import Call, Slot
+from servolink.connection.deadlines import DeadlineTimer
 from servolink.connection.dispatcher import ResponseDispatcher
-from servolink.connection.explain import lost, outcome_unknown, same, timed_out
-from servolink.connection.frame_log import frame_logger
-from servolink.connection.lanes import Lane, Lanes, PendingRequest
-from servolink.connection.scheduler import PendingDrain, RequestScheduler
+from servolink.connection.explain import lost, same, timed_out
+from servolink.connection.opening import FENCES, Opening
+from servolink.connection.options import PATIENCE
+from servolink.connection.scheduler import RequestScheduler
+from servolink.connection.sender import RequestSender
+from servolink.connection.slots import Slots
 from servolink.connection.stats import Stats
-from servolink.errors import ConnectionLost, DecodeError, RequestError
+from servolink.errors import ServolinkError
 from servolink.escaping import escape
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import ExecuteMacroRequest, QueryActionRequest, QueryMacroRequest, QueryProjectIDRequest
-from servolink.protocol.joystick import QueryActiveJoystickTableRequest, QueryJoystickTableRequest
-from servolink.protocol.packet import Command, Query, Request, Response
+from servolink.protocol.packet import Command, Request, Response
 from servolink.protocol.servos import (
-    ExecuteActionExRequest,
-    ExecuteActionRequest,
-    QueryServoListRequest,
-    QueryServoRequest,
-    SetAngleUnitRequest,
     SetServoParameterRequest,
 )
-from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest, QueryRemainPowerRequest
+from servolink.protocol.settings import ClearAllDataRequest
 from servolink.transports.base import Transport
 
 R = TypeVar("R", bound=Response)
 
-FENCES: tuple[Query[Any], ...] = (
-    QueryProjectIDRequest(),
-    QueryMemorySizeRequest(),
-    QueryRemainPowerRequest(),
-    QueryActiveJoystickTableRequest(),
-)
-"""Queries with short answers, used in turn: a late answer to one must not pass for an answer to the next."""
-MORE_FENCES: tuple[Query[Any], ...] = (
-    QueryServoListRequest(),
-    QueryServoRequest(1),
-    QueryActionRequest(0),
-    QueryMacroRequest(0),
-    QueryJoystickTableRequest(0),
-)
-"""Used while answers to those may come that were sent before this connection."""
+SLOW_PATIENCE = 30.0
+"""Seconds after which deleting everything is given up: a board may erase its memory for long before it answers."""
 
-
-_LEAST = 0.01
-"""A query is not repeated when less than this share of its timeout is left: nothing could answer it."""
-_SILENCE = 8
-"""A board that has answered nothing for so many timeouts, whatever it was asked, is gone."""
+_FENCE_IDS = {query.packet_id for query in FENCES}
+_REOPEN_PAUSE = 10.0  # seconds at least between two openings for responses that nobody asked for
 
 
 class Connection:
-    """Asks one board, and never takes one answer for another (docs/design/matching.md)."""
+    """Asks one board, and never takes one response for another (docs/design/matching.md)."""
 
     def __init__(
         self,
         transport: Transport,
         codec: Codec,
         *,
-        timeout: float = 1.0,
-        retries: int = 2,
-        window: int = 1,
+        patience: float = PATIENCE,
+        depth: int = 1,
+        wake: bool = True,
         stats: Stats | None = None,
-        before: Connection | None = None,
+        random: Random | None = None,
     ) -> None:
-        """Wait `timeout` seconds for an answer, repeat queries `retries` times, keep `window` requests on the line.
+        """Give a request up after `patience` seconds, and keep `depth` of them under way.
 
-        What is still owed to `before`, an earlier link to the same board, is not taken for an answer to this one.
+        `wake` sets transmission mode 1 during the handshake if the board is silent. `random` draws the handshake.
         """
         self.transport = transport
-        self.stops = 0
-        """How many times everything was stopped; a movement asked for before a stop is not sent after it."""
-        self.units_sent = 0
-        """How many times an angle unit was sent; an angle from before one means something else after it."""
         self.codec = codec
-        self._timeout = timeout
-        self._retries = retries
-        self._loop = asyncio.get_running_loop()
-        self.lanes: Lanes = Lanes() if before is None else _lanes_after(before.lanes)
-        self._turns = RequestScheduler(window)
-        self._leaving = PendingDrain(transport, self._turns)
-        self._fences = deque(FENCES)
+        self.patience = patience
         self.stats = stats or Stats()
-        """What the link has seen."""
-        self.answers = ResponseDispatcher(transport.url, codec, self.lanes, self._turns, self._loop.time, self.stats)
+        """Counters of everything seen."""
+        self._depth = depth
+        self._wake = wake
+        # A recorded session can be played again only if it begins with the same handshake.
+        seed = b"" if getattr(transport, "is_recorded", False) else os.urandom(16)
+        self._random = random or Random(seed)  # noqa: S311 - unlike in any other program, not unguessable
+        self._loop = asyncio.get_running_loop()
+        self._slots = Slots()
+        self._scheduler = RequestScheduler(depth, self._slots)
+        self._opening: asyncio.Task[None] | None = None
+        self._needs_handshake = False
+        self._reopened_at = -_REOPEN_PAUSE
+        self.answers = ResponseDispatcher(
+            transport.url, codec, self._slots, self._scheduler, patience, self._loop.time, self.stats
+        )
+        self._sender = RequestSender(transport, codec, self._slots, self._scheduler, self.answers, depth)
 
-    async def open(self) -> None:
-        """Open the transport; OpenError says what to do."""
+    @property
+    def stops(self) -> int:
+        """How many times everything was stopped; a movement asked for before a stop is not sent after it."""
+        return self._sender.stops
+
+    @property
+    def units_sent(self) -> int:
+        """How many times an angle unit was sent; an angle from before one means something else after it."""
+        return self._sender.units_sent
+
+    # --- opening and closing ------------------------------------------------------------------------------------
+
+    async def open(self, *, handshake: bool = True) -> None:
+        """Open the transport; OpenError says what to do.
+
+        The handshake follows with `shake_hands`, or before the first request. Without one, responses to what others
+        have asked this board before may be taken for responses to this connection.
+        """
         await self.transport.open(self.answers)
+        self._needs_handshake = handshake
+        if handshake:
+            self._scheduler.pause()
+            self.answers.on_stranger = self._open_again
+
+    async def shake_hands(self) -> None:
+        """Prove that nothing is owed to anybody else. Raise OpenError, which says what to try, if nothing answers."""
+        if self._needs_handshake:
+            await asyncio.shield(self._begin_opening())
 
     async def close(self) -> None:
-        """Fail whoever still waits and free the port; may be called again."""
+        """Fail all who wait and free the port; may be called again."""
         self.answers.end(lost(self.transport.url, None))
         await self.transport.close()
-        self._leaving.end()
+        self._sender.end()
+
+    def _begin_opening(self) -> asyncio.Task[None]:
+        if self._opening is None or self._opening.done():
+            self._scheduler.pause()
+            self.answers.opening = Opening(
+                self.transport.url,
+                self._sender.send_packet,
+                lambda: self.stats.bytes_received,
+                self.patience,
+                wake=self._wake,
+                random=self._random,
+            )
+            self.answers.close_all()
+            self._opening = self._loop.create_task(self._shake_hands(self.answers.opening))
+            self._sender.opening = self._opening
+            self._opening.add_done_callback(_see_exception)
+        return self._opening
+
+    async def _shake_hands(self, opening: Opening) -> None:
+        try:
+            leftover = await opening.run()
+        except ServolinkError as error:
+            self.answers.end(lost(self.transport.url, error))
+            raise
+        finally:
+            self.answers.opening = None
+        self.answers.close_all()
+        self._sender.fences = opening.fences
+        for query in leftover:
+            self._slots.open(Slot(query, self._slots.lanes[query.packet_id + 1], None, is_fence=True, overdue=True))
+        self._needs_handshake = False
+        self._scheduler.resume()
+
+    def _open_again(self, packet_id: int) -> None:
+        """Open the connection again if this is a response as the handshake gets them: it took another one for ours."""
+        now = self._loop.time()
+        if packet_id - 1 not in _FENCE_IDS or self._needs_handshake:
+            return
+        if now - self._reopened_at >= _REOPEN_PAUSE and self.answers.ended is None:
+            self._reopened_at = now
+            self.stats.reopenings += 1
+            self._begin_opening()
+
+    # --- requests -----------------------------------------------------------------------------------------------
 
     async def request(
-        self,
-        packet: Request[R],
-        *,
-        timeout: float | None = None,
-        retries: int | None = None,
-        first: bool = False,
-        unchecked: bool = False,
+        self, packet: Request[R], *, timeout: float | None = None, first: bool = False, unchecked: bool = False
     ) -> R:
-        """Send `packet` and return its answer.
+        """Send `packet` and return its response.
 
-        Queries are repeated `retries` times within `timeout * (retries + 1)` seconds and raise RequestTimeout;
-        what changes the board is sent once and raises OutcomeUnknown. `first` goes before all who wait; `unchecked`
-        gives back what was read from a board (see Codec.encode).
+        What may be repeated is repeated until `patience` ends, and raises RequestTimeout. What changes the board
+        otherwise is sent once, and raises OutcomeUnknown. `timeout` limits the whole call, waiting included. `first`
+        goes before all who wait; `unchecked` sends back what was read from a board (see Codec.encode).
         """
         if asyncio.get_running_loop() is not self._loop:
             self._refuse_loop()
         frame = self.codec.encode(packet, unchecked=unchecked)
-        lane = self.lanes.of(packet)
-        stops = self.stops
-        alone = isinstance(packet, ClearAllDataRequest)
-        if self.answers.ended is not None or not self._turns.take_at_once(lane, alone=alone):
-            await self._take_turn(lane, alone=alone, first=first)
+        call = self._call(packet, timeout)
+        if not self._may_send_at_once(packet):
+            await self._acquire(call, timeout, first=first)
+        limit = None if timeout is None else self._limit(call, timeout)
         try:
-            answer = await self._exchange(packet, frame, lane, timeout or self._timeout, retries, stops)
+            return await self._sender.converse(call, packet, frame)  # type: ignore[return-value]  # the lane's id vouches for it
         finally:
-            if lane.pending is None:
-                self._turns.give_back(lane)
-            else:
-                lane.pending.abandoned = True  # its turn lasts until it is answered or too late
-        return answer  # type: ignore[return-value]  # the lane's id and accepts() vouch for it
+            if limit is not None:
+                limit.stop()
+            if call.queued:
+                self._sender.leave_queue(call)
+            self.answers.leave(call)
 
     async def send(
         self, packet: Command, *, unless_stopped_since: int | None = None, unless_units_since: int | None = None
     ) -> bool:
-        """Send a packet that is never answered; returns when it is sent, or False if it must not be any more.
+        """Send a packet that is never answered; return when it is sent, or False if it must not be any more.
 
         That is when `units_sent` is no longer `unless_units_since`. After a stop movements raise RequestError.
         """
-        if asyncio.get_running_loop() is not self._loop:
-            self._refuse_loop()
+        self._check_loop()
         frame = self.codec.encode(packet)
-        stops = self.stops if unless_stopped_since is None else unless_stopped_since
-        await self._take_turn(None)
+        call = self._call(packet, None)
+        if unless_stopped_since is not None:
+            call.stops = unless_stopped_since
+        if not self._may_send_at_once(packet):
+            await self._acquire(call, None)
         try:
-            if self.lanes.in_doubt(None):
-                patience = self._timeout * (self._retries + 1)
-                await self._fence(None, self._loop.time() + patience)
-                if self.lanes.in_doubt(None):
-                    raise timed_out(packet, self.transport.url, 0, patience, self.stats)
-            if stops != self.stops:
-                self._refuse_if_moving(packet)
+            self._sender.refuse_if_stopped(call)
             if unless_units_since not in {None, self.units_sent}:
                 return False
-            await self._write(frame)
+            await self._sender.write(frame)
+            await self._sender.check_keeping_up(call)
         finally:
-            self._turns.give_back(None)
+            self._leave(call)
         return True
 
     async def send_stop(self, packet: SetServoParameterRequest) -> None:
-        """Send `packet` before everything else, without waiting for anything, not even its answer."""
+        """Send `packet` before everything else, without waiting for anything, not even its response."""
+        self._check_loop()
+        self._sender.raise_if_ended()
+        self._sender.stops += 1
+        lane = self._slots.lanes[packet.packet_id + 1]
+        self.answers.open_stop(Slot(packet, lane, None, self._loop.time()))
+        await self._sender.write(self.codec.encode(packet))
+
+    def _call(self, packet: Request[Any] | Command, timeout: float | None) -> Call:
+        patience = self.patience
+        if isinstance(packet, ClearAllDataRequest):
+            patience = max(patience, SLOW_PATIENCE)
+        return Call(packet, patience if timeout is None else timeout, self._sender.stops, self._loop.time())
+
+    def _may_send_at_once(self, packet: Request[Any] | Command) -> bool:
+        """Take a permit if nothing at all stands in the way of `packet`, the usual case."""
+        if self.answers.ended is not None:
+            raise same(self.answers.ended)
+        if self._needs_handshake:
+            self._begin_opening()
+        return self._scheduler.acquire_at_once(packet)
+
+    async def _acquire(self, call: Call, timeout: float | None, *, first: bool = False) -> None:
+        """Wait for a permit, then until nothing stands in the way. After `timeout` seconds raise RequestTimeout."""
+        if timeout is None:
+            await self._wait_in_queue(call, first=first)
+            return
+        try:
+            async with asyncio.timeout(timeout):
+                await self._wait_in_queue(call, first=first)
+        except TimeoutError:
+            raise timed_out(call.packet, self.transport.url, 0, timeout, self.stats) from None
+
+    async def _wait_in_queue(self, call: Call, *, first: bool) -> None:
+        await self._scheduler.acquire(call.packet, first=first)
+        call.queued = True
+        try:
+            await self._sender.clear_way(call)
+        except BaseException:
+            self._leave(call)
+            raise
+
+    def _leave(self, call: Call) -> None:
+        self._sender.leave_queue(call)
+        self.answers.leave(call)
+
+    def _limit(self, call: Call, timeout: float) -> DeadlineTimer:
+        def passed(now: float) -> None:
+            call.error = self._sender.given_up(call, now)
+            call.wake()
+
+        timer = DeadlineTimer(passed, lambda: self.stats.bytes_received)
+        timer.arm(call.begun_at + timeout)
+        return timer
+
+    def _check_loop(self) -> None:
         if asyncio.get_running_loop() is not self._loop:
             self._refuse_loop()
-        self._raise_if_ended()
-        self.stops += 1
-        self.answers.overtake(self.lanes.of(packet), self._sending(packet, self._timeout, self._loop.time()))
-        await self._write(self.codec.encode(packet))
 
     def _refuse_loop(self) -> NoReturn:
-        """Raise RuntimeError: a future of one event loop would never wake who waits in another."""
+        """Raise RuntimeError: a future of one event loop would never wake a task of another."""
         raise RuntimeError(
             f"{escape(self.transport.url)} was connected in another event loop"
             f"{', which has ended: ' if self._loop.is_closed() else ': use it there, or '}connect again in this one"
         )
 
-    async def _take_turn(self, lane: Lane | None, *, alone: bool = False, first: bool = False) -> None:
-        self._raise_if_ended()
-        await self._turns.take(lane, alone=alone, first=first)
-        if self.answers.ended is not None:
-            self._turns.give_back(lane)
-            self._raise_if_ended()
 
-    async def _exchange(
-        self, packet: Request[Any], frame: bytes, lane: Lane, timeout: float, retries: int | None, stops: int
-    ) -> Response:
-        now = begun = self._loop.time()
-        asks = isinstance(packet, Query)
-        repeats = 0 if not asks else self._retries if retries is None else retries
-        until = begun + timeout * (max(repeats, self._retries) + 1)
-        fault: DecodeError | None = None
-        tries = 0
-        while tries <= repeats and (tries == 0 or until - now > timeout * _LEAST):
-            if self.lanes.in_doubt(lane):
-                late = await self._fence(lane, until)
-                if late is not None and tries:  # the very answer that this query waited for
-                    self.stats.rescued += 1
-                    return late
-                if self.lanes.in_doubt(lane):
-                    break
-                now = self._loop.time()
-            if stops != self.stops:
-                self._refuse_if_moving(packet)
-            tries += 1
-            if tries > 1:
-                self.stats.retries += 1
-            if asks and now < until < now + timeout:  # a change, or what a stall delayed, gets its whole time
-                timeout = until - now
-            pending = self._sending(packet, timeout, now)
-            self.answers.expect(lane, pending)
-            await self._write(frame)
-            answer = await pending.answer
-            if answer is not None:
-                return answer
-            fault = pending.fault
-            now = self._loop.time()
-        waited = self._loop.time() - begun
-        if tries and not asks:
-            raise outcome_unknown(packet, self.transport.url, waited)
-        raise fault or timed_out(packet, self.transport.url, tries, waited, self.stats)
-
-    def _sending(self, packet: Request[Any], timeout: float, now: float) -> PendingRequest:
-        if isinstance(packet, SetAngleUnitRequest):
-            self.units_sent += 1
-        return PendingRequest(packet, self.lanes.next_number(), now, now + timeout, timeout, self._loop.create_future())
-
-    async def _write(self, frame: bytes) -> None:
-        self._raise_if_ended()
-        self.stats.frames_sent += 1
-        self.stats.bytes_sent += len(frame)
-        if frame_logger.isEnabledFor(logging.DEBUG):
-            self.answers.frame_log.sent(frame)
-        try:
-            await self.transport.send(frame)
-        except ConnectionLost as error:
-            self.answers.lost(error)
-            raise
-        except asyncio.CancelledError:
-            self._leaving.hold()
-            raise
-
-    def _refuse_if_moving(self, packet: Request[Any] | Command) -> None:
-        moves = isinstance(packet, (ExecuteActionRequest, ExecuteActionExRequest, ExecuteMacroRequest)) or (
-            isinstance(packet, SetServoParameterRequest) and packet.is_start == 1
-        )
-        if moves:
-            raise RequestError(f"{type(packet).__name__} was not sent: a stop came first", packet)
-
-    async def _fence(self, own: Lane | None, until: float) -> Response | None:
-        """Ask something else, until an answer proves that nothing is owed on `own`; return what came late there.
-
-        Returns without proof when `until` has passed. Raises ConnectionLost when no fence is left to be sent
-        and the board has been silent for long.
-        """
-        if own is not None:
-            own.late = None
-        while self.lanes.in_doubt(own) and self._loop.time() < until:
-            clean = self._clean_fences(own)
-            if (lane := self._turns.borrow(clean)) is not None:
-                await self._send_fence(lane, clean[lane], own, until)
-            elif not clean and self.answers.silent_for() >= _SILENCE * self._timeout:
-                self._break_off()
-            else:
-                await self._wait(until - self._loop.time(), self.answers.next_answer())
-        return own.late if own is not None else None
-
-    def _clean_fences(self, own: Lane | None) -> dict[Lane, Query[Any]]:
-        self._fences.rotate(-1)
-        fences = {self.lanes.of(query): query for query in self._fences}
-        if any(lane.owed is not None and lane.owed.number < 1 for lane in fences):
-            fences |= {self.lanes.of(query): query for query in MORE_FENCES}
-        return {lane: query for lane, query in fences.items() if lane.owed is None and lane is not own}
-
-    async def _send_fence(self, lane: Lane, query: Query[Any], own: Lane | None, until: float) -> None:
-        """Send a fence, which has time until `until`, and wait until it is over or is no longer needed."""
-        self.stats.fences += 1
-        try:
-            now = self._loop.time()
-            pending = self._sending(query, min(self._timeout, until - now), now)
-            self.answers.expect(lane, pending)
-            await self._write(self.codec.encode(query))
-            while not pending.answer.done() and self.lanes.in_doubt(own):
-                await self._wait(None, pending.answer, self.answers.next_answer())
-        finally:
-            if lane.pending is None:
-                self._turns.give_back_borrowed(lane)
-            else:
-                lane.pending.abandoned = lane.pending.borrowed = True
-
-    async def _wait(self, timeout: float | None, *futures: asyncio.Future[Any]) -> None:
-        await asyncio.wait(futures, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
-        self._raise_if_ended()
-
-    def _break_off(self) -> NoReturn:
-        silent = TimeoutError("the board answered none of the queries that would show that it still listens")
-        self.answers.lost(silent)
-        raise same(self.answers.ended or lost(self.transport.url, silent))
-
-    def _raise_if_ended(self) -> None:
-        if self.answers.ended is not None:
-            raise same(self.answers.ended)
-
-
-def _lanes_after(before: Lanes) -> Lanes:
-    """Return the lanes of a link that follows another: with all that is owed there, if that leaves a fence."""
-    lanes = Lanes()
-    lanes.inherit(before, own=False)
-    if all(lanes.of(query).owed is not None for query in (*FENCES, *MORE_FENCES)):
-        lanes = Lanes()
-        lanes.inherit(before, own=True)
-    return lanes
+def _see_exception(opening: asyncio.Task[None]) -> None:
+    """Mark the error of an opening as seen: it also ends the connection, where everybody who waits gets it."""
+    if not opening.cancelled():
+        opening.exception()

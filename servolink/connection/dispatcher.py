@@ -1,4 +1,4 @@
-"""One timer for all deadlines of a link, which a stalled event loop cannot deceive."""
+"""ResponseDispatcher: the receiving half of a connection, from bytes to the calls that wait for them."""
 
 from __future__ import annotations
 
@@ -6,123 +6,76 @@ import asyncio
 import logging
 from collections.abc import Callable
 
+from servolink.connection.call import Call, Content, Settled, Slot
+from servolink.connection.deadlines import DeadlineTimer, ResponseTimes
 from servolink.connection.explain import lost, overtaken, same
 from servolink.connection.frame_log import FrameLog, frame_logger
-from servolink.connection.lanes import Lane, Lanes, PendingRequest
+from servolink.connection.nested_frames import NestedFrameFilter
+from servolink.connection.opening import Opening
 from servolink.connection.scheduler import RequestScheduler
+from servolink.connection.slots import FENCES_ONLY, Slots
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, DecodeError
 from servolink.protocol.codec import Codec
-from servolink.protocol.frame import MAGIC, ByteOrder, Frame, encode_frame
+from servolink.protocol.frame import MAGIC, Frame
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Response
 from servolink.protocol.parser import FrameParser
-from servolink.protocol.settings import ClearAllDataRequest
-
-_MOST_LOOKS = 100  # a board that never stops sending must not put deadlines off for ever
-
-
-class DeadlineTimer:
-    """Calls `passed(now)` when the earliest deadline has passed and nothing more can be read that came before.
-
-    After a stall the answer may already lie in the operating system's buffer. So the loop is let to read again,
-    for as long as that brings bytes, before anything is declared late.
-    """
-
-    def __init__(self, passed: Callable[[float], None], received: Callable[[], int]) -> None:
-        """`received` tells how many bytes have come so far."""
-        self._loop = asyncio.get_running_loop()
-        self._passed = passed
-        self._received = received
-        self._timer: asyncio.TimerHandle | None = None
-
-    def arm(self, deadline: float) -> None:
-        """Be sure to look at `deadline` (loop time); an earlier look stands."""
-        if self._timer is None or deadline < self._timer.when():
-            self.stop()
-            self._timer = self._loop.call_at(deadline, self._reached, deadline)
-
-    def stop(self) -> None:
-        """Forget all deadlines."""
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-
-    def _reached(self, deadline: float) -> None:
-        self._timer = None
-        self._look_again(deadline, -1, _MOST_LOOKS)
-
-    def _look_again(self, deadline: float, received: int, looks: int) -> None:
-        # Two turns of the loop: a turn runs its callbacks in the order found, ours before what it reads.
-        self._loop.call_soon(self._loop.call_soon, self._look, deadline, received, looks)
-
-    def _look(self, deadline: float, received: int, looks: int) -> None:
-        now_received = self._received()
-        if received != now_received and looks:
-            self._look_again(deadline, now_received, looks - 1)
-            return
-        self._passed(max(deadline, self._loop.time()))  # a timer comes early by what the clock does not resolve
-
-
-class NestedFrameFilter:
-    """The latest frame, if others may begin inside it; they come right behind it, in their order."""
-
-    def __init__(self, byte_order: ByteOrder) -> None:
-        """Remember nothing yet."""
-        self._byte_order: ByteOrder = byte_order
-        self.inside = b""
-        """What of it has not come out; empty if nothing begins in it."""
-
-    def hides(self, frame: Frame) -> bool:
-        """Tell whether `frame` begins inside the one before it; if not, it is the one before the next."""
-        data = encode_frame(*frame, self._byte_order)
-        begins = self._beginning(data)
-        if begins is None:
-            self.inside = data[1:] if MAGIC in frame[1] else b""
-            return False
-        self.inside = self.inside[begins + len(data) :]
-        return True
-
-    def _beginning(self, data: bytes) -> int | None:
-        """Return where in the carrier `data` begins, whole or up to the carrier's end."""
-        at = self.inside.find(MAGIC)
-        while at >= 0:
-            if data.startswith(self.inside[at : at + len(data)]):
-                return at
-            at = self.inside.find(MAGIC, at + 1)
-        return None
-
 
 _PAUSE = 0.05
-"""Seconds without a byte after which a begun frame is no longer taken to be arriving."""
+"""Seconds without a byte after which the rest of a partial frame is no longer expected."""
 _MOST_PAUSES = 20  # a board that never stops sending must not put deadlines off for ever
+_MOST_OVERDUE = 2 * FENCES_ONLY
+"""A board that sends something, but answers nothing of so much, would fill the memory."""
+_SILENT_SENDINGS = 5
+_SILENT_PATIENCES = 2
+"""A board that sends nothing at all for so long, although it was asked so often, is gone."""
 
 
 class ResponseDispatcher:
-    """The receiver of a link's transport."""
+    """Receives from a transport, settles slots, wakes calls and delivers button events."""
 
     def __init__(
-        self, url: str, codec: Codec, lanes: Lanes, turns: RequestScheduler, now: Callable[[], float], stats: Stats
+        self,
+        url: str,
+        codec: Codec,
+        slots: Slots,
+        scheduler: RequestScheduler,
+        patience: float,
+        now: Callable[[], float],
+        stats: Stats,
     ) -> None:
-        """Give what comes from `url` to `lanes`, and their turns back to `turns`; go on counting in `stats`."""
+        """Settle `slots` with what comes from `url`; after `patience` seconds of silence the board is gone."""
         self.stats = stats
         self.ended: ConnectionLost | None = None
-        """What ended the link; None while it is up."""
+        """What ended the connection; None while it is up."""
         self.on_event: Callable[[ButtonEventResponse], None] = lambda event: None
         self.on_end: Callable[[ConnectionLost], None] = lambda error: None
+        self.on_stranger: Callable[[int], None] = lambda packet_id: None
+        """Called with the id of a packet that nobody on this connection has asked for."""
+        self.opening: Opening | None = None
+        """The opening that is under way: it gets all responses."""
+        self.times = ResponseTimes()
         self.frame_log = FrameLog(url, codec, now)
         self._url = url
         self._codec = codec
-        self._lanes = lanes
-        self._turns = turns
+        self._slots = slots
+        self._scheduler = scheduler
+        self._patience = patience
         self._now = now
-        self._heard_at = 0.0
-        self._silent_since = now() if lanes.owing else None  # by what it was asked on the connection before
-        self._next_answer: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._heard_at = 0.0  # when the latest bytes came
+        self._restarted_at = 0.0  # from when the time of the oldest slot counts
+        self._pauses = 0
+        self._paused_until = 0.0
+        self._arrived = 0  # bytes of the oldest slot's response at the last look
+        self._silent_since: float | None = None
+        self._silent_sendings = 0
+        self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        """Done when the connection has ended."""
         self._parser = FrameParser(codec.byte_order)
-        self._carrier = NestedFrameFilter(codec.byte_order)
         self._parser.skipped = stats.skipped
-        self._deadlines = DeadlineTimer(self._expire, lambda: self.stats.bytes_received)
+        self._nested = NestedFrameFilter(codec.byte_order)
+        self._timer = DeadlineTimer(self._look, lambda: self.stats.bytes_received, self._earliest_due)
 
     # --- from the transport -------------------------------------------------------------------------------------
 
@@ -131,162 +84,206 @@ class ResponseDispatcher:
         self.stats.bytes_received += len(chunk)
         self._heard_at = self._now()
         for frame in self._parser.feed(chunk):
-            if (MAGIC in frame[1] or self._carrier.inside) and self._carrier.hides(frame):
+            if (MAGIC in frame[1] or self._nested.inside) and self._nested.hides(frame):
                 self.stats.hidden += 1
             else:
                 self._take(frame)
 
     def lost(self, error: Exception | None, /) -> None:
-        """Take note that the transport has ended."""
+        """End the connection: the transport has ended."""
         self.end(lost(self._url, error))
 
     # --- from the sending half ----------------------------------------------------------------------------------
 
-    def expect(self, lane: Lane, pending: PendingRequest) -> None:
-        """Wait for an answer on `lane`, from before its request is written."""
-        lane.pending = pending
+    def open(self, slot: Slot) -> None:
+        """Wait for the response of a slot, from before its request is written."""
+        now = slot.sent_at
+        if not self._slots.live:
+            self._restart(now)
+        self._slots.open(slot)
         if self._silent_since is None:
-            self._silent_since = pending.sent_at
-        self._deadlines.arm(pending.deadline)
+            self._silent_since, self._silent_sendings = now, 0
+        self._silent_sendings += 1
+        self._timer.arm(now + slot.timeout)
 
-    def overtake(self, lane: Lane, sending: PendingRequest) -> None:
-        """Let `sending` go before everything: what waits on `lane` is over, and its outcome unknown."""
-        sending.ambiguous = bool(lane.pending or lane.owed)
-        if (pending := lane.pending) is not None:
-            self._over(lane, pending)
-            _fail(pending, overtaken(pending.request))
-        self._lanes.owe(lane, sending)
+    def leave(self, call: Call) -> None:
+        """End a call. If it has no response, its latest slot keeps the permit for as long as one is expected."""
+        call.is_over = True
+        slot, call.latest = call.latest, None  # they refer to each other, and would be garbage only for the collector
+        if slot is not None and slot.open and not slot.overdue:
+            if call.response is None:
+                slot.holds_permit = True
+                return
+            # An older slot got the response, which is most likely the one to this slot: nothing more will come.
+            self._slots.expire(slot)
+        self._scheduler.release()
 
-    def next_answer(self) -> asyncio.Future[None]:
-        """Return a future that is done at the next answer to any sending, late or not, and when the link ends."""
-        if self._next_answer.done():
-            self._next_answer = self._next_answer.get_loop().create_future()
-        return self._next_answer
+    def open_stop(self, slot: Slot) -> None:
+        """Open the slot of a stop. The response to a call that waits on its lane can no longer be told from its own."""
+        for other in slot.lane.slots:
+            self._mark_overdue(other)
+            if other.call is not None and not other.call.is_over and not other.is_fence:
+                other.call.error = overtaken(other.request)
+                other.call.wake()
+        self._slots.open_stop(slot)
+        if self.opening is not None:
+            self.opening.begin_again()
 
-    def silent_for(self) -> float:
-        """Return for how long, in seconds, the board has been asked without answering anything."""
-        return 0.0 if self._silent_since is None else self._now() - self._silent_since
+    def close_all(self) -> None:
+        """Close all slots unanswered: the connection is opened again, or has ended."""
+        self._report([(slot, None) for slot in self._slots.clear()])
 
     def end(self, error: ConnectionLost) -> None:
-        """End the link: the first cause reaches everyone who waits."""
+        """End the connection: the first cause reaches everyone who waits."""
         if self.ended is not None:
             return
         self.ended = error
-        self._deadlines.stop()
-        for lane, pending in list(self._lanes.pending()):
-            lane.pending = None
-            self._lanes.owe(lane, pending)  # to the next link
-            _fail(pending, same(error))
-        self._turns.refuse_all(lambda: same(error))
-        self._wake()
+        self.over.set_result(None)
+        self._timer.stop()
+        if self.opening is not None:
+            self.opening.end(error)
+        self._scheduler.refuse_all(lambda: same(error))
+        self.close_all()
         self.on_end(error)
 
     # --- one frame ----------------------------------------------------------------------------------------------
 
     def _take(self, frame: Frame) -> None:
         self.stats.frames_received += 1
+        self._silent_since = None
         if frame_logger.isEnabledFor(logging.DEBUG):
             self.frame_log.received(frame)
         packet_id, content = frame
-        lane = self._lanes.by_response_id.get(packet_id)
-        wanted = lane is not None and (lane.pending or lane.owed)
-        if not wanted and packet_id != ButtonEventResponse.packet_id:
+        if packet_id == ButtonEventResponse.packet_id:
+            self.stats.events_received += 1
+            if self.opening is not None:
+                self.opening.heard_event()
+            self.on_event(self._codec.decode(packet_id, content))  # type: ignore[arg-type]  # the id says so
+        elif self.opening is not None:
+            if packet_id in self._slots.lanes:
+                self.opening.heard(packet_id)
+        else:
+            self._settle(packet_id, content)
+
+    def _settle(self, packet_id: int, content: bytes) -> None:
+        lane = self._slots.lanes.get(packet_id)
+        if lane is None or not lane.slots:
             self.stats.unsolicited += 1
+            self.on_stranger(packet_id)
             return
+        decoded: Content
         try:
-            packet = self._codec.decode(packet_id, content)
+            decoded = self._codec.decode(packet_id, content)  # type: ignore[assignment]  # lanes are response ids
         except DecodeError as error:
             self.stats.undecodable += 1
-            if lane is not None and lane.pending is not None:
-                lane.pending.fault = error
-                self._unanswered(lane, lane.pending)
-            return
-        if isinstance(packet, ButtonEventResponse):
-            self.stats.events_received += 1
-            self.on_event(packet)
-        else:
-            self._answer(lane, packet)  # type: ignore[arg-type]  # what else is wanted is a response, on a lane
-
-    def _wake(self) -> None:
-        if not self._next_answer.done():
-            self._next_answer.set_result(None)
-
-    def _answer(self, lane: Lane, packet: Response) -> None:
-        """Give `packet` to the sending it answers; a lane that waits is clean, so it is never one of the owed."""
-        sending = lane.pending or lane.owed
-        if sending is None or not sending.request.accepts(packet):
+            decoded = error
+        settled = self._slots.settle(packet_id, decoded)
+        if settled is None:
             self.stats.mismatched += 1
             return
-        self._silent_since = None
-        if not sending.ambiguous:
-            self._lanes.answered(sending.number)
-        self._wake()
-        if sending is not lane.pending:
-            self.stats.late_responses += 1
-            lane.late = packet
-            return
-        self.stats.round_trips.append(self._heard_at - sending.sent_at)
-        self._over(lane, sending)
-        if not sending.answer.done():
-            sending.answer.set_result(packet)
+        asked_at = self._restarted_at
+        if settled:
+            self._restart(self._heard_at)
+        self._report(settled, asked_at)
 
-    # --- the end of a sending -----------------------------------------------------------------------------------
+    def _report(self, settled: list[Settled], asked_at: float = 0.0) -> None:
+        """Tell the calls of slots that are over; then others may be sent.
 
-    def _over(self, lane: Lane, pending: PendingRequest) -> None:
-        lane.pending = None
-        if pending.abandoned:
-            if pending.borrowed:
-                self._turns.give_back_borrowed(lane)
+        `asked_at` is when the slot that was answered became the oldest one.
+        """
+        for slot, content in settled:
+            if slot.holds_permit:
+                slot.holds_permit = False
+                self._scheduler.release()
+            if content is not None and not slot.overdue:  # else it may be the response to another sending
+                sent_at = slot.sent_at
+                seconds = self._heard_at - (max(asked_at, sent_at))
+                self.times.record(slot.request.packet_id, seconds)
+            call = slot.call
+            if call is None:
+                continue
+            if slot.is_fence:
+                call.wake()
+                continue
+            call.open_slots -= 1
+            if call.is_over or call.response is not None:
+                self.stats.late_responses += content is not None
+            elif isinstance(content, Response):
+                self.stats.round_trips.append(self._heard_at - slot.sent_at)
+                call.response = content
+                call.wake()
             else:
-                self._turns.give_back(lane)
+                call.fault = content or call.fault
+                if not call.open_slots or content is not None:
+                    call.unanswered += 1
+                    call.wake()
+        if self._scheduler.waiting:
+            self._scheduler.grant()
 
-    def _unanswered(self, lane: Lane, pending: PendingRequest) -> None:
-        self._lanes.owe(lane, pending)
-        if isinstance(pending.request, ClearAllDataRequest):
-            self._lanes.fence_first = pending.number  # done late, it would wipe whatever is sent now
-        self._over(lane, pending)
-        if not pending.answer.done():
-            pending.answer.set_result(None)
+    # --- deadlines ----------------------------------------------------------------------------------------------
 
-    def _expire(self, now: float) -> None:
-        due = [(lane, pending) for lane, pending in self._lanes.pending() if pending.deadline <= now]
-        while due and self._parser.partial_frame and not self._is_arriving(due, now):
+    def _restart(self, now: float) -> None:
+        """Count the time of the oldest slot from now: nothing older delays its response any more."""
+        self._restarted_at = now
+        self._paused_until = 0.0
+        self._pauses = self._arrived = 0
+
+    def _look(self, now: float) -> None:
+        """Find the oldest slot overdue, if it is; a stalled event loop has read everything by now."""
+        live = self._slots.live
+        if live and now >= self._due(live[0]) and self._parser.partial_frame:
+            self._await_partial_frame(live[0], now)
+        if live and now >= self._due(live[0]):
+            self._expire(live[0], now)
+        if live and self.ended is None:
+            self._timer.arm(self._due(live[0]))
+
+    def _earliest_due(self) -> float | None:
+        return self._due(self._slots.live[0]) if self._slots.live else None
+
+    def _due(self, slot: Slot) -> float:
+        return max(max(self._restarted_at, slot.sent_at) + slot.timeout, self._paused_until)
+
+    def _mark_overdue(self, slot: Slot) -> None:
+        if not slot.overdue:
+            self._slots.expire(slot)
+        if slot.holds_permit:
+            slot.holds_permit = False
+            self._scheduler.release()
+
+    def _expire(self, slot: Slot, now: float) -> None:
+        self.stats.timeouts += 1
+        self._mark_overdue(slot)
+        self._restart(now)
+        call = slot.call
+        if call is not None and not call.is_over:
+            if call.since is None and not slot.is_fence:
+                call.since = now - slot.timeout
+            call.wake()
+        self._scheduler.grant()
+        self._end_if_silent(now)
+
+    def _end_if_silent(self, now: float) -> None:
+        if self._slots.overdue >= _MOST_OVERDUE:
+            self.lost(TimeoutError(f"the board has left {_MOST_OVERDUE} queries in a row unanswered"))
+        if self._silent_since is None or self._silent_sendings < _SILENT_SENDINGS:
+            return
+        calls = [slot.call for lane in self._slots.lanes.values() for slot in lane.slots if slot.call is not None]
+        patience = max([self._patience, *(call.patience for call in calls if not call.is_over)])
+        if now - self._silent_since >= _SILENT_PATIENCES * patience:
+            self.lost(TimeoutError(f"the board has sent nothing for {now - self._silent_since:.1f} s"))
+
+    def _await_partial_frame(self, slot: Slot, now: float) -> None:
+        """Put the deadline off while its response, or anything else, is arriving; else give a false start up."""
+        while self._parser.partial_frame:
+            packet_id, received, wanted = self._parser.partial_frame
+            lane = self._slots.lanes.get(packet_id)
+            if lane is not None and lane.slots and received - self._arrived >= wanted / 100:
+                self._restarted_at, self._arrived = now, received
+                return
+            if now < self._heard_at + _PAUSE and self._pauses < _MOST_PAUSES:
+                self._pauses += 1
+                self._paused_until = self._heard_at + _PAUSE
+                return
             for frame in self._parser.abandon_frame():
                 self._take(frame)
-        for lane, pending in due:
-            if lane.pending is pending and pending.deadline <= now:
-                self.stats.timeouts += 1
-                self._unanswered(lane, pending)
-        for _, pending in self._lanes.pending():
-            self._deadlines.arm(pending.deadline)
-
-    def _is_arriving(self, due: list[tuple[Lane, PendingRequest]], now: float) -> bool:
-        """Tell whether the begun frame is no false start; move the deadlines that it may hold back."""
-        packet_id, received, wanted = self._parser.partial_frame or (0, 0, 0)
-        lane = self._lanes.by_response_id.get(packet_id)
-        if lane is not None and lane.pending is not None and _goes_on(lane.pending, now, received, wanted):
-            return True
-        if now >= self._heard_at + _PAUSE:
-            return False
-        waiting = [pending for lane, pending in due if lane.pending is pending and pending.pauses < _MOST_PAUSES]
-        for pending in waiting:  # an event, or what came late: give it the time to end
-            pending.pauses += 1
-            pending.deadline = max(pending.deadline, self._heard_at + _PAUSE)
-        return bool(waiting)
-
-
-def _goes_on(pending: PendingRequest, now: float, received: int, wanted: int) -> bool:
-    """Move a deadline if this very answer is still arriving, at least a hundredth of it per timeout."""
-    if pending.deadline > now:
-        return True  # its own deadline decides, not that of another
-    if received - pending.received < wanted / 100:
-        return False
-    pending.received = received
-    pending.deadline = now + pending.timeout
-    return True
-
-
-def _fail(pending: PendingRequest, error: Exception) -> None:
-    if not pending.answer.done():
-        pending.answer.set_exception(error)
-        pending.answer.exception()  # seen, so that nobody is warned if nobody waits for it any more

@@ -1,9 +1,9 @@
-"""What the link says when a request ends badly: what was asked, of whom, what came back, what to do next."""
+"""What a connection says when a request ends badly: what was asked, of whom, what came back, what to do next."""
 
 from __future__ import annotations
 
 from servolink.connection.stats import Stats
-from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
+from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown, RequestTimeout
 from servolink.escaping import escape
 from servolink.protocol.packet import Packet
 
@@ -16,13 +16,20 @@ def described(packet: Packet) -> str:
     return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
 
 
-def timed_out(packet: Packet, url: str, tries: int, waited: float, stats: Stats) -> RequestTimeout:
-    """Return the error for a request that was never answered, with the likely causes in order."""
+def timed_out(
+    packet: Packet, url: str, tries: int, waited: float, stats: Stats, *, answers_others: bool = False
+) -> RequestTimeout:
+    """Return the error for a request that was never answered, with the likely causes in order.
+
+    `answers_others`: the board has answered what was sent after it.
+    """
     asked = f"{described(packet)} was not answered by {escape(url)}"
     times = "1 try" if tries == 1 else f"{tries} tries"
     how = f"in {waited:.1f} s ({times})" if tries else f"and not sent in {waited:.1f} s"
     skipped = sum(stats.skipped.values())
-    if stats.frames_received:
+    if answers_others and not skipped:
+        causes = "the board answers other requests, so it may not know this one or what it asks about"
+    elif stats.frames_received:
         causes = "the board has answered before, so it is busy or has lost power, or the line is bad"
     elif skipped:
         causes = "bytes come but no frame: the byte order or baud rate may be wrong, or this is another device"
@@ -50,10 +57,16 @@ def overtaken(packet: Packet) -> OutcomeUnknown:
 
 
 def lost(url: str, cause: BaseException | None) -> ConnectionLost:
-    """Return the error that ends a link; without a cause it was closed by this program."""
+    """Return the error that ends a connection; without a cause it was closed by this program."""
+    if isinstance(cause, OpenError):
+        return _caused(str(cause), cause)  # which names the board already
     reason = "it was closed by this program" if cause is None else escape(str(cause) or type(cause).__name__)
     reason = reason.removeprefix(f"{escape(url)}: ").removeprefix("the connection was lost: ")  # said once
-    error = ConnectionLost(f"the connection to {escape(url)} is gone: {reason}")
+    return _caused(f"the connection to {escape(url)} is gone: {reason}", cause)
+
+
+def _caused(text: str, cause: BaseException | None) -> ConnectionLost:
+    error = ConnectionLost(text)
     error.__cause__ = cause
     return error
 

@@ -17,6 +17,8 @@ TransmissionMode: TypeAlias = Literal["auto", "keep", 1]
 "auto": if the board does not answer. 1: always. "keep": never.
 """
 
+PATIENCE = 3.0
+"""Seconds after which a request is given up, unless told otherwise."""
 LEAST_PATIENCE, MOST_PATIENCE = 0.001, 3600.0
 """Seconds."""
 MOST_DEPTH = 64
@@ -28,7 +30,7 @@ class ConnectionOptions(Struct, frozen=True):
     byte_order: ByteOrder = "little"
     caption_encoding: str = "utf-8"
     transmission_mode: TransmissionMode = "auto"
-    patience: float = 3.0
+    patience: float = PATIENCE
     """Seconds to ask for one response, repeats included, from the first time that the request is sent."""
     depth: int = 1
     """How many requests may be under way at once."""

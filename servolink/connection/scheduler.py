@@ -1,145 +1,155 @@
-"""Turns: who may send next."""
+"""Permits: which request may be sent next, and how many may be under way."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterable
+from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from typing import Any
 
-from servolink.connection.lanes import Lane
+from msgspec import Struct
+
+from servolink.connection.slots import Obstacle, Slots
 from servolink.errors import ConnectionLost
 from servolink.escaping import escape
+from servolink.protocol.packet import Command, Request
 from servolink.transports.base import Transport
 
 
-@dataclass(slots=True, eq=False)
-class _Waiting:
-    lane: Lane | None
-    alone: bool
+class _Waiting(Struct, eq=False):
+    packet: Request[Any] | Command
     granted: asyncio.Future[None]
 
 
 class RequestScheduler:
-    """At most `window` exchanges at a time, one per lane, in order of arrival; some alone, some first."""
+    """Grants at most `depth` permits at a time, strictly in order of arrival; a stop's read-back comes first.
 
-    def __init__(self, window: int) -> None:
-        """Allow `window` exchanges at a time (1 for a board that does not queue)."""
-        self._window = window
-        self._active = 0
-        self._alone = False
-        self._busy: set[Lane] = set()
-        self._waiting: list[_Waiting] = []
+    Only the first in the queue is ever looked at, so the cost does not grow with their number.
+    """
 
-    def take_at_once(self, lane: Lane | None, *, alone: bool = False) -> bool:
-        """Take a turn if nobody has to be waited for."""
-        free = not self._waiting and self._may(lane, alone=alone)
-        if free:
-            self._start(lane, alone=alone)
-        return free
+    def __init__(self, depth: int, slots: Slots) -> None:
+        """Allow `depth` requests under way (1 for a board that does not queue) beside the open `slots`."""
+        self._depth = depth
+        self._slots = slots
+        self._permits = 0
+        self._paused = False
+        self.waiting: deque[_Waiting] = deque()
+        """Those who wait for a permit."""
+        self._granted: list[Request[Any] | Command] = []  # have a permit and are not in `slots` yet
 
-    async def take(self, lane: Lane | None, *, alone: bool = False, first: bool = False) -> None:
-        """Wait for a turn: on `lane` (None: nothing is awaited), `alone` with no other, or `first` of all who wait."""
-        if self.take_at_once(lane, alone=alone):
-            return
-        waiting = _Waiting(lane, alone, asyncio.get_running_loop().create_future())
-        self._waiting.insert(0 if first else len(self._waiting), waiting)
-        self._grant()
+    def acquire_at_once(self, packet: Request[Any] | Command) -> bool:
+        """Take a permit if nothing stands in the way of `packet`, which must be sent at once. `release` must follow."""
+        if (
+            self.waiting
+            or self._paused
+            or self._permits >= self._depth
+            or self._granted
+            or self._slots.obstacle(packet) is not Obstacle.NONE
+        ):
+            return False
+        self._permits += 1
+        return True
+
+    async def acquire(self, packet: Request[Any] | Command, *, first: bool = False) -> None:
+        """Wait for a permit, `first` before all who wait. `sent` must follow, then `release`."""
+        waiting = _Waiting(packet, asyncio.get_running_loop().create_future())
+        if first:
+            self.waiting.appendleft(waiting)
+        else:
+            self.waiting.append(waiting)
+        self.grant()
         try:
             await waiting.granted
         except asyncio.CancelledError:
-            if waiting.granted.cancelled():
-                if waiting in self._waiting:  # not when all were refused in the same moment
-                    self._waiting.remove(waiting)
-                self._grant()
-            elif waiting.granted.exception() is None:
-                self.give_back(lane)
+            if not waiting.granted.cancelled() and waiting.granted.exception() is None:
+                self.sent(packet)
+                self.release()
+            elif self.waiting and self.waiting[0] is waiting:
+                self.grant()  # it held back those behind it
             raise
 
+    def sent(self, packet: Request[Any] | Command) -> None:
+        """The packet has its slot, or will not be sent: those behind it may follow."""
+        self._granted.remove(packet)  # or an equal one, which is as good
+        if self.waiting:
+            self.grant()
+
+    def release(self) -> None:
+        """Give a permit back."""
+        self._permits -= 1
+        if self.waiting:
+            self.grant()
+
     def take_extra(self) -> None:
-        """Take a turn on no lane at once, whoever has the others; no other begins before the window has room again."""
-        self._active += 1
+        """Take a permit at once, whoever has the others; nobody gets another one before there is room again."""
+        self._permits += 1
 
-    def give_back(self, lane: Lane | None) -> None:
-        """End a turn."""
-        self._active -= 1
-        self._alone = self._alone and self._active > 0  # an extra turn may end before the one that is alone
-        if lane is not None:
-            self._busy.discard(lane)
-        if self._waiting:
-            self._grant()
+    def pause(self) -> None:
+        """Grant nothing until `resume`: the connection is being opened."""
+        self._paused = True
 
-    def borrow(self, lanes: Iterable[Lane]) -> Lane | None:
-        """Use the first of `lanes` that is idle, within a turn one already has; None if all are in use."""
-        idle = next((lane for lane in lanes if lane not in self._busy), None)
-        if idle is not None:
-            self._busy.add(idle)
-        return idle
-
-    def give_back_borrowed(self, lane: Lane) -> None:
-        """End the use of a borrowed lane."""
-        self._busy.discard(lane)
-        self._grant()
+    def resume(self) -> None:
+        """Grant permits again."""
+        self._paused = False
+        self.grant()
 
     def refuse_all(self, error: Callable[[], Exception]) -> None:
-        """Fail everyone who waits, each with an error of its own."""
-        waiting, self._waiting = self._waiting, []
-        for one in waiting:
-            if not one.granted.done():
-                one.granted.set_exception(error())
+        """Fail all who wait, each with an error of its own."""
+        waiting, self.waiting = self.waiting, deque()
+        for each in waiting:
+            if not each.granted.done():
+                each.granted.set_exception(error())
 
-    def _may(self, lane: Lane | None, *, alone: bool) -> bool:
-        if alone:
-            return self._active == 0
-        return not self._alone and self._active < self._window and (lane is None or lane not in self._busy)
+    def grant(self) -> None:
+        """Grant permits to those at the head of the queue that may be sent now."""
+        while self.waiting:
+            head = self.waiting[0]
+            if not head.granted.done():
+                if not self._may(head.packet):
+                    return
+                self._take(head.packet)
+                head.granted.set_result(None)
+            self.waiting.popleft()  # granted, or cancelled before
 
-    def _start(self, lane: Lane | None, *, alone: bool) -> None:
-        self._active += 1
-        self._alone = alone
-        if lane is not None:
-            self._busy.add(lane)
+    def _may(self, packet: Request[Any] | Command) -> bool:
+        return (
+            not self._paused
+            # The board is done with a request whose response is kept.
+            and self._permits < self._depth + self._slots.kept
+            and self._slots.obstacle(packet, self._granted) is not Obstacle.WAIT
+        )
 
-    def _grant(self) -> None:
-        at = 0
-        while at < len(self._waiting) and self._active < self._window:
-            one = self._waiting[at]
-            if one.granted.done():  # cancelled, about to leave
-                at += 1
-            elif self._may(one.lane, alone=one.alone):
-                del self._waiting[at]
-                self._start(one.lane, alone=one.alone)
-                one.granted.set_result(None)
-            elif one.alone:
-                return  # those behind it wait with it, or it would never be alone
-            else:
-                at += 1
+    def _take(self, packet: Request[Any] | Command) -> None:
+        self._permits += 1
+        self._granted.append(packet)
 
 
 class PendingDrain:
-    """Holds a turn for each frame that its sender has left behind.
+    """Holds a permit for each frame that its sender has left behind.
 
-    A cancelled send still goes out whole. If its turn were free at once, a program that gives up what is late would
+    A cancelled send still goes out whole. If its permit were free at once, a program that gives up late requests would
     fill the transport's buffer, and a stop would wait behind all of that.
     """
 
-    def __init__(self, transport: Transport, turns: RequestScheduler) -> None:
-        """Hold turns of `turns` until `transport` has sent what was left behind."""
+    def __init__(self, transport: Transport, scheduler: RequestScheduler) -> None:
+        """Hold permits of `scheduler` until `transport` has sent what was left behind."""
         self._transport = transport
-        self._turns = turns
+        self._scheduler = scheduler
         self._tasks: set[asyncio.Task[None]] = set()  # kept, as the loop does not keep its tasks
 
     def hold(self) -> None:
-        """Hold one turn more than the window allows until all that was sent so far has left."""
-        self._turns.take_extra()
+        """Hold one permit more than the depth allows until all that was sent so far has left."""
+        self._scheduler.take_extra()
         task = asyncio.get_running_loop().create_task(self._left())
-        # The end of a program may well come first, which nobody needs to be told; asyncio.gather does the same.
+        # The program may well end first, and nobody needs a warning about that; asyncio.gather does the same.
         task._log_destroy_pending = False  # type: ignore[attr-defined]  # noqa: SLF001
         self._tasks.add(task)
         task.add_done_callback(self._give_back)
 
     def end(self) -> None:
-        """Hold no turn any more: the link is closed."""
+        """Hold no permit any more: the connection is closed."""
         for task in self._tasks:
             task.cancel()
 
@@ -149,7 +159,7 @@ class PendingDrain:
 
     def _give_back(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
-        self._turns.give_back(None)
+        self._scheduler.release()
         if not task.cancelled() and (error := task.exception()) is not None:
             logging.getLogger(__name__).error(
                 "%s cannot tell when all is sent: %s", escape(self._transport.url), escape(str(error))

@@ -29,15 +29,15 @@ class Stats:
     """Responses about another servo, action, macro or table than the one asked for."""
     late_responses: int = 0
     """Responses that came after their request had ended, and were not taken for that of the next one."""
-    rescued: int = 0
-    """Late responses that came just before the same query was repeated, and were used."""
     timeouts: int = 0
-    """Requests sent and not answered in time."""
+    """Sendings not answered in time."""
     retries: int = 0
-    """Queries sent again."""
+    """Requests sent again."""
+    reopenings: int = 0
+    """Openings because of a response that nobody had asked for."""
     reconnects: int = 0
     fences: int = 0
-    """Queries sent to prove that no late response is still to come."""
+    """Queries sent to prove that nothing older is still to be answered."""
     events_received: int = 0
     events_dropped: int = 0
     """Button events lost because their reader was too slow."""

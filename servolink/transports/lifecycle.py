@@ -28,6 +28,9 @@ class BaseTransport(ABC):
     the errors of its library.
     """
 
+    is_recorded = False
+    """Whether what is sent is recorded or compared with a recording, so that it must not depend on chance."""
+
     def __init__(self, url: str) -> None:
         """Start unopened; errors and log lines call the transport `url`."""
         self._url = url
@@ -188,6 +191,7 @@ class WrappedTransport(BaseTransport):
         """Wrap `inner`, which must not be used otherwise."""
         super().__init__(inner.url)
         self._inner = inner
+        self.is_recorded = self.is_recorded or getattr(inner, "is_recorded", False)
         self._inner_is_open = False
         self._closing: asyncio.Task[None] | None = None  # kept, as the loop does not keep its tasks
 

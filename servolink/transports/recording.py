@@ -26,6 +26,8 @@ class RecordingTransport(WrappedTransport):
     Each is handed to the system before the next, so that a crash loses one line at most.
     """
 
+    is_recorded = True
+
     def __init__(self, inner: Transport, path: str | Path) -> None:
         """Record `inner` to a new file at `path`."""
         super().__init__(inner)
@@ -100,6 +102,8 @@ class ReplayTransport(BaseTransport):
     A recorded answer comes once everything sent before it has been sent again, as much later as in the recording,
     or at once without `timing`. How sends are cut does not matter; a differing byte ends the connection.
     """
+
+    is_recorded = True
 
     def __init__(self, path: str | Path, *, timing: bool = True, url: str = "") -> None:
         """Play the recording at `path`."""

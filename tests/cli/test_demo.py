@@ -69,7 +69,7 @@ def test_one_reply_was_damaged(steps: dict[str, Any]) -> None:
     counted = measured(steps, "damaged")
     assert counted["damaged_responses"] == 1
     assert counted["skipped_bytes"] >= 9 + 1 + 16 * 11, "the whole answer of 16 servos"
-    assert min(counted["timeouts"], counted["fences"], counted["retries"]) >= 1
+    assert min(counted["timeouts"], counted["retries"]) >= 1
 
 
 def test_one_reply_was_late(steps: dict[str, Any]) -> None:

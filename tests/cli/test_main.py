@@ -221,7 +221,8 @@ def test_a_board_that_never_answers_is_3(
         url = f"tcp://127.0.0.1:{silent.getsockname()[1]}{'' if options else '?patience=0.15'}"
         said = call(capsys, "--url", url, *arguments, *options)
     assert (said.code, said.out) == (3, "")
-    assert "not answered" in said.err or "could not be confirmed" in said.err
+    assert ("a stop was sent and could not be confirmed" in said.err) == (arguments == ("stop",))
+    assert f"{url} is open, but no board answers" in said.err
 
 
 def test_a_board_that_goes_away_is_3(capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,7 +12,10 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from servolink.client.board import Board
+from servolink.client.connect import connect
 from servolink.connection.connection import Connection
+from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet
@@ -63,6 +66,8 @@ class FakeBoard:
         self.virtual = VirtualBoard(servos)
         self.usual = usual or Fate()
         """What becomes of a request for which nothing was planned."""
+        self.usual_of: dict[type[Packet], Fate] = {}
+        """The same for requests of one kind."""
         self.sent: list[tuple[float, Packet]] = []
         """All that was sent to it, with the time."""
         self.executed: list[tuple[float, Packet]] = []
@@ -70,6 +75,8 @@ class FakeBoard:
         self.answered_at: list[float] = []
         self.taking: asyncio.Event | None = None
         """While it is there and not set, `send` does not return."""
+        self.greeting = False
+        """While it is True, requests are answered at once as usual and forgotten, for the handshake of `opened`."""
         self.closed = 0
         self.gone: Exception | None = None
         self._plans: defaultdict[type[Packet], deque[Fate]] = defaultdict(deque)
@@ -85,8 +92,9 @@ class FakeBoard:
         self._plans[declared].extend(fates)
 
     def forget_plans(self) -> None:
-        """Deal with all further requests as usual."""
+        """Deal with all further requests as usual, and alike."""
         self._plans.clear()
+        self.usual_of.clear()
 
     def sent_of(self, declared: type[Packet]) -> list[float]:
         """Return when packets of this kind were sent."""
@@ -131,8 +139,11 @@ class FakeBoard:
 
     def _take(self, packet: Packet, frame: bytes) -> None:
         now = asyncio.get_running_loop().time()
+        if self.greeting:
+            self._greet(frame, now)
+            return
         fates = self._plans[type(packet)]
-        fate = fates.popleft() if fates else self.usual
+        fate = fates.popleft() if fates else self.usual_of.get(type(packet), self.usual)
         self.sent.append((now, packet))
         if not fate.arrives:
             return
@@ -144,6 +155,11 @@ class FakeBoard:
         if fate.after is not None:
             for answer in self._said * fate.copies:
                 self._answer_at(now + fate.after, fate.mangle(answer))
+
+    def _greet(self, frame: bytes, now: float) -> None:
+        self._said.clear()
+        self._session.receive(frame, now)
+        asyncio.get_running_loop().call_soon(self.deliver, b"".join(self._said))
 
     def _answer_at(self, when: float, data: bytes) -> None:
         self._free_at = max(self._free_at, when)  # behind a late answer all later ones wait
@@ -158,14 +174,32 @@ class FakeBoard:
 
 
 @asynccontextmanager
-async def linked(board: FakeBoard, **options: Any) -> AsyncIterator[Connection]:
-    """Open a link to `board`, and close it."""
-    link = Connection(board, Codec(), **options)
-    await link.open()
+async def connected(board: FakeBoard, *, handshake: bool = False, **options: Any) -> AsyncIterator[Connection]:
+    """Open a connection to `board`, and close it."""
+    connection = Connection(board, Codec(), **options)
+    await connection.open(handshake=handshake)
     try:
-        yield link
+        yield connection
     finally:
-        await link.close()
+        await connection.close()
+
+
+@asynccontextmanager
+async def opened(fake: FakeBoard, **options: Any) -> AsyncIterator[Board]:
+    """Connect to `fake`, which forgets the handshake: what it was sent, and what was planned, begins behind it."""
+    fake.greeting = True
+    async with connect(fake, **options) as board:
+        fake.greeting = False
+        forget(board)
+        yield board
+
+
+def forget(board: Board) -> None:
+    """Set the counters of `board` back to 0."""
+    fresh = Stats()
+    for name in Stats.__dataclass_fields__:
+        if name != "skipped":  # the parser has that one
+            setattr(board.stats, name, getattr(fresh, name))
 
 
 async def turns_of_the_loop(count: int) -> None:

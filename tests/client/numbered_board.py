@@ -83,9 +83,18 @@ class NumberedBoard:
         self._receiver.data(frame)
 
 
+ABSENT = 8
+"""One record in so many does not exist, says the board."""
+
+
 def numbered(request: Packet, number: int) -> Response:
     """Return the answer to sending `number`, with that number, or what fits of it, in it."""
     return _ANSWERS[type(request)](request, number)
+
+
+def _id(record_id: int, number: int) -> int:
+    """Return the id in the answer: 0 if the record is said not to exist."""
+    return record_id if number % ABSENT else 0
 
 
 def _servos(number: int, servo_ids: Iterable[int]) -> tuple[ServoState, ...]:
@@ -112,11 +121,11 @@ _ANSWERS: dict[type[Packet], Callable[[Any, int], Response]] = {
     editing.QueryActionListRequest: lambda request, n: editing.QueryActionListResponse(
         tuple(records.ActionEntry(n + at, "action") for at in range(10))
     ),
-    editing.QueryActionRequest: lambda request, n: editing.QueryActionResponse(request.action_id, str(n)),
+    editing.QueryActionRequest: lambda request, n: editing.QueryActionResponse(_id(request.action_id, n), str(n)),
     editing.AddActionRequest: _result(editing.AddActionResponse),
     editing.DeleteActionRequest: _result(editing.DeleteActionResponse),
     editing.QueryMacroListRequest: lambda request, n: editing.QueryMacroListResponse((records.MacroEntry(n, ""),)),
-    editing.QueryMacroRequest: lambda request, n: editing.QueryMacroResponse(request.macro_id, str(n)),
+    editing.QueryMacroRequest: lambda request, n: editing.QueryMacroResponse(_id(request.macro_id, n), str(n)),
     editing.AddMacroRequest: _result(editing.AddMacroResponse),
     editing.DeleteMacroRequest: _result(editing.DeleteMacroResponse),
     editing.ExecuteMacroRequest: _result(editing.ExecuteMacroResponse),
@@ -130,7 +139,7 @@ _ANSWERS: dict[type[Packet], Callable[[Any, int], Response]] = {
         (records.JoystickTableEntry(n, ""),)
     ),
     joystick.QueryJoystickTableRequest: lambda request, n: joystick.QueryJoystickTableResponse(
-        request.table_id, str(n), (records.Button(n, "fire"),)
+        _id(request.table_id, n), str(n), (records.Button(n, "fire"),)
     ),
     joystick.AddJoystickTableRequest: _result(joystick.AddJoystickTableResponse),
     joystick.DeleteJoystickTableRequest: _result(joystick.DeleteJoystickTableResponse),

@@ -23,7 +23,7 @@ from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Action
 from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
 from servolink.transports.base import Receiver
-from tests.client.fake_board import LOST, FakeBoard, Fate, lie, now
+from tests.client.fake_board import LOST, FakeBoard, Fate, lie, now, opened
 from tests.virtual_time import run
 
 # --- opening and closing ------------------------------------------------------------------------------------------
@@ -45,7 +45,7 @@ def test_async_with_closes_also_after_an_error() -> None:
     async def main() -> None:
         fake = FakeBoard()
         with pytest.raises(KeyError):
-            async with connect(fake):
+            async with opened(fake):
                 raise KeyError
         assert fake.closed == 1
 
@@ -55,7 +55,7 @@ def test_async_with_closes_also_after_an_error() -> None:
 def test_the_end_of_async_with_fails_what_still_waits() -> None:
     async def main() -> None:
         fake = FakeBoard(usual=LOST)
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             waiting = asyncio.create_task(board.servo_ids())
             await asyncio.sleep(0.1)
         with pytest.raises(ConnectionLost, match="closed by this program"):
@@ -124,7 +124,7 @@ def test_a_board_whose_closing_fails_is_closed_for_all_who_follow_it() -> None:
 def test_a_board_that_vanishes_while_idle_is_gone_for_the_next_who_asks() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.servo_ids()
             fake.vanish()
             with pytest.raises(ConnectionLost, match="device disconnected"):
@@ -197,7 +197,7 @@ def test_options_of_the_wrong_kind_are_refused_at_once(options: dict[str, Any], 
 def test_options_hold_for_all_requests() -> None:
     async def main() -> None:
         fake = FakeBoard(usual=LOST)
-        async with connect(fake, patience=0.5) as board:
+        async with opened(fake, patience=0.5) as board:
             begun = now()
             with pytest.raises(RequestTimeout):
                 await board.servo_ids()
@@ -221,11 +221,10 @@ def test_options_of_the_address_hold_for_the_connection() -> None:
 
 def test_an_argument_overrides_the_address() -> None:
     async def main() -> None:
-        async with connect("virtual://?byte_order=big&patience=600", byte_order="little", patience=0.5) as board:
-            begun = now()
-            with pytest.raises(RequestTimeout, match="byte order"):
-                await board.servo_ids()
-            assert now() - begun == pytest.approx(0.5)
+        begun = now()
+        with pytest.raises(OpenError, match="byte order"):
+            await connect("virtual://?byte_order=big&patience=600", byte_order="little", patience=0.5)
+        assert now() - begun == pytest.approx(0.5)
 
     run(main())
 
@@ -247,7 +246,7 @@ def test_mode_1_is_set_on_connecting_if_asked_for() -> None:
         async with connect(fake, transmission_mode=1) as board:
             assert fake.virtual.mode == 1
             assert len(await board.servo_ids()) == 4
-        assert [type(packet) for _, packet in fake.sent][:1] == [TransmissionModeSettingRequest]
+        assert fake.executed_of(TransmissionModeSettingRequest) == [TransmissionModeSettingRequest(1)] * 2
 
     run(main())
 
@@ -267,7 +266,7 @@ def test_a_board_that_does_not_take_mode_1_is_not_opened(fate: Fate) -> None:
 def test_captions_are_written_and_read_in_the_encoding_asked_for() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake, caption_encoding="big5") as board:
+        async with opened(fake, caption_encoding="big5") as board:
             await board.add_action(Action(1, "揮手"))
             assert (await board.action(1)).action_caption == "揮手"
             assert "揮手".encode("big5") in (fake.virtual.storage.get(ACTION, 1) or b"")
@@ -281,7 +280,7 @@ def test_captions_are_written_and_read_in_the_encoding_asked_for() -> None:
 def test_stats_count_what_went_over_the_line() -> None:
     async def main() -> None:
         fake = FakeBoard(servos=2, usual=Fate(after=0.010))
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.servo_ids()
             await board.project_id()
             stats = board.stats.as_dict()
@@ -317,7 +316,9 @@ def test_errors_of_a_foreign_transport_become_errors_of_the_library() -> None:
     async def main() -> None:
         with pytest.raises(OpenError, match=r"broken://: cannot open it: 'wire'"):
             await connect(_Broken("open"))
-        async with connect(_Broken("send"), angle_unit=None) as board:
+        with pytest.raises(OpenError, match=r"broken://: the connection was lost: 'wire'"):
+            await connect(_Broken("send"))
+        async with connect(_Broken("send"), handshake=False, angle_unit=None) as board:
             with pytest.raises(ConnectionLost, match="'wire'"):
                 await board.battery()
 
@@ -330,5 +331,15 @@ def test_a_path_is_not_a_project(method: str) -> None:
         async with connect("virtual://") as board:
             with pytest.raises(TypeError, match=r"must be a Project, not 'robot.json'; read a file with load_project"):
                 await getattr(board, method)("robot.json")
+
+    run(main())
+
+
+@pytest.mark.parametrize("seconds", [0.3, 0.5])
+def test_a_board_that_takes_longer_than_a_try_for_each_response_is_connected_to(seconds: float) -> None:
+    async def main() -> None:
+        for _ in range(10):
+            async with connect(FakeBoard(usual=Fate(after=seconds))) as board:
+                assert len(await board.servo_ids()) == 4
 
     run(main())

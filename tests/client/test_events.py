@@ -12,7 +12,7 @@ from servolink.client.connect import connect
 from servolink.client.events import ButtonEvent, ButtonEvents
 from servolink.errors import ConnectionLost, OutcomeUnknown, Rejected
 from servolink.protocol.joystick import SubscribeButtonEventRequest, SubscribeButtonEventResponse
-from tests.client.fake_board import LOST, FakeBoard, Fate, late, lie, turns_of_the_loop
+from tests.client.fake_board import LOST, FakeBoard, Fate, late, lie, opened, turns_of_the_loop
 from tests.virtual_time import run
 
 START, END = SubscribeButtonEventRequest(1), SubscribeButtonEventRequest(0)
@@ -35,7 +35,7 @@ async def subscriptions(fake: FakeBoard) -> list[object]:
 def test_events_are_read_in_order_with_their_kind() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board, board.button_events() as events:
+        async with opened(fake) as board, board.button_events() as events:
             fake.speak(press(1), ButtonEvent(1, 2), ButtonEvent(1, 4))
             assert [(await anext(events)).kind for _ in range(3)] == ["press", "long_press", "up"]
 
@@ -45,7 +45,7 @@ def test_events_are_read_in_order_with_their_kind() -> None:
 def test_subscribes_before_the_first_wait_and_unsubscribes_at_the_end_of_async_with() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             events = board.button_events()
             assert await subscriptions(fake) == []
             async with events:
@@ -60,7 +60,7 @@ def test_subscribes_before_the_first_wait_and_unsubscribes_at_the_end_of_async_w
 def test_break_unsubscribes() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             asyncio.get_running_loop().call_later(0.5, fake.speak, press(1), press(2))
             async for event in board.button_events():
                 assert event.button_id == 1
@@ -74,7 +74,7 @@ def test_break_unsubscribes() -> None:
 def test_a_reader_that_is_cancelled_unsubscribes() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
 
             async def follow() -> None:
                 async for _ in board.button_events():
@@ -94,7 +94,7 @@ def test_a_reader_that_is_cancelled_unsubscribes() -> None:
 def test_several_readers_share_one_subscription_and_each_gets_every_event() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             async with board.button_events() as one, board.button_events() as other:
                 fake.speak(press(1), press(2))
                 assert await read(one, 2) == await read(other, 2) == [1, 2]
@@ -113,7 +113,7 @@ def test_several_readers_share_one_subscription_and_each_gets_every_event() -> N
 def test_readers_that_come_and_go_at_once_agree_on_the_subscription() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
 
             async def come_and_go(number: int) -> None:
                 await asyncio.sleep(number % 3 * 0.004)
@@ -133,7 +133,7 @@ def test_readers_that_come_and_go_at_once_agree_on_the_subscription() -> None:
 def test_a_reader_after_the_last_has_gone_subscribes_anew() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             for _ in range(2):
                 async with board.button_events():
                     pass
@@ -148,7 +148,7 @@ def test_a_reader_after_the_last_has_gone_subscribes_anew() -> None:
 def test_a_slow_reader_loses_its_oldest_events_counted_and_a_fast_one_none() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board, board.button_events(limit=3) as slow, board.button_events(limit=10) as fast:
+        async with opened(fake) as board, board.button_events(limit=3) as slow, board.button_events(limit=10) as fast:
             fake.speak(*(press(number) for number in range(8)))
             assert await read(slow, 3) == [5, 6, 7]
             assert await read(fast, 8) == list(range(8))
@@ -164,7 +164,7 @@ def test_a_slow_reader_loses_its_oldest_events_counted_and_a_fast_one_none() -> 
 def test_a_flood_with_the_reader_stopped_stays_bounded() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board, board.button_events(limit=100) as events:
+        async with opened(fake) as board, board.button_events(limit=100) as events:
             flood = fake.codec.encode(press(7)) * 100
             for _ in range(1000):
                 fake.deliver(flood)
@@ -178,7 +178,7 @@ def test_a_flood_with_the_reader_stopped_stays_bounded() -> None:
 @pytest.mark.parametrize("limit", [0, -1])
 def test_a_limit_that_keeps_nothing_is_refused(limit: int) -> None:
     async def main() -> None:
-        async with connect(FakeBoard()) as board:
+        async with opened(FakeBoard()) as board:
             with pytest.raises(ValueError, match=f"limit must be at least 1, not {limit}"):
                 board.button_events(limit=limit)
             gc.collect()
@@ -192,7 +192,7 @@ def test_a_limit_that_keeps_nothing_is_refused(limit: int) -> None:
 def test_loss_is_raised_with_its_cause_after_the_events_that_came_before() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board, board.button_events() as events:
+        async with opened(fake) as board, board.button_events() as events:
             cause = OSError("device disconnected")
             fake.speak(press(1), press(2))
             fake.vanish(cause)
@@ -210,7 +210,7 @@ def test_loss_is_raised_with_its_cause_after_the_events_that_came_before() -> No
 def test_loss_wakes_a_waiting_reader_also_when_only_sending_shows_it() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board, board.button_events() as events:
+        async with opened(fake) as board, board.button_events() as events:
             reading = asyncio.ensure_future(anext(events))
             await turns_of_the_loop(3)
             fake.gone = OSError("write failed")
@@ -244,7 +244,7 @@ def test_close_ends_readers_after_the_events_that_came_before() -> None:
 def test_a_reader_that_gives_up_too_early_to_be_subscribed_may_try_again() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             events = board.button_events()
             fake.plan(SubscribeButtonEventRequest, late(0.15))
             with pytest.raises(TimeoutError):
@@ -265,7 +265,7 @@ def test_a_reader_that_gives_up_too_early_to_be_subscribed_may_try_again() -> No
 def test_two_tasks_read_from_one_iterator_though_the_first_gives_up() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             events = board.button_events()
             fake.plan(SubscribeButtonEventRequest, late(0.15))
             first = asyncio.ensure_future(anext(events))
@@ -303,7 +303,7 @@ def test_a_reader_that_comes_after_the_end_is_told_and_ends(closed: bool) -> Non
 def test_closing_a_reader_of_a_lost_board_is_quiet() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             async with board.button_events():
                 fake.vanish()
             assert fake.executed_of(SubscribeButtonEventRequest) == [START]
@@ -314,7 +314,7 @@ def test_closing_a_reader_of_a_lost_board_is_quiet() -> None:
 def test_a_board_that_vanishes_as_a_reader_breaks_off_disturbs_nobody() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             events = board.button_events()
             await events.__aenter__()
             fake.plan(SubscribeButtonEventRequest, LOST)
@@ -334,7 +334,7 @@ def test_a_refused_subscription_is_rejected_and_may_be_tried_again() -> None:
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(SubscribeButtonEventRequest, lie(SubscribeButtonEventResponse(0)))
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             events = board.button_events()
             with pytest.raises(Rejected, match="refused to start button events") as caught:
                 await anext(events)
@@ -349,7 +349,7 @@ def test_a_refused_subscription_is_rejected_and_may_be_tried_again() -> None:
 def test_a_refused_end_of_the_subscription_is_told_and_the_next_reader_needs_no_new_one() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             events = board.button_events()
             await events.__aenter__()
             fake.plan(SubscribeButtonEventRequest, lie(SubscribeButtonEventResponse(0)))
@@ -373,7 +373,7 @@ def test_who_is_cancelled_while_subscribing_leaves_no_subscription(cancel_at: fl
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(SubscribeButtonEventRequest, late(0.5))
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             subscribing = asyncio.create_task(_subscribe(board))
             await asyncio.sleep(cancel_at)
             subscribing.cancel()
@@ -393,7 +393,7 @@ def test_a_subscription_of_which_it_is_not_known_whether_it_began_is_ended() -> 
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(SubscribeButtonEventRequest, Fate(after=None))
-        async with connect(fake) as board:
+        async with opened(fake, patience=0.1) as board:
             with pytest.raises(OutcomeUnknown):
                 await _subscribe(board)
             assert await subscriptions(fake) == [START, END]
@@ -405,7 +405,7 @@ def test_one_who_is_cancelled_while_subscribing_does_not_disturb_another_who_sub
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(SubscribeButtonEventRequest, late(0.5))
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             cancelled = asyncio.create_task(_subscribe(board))
             await asyncio.sleep(0.1)
             async with asyncio.TaskGroup() as group:

@@ -13,7 +13,7 @@ from servolink.client import connect as connecting
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest, WriteProjectIDResponse
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.storage import Clear
-from tests.client.fake_board import FakeBoard, late, lie, turns_of_the_loop
+from tests.client.fake_board import FakeBoard, late, lie, opened, turns_of_the_loop
 from tests.client.sockets import Socket
 from tests.virtual_time import run
 
@@ -162,7 +162,7 @@ def test_a_board_that_is_lost_right_after_it_was_cleared_has_been_cleared(monkey
 def test_a_board_that_refuses_an_id_has_the_one_it_had() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.project_id()
             fake.plan(WriteProjectIDRequest, lie(WriteProjectIDResponse(0)))
             with pytest.raises(Rejected):
@@ -178,7 +178,7 @@ def test_an_answer_from_before_a_write_that_was_given_up_does_not_say_what_the_b
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(QueryProjectIDRequest, late(0), late(0.5))
-        async with connect(fake, depth=2, patience=6) as board:
+        async with opened(fake, depth=2, patience=6) as board:
             await board.write_project_id(5)
             assert await board.project_id() == 5
             asking = asyncio.create_task(board.project_id())

@@ -8,7 +8,7 @@ import pytest
 
 from servolink import Action, Button, EncodeError, JoystickTable, Macro, MacroCommand, Rejected, Step, connect
 from servolink.protocol.editing import AddActionRequest, AddActionResponse, QueryActionListRequest
-from tests.client.fake_board import FakeBoard, late, lie
+from tests.client.fake_board import FakeBoard, late, lie, opened
 from tests.virtual_time import run
 
 POSE = Action.pose("stand", {1: 0, 2: 0})
@@ -32,7 +32,7 @@ def test_the_lowest_free_id_is_chosen_and_returned() -> None:
 def test_an_id_that_is_given_is_kept_and_nothing_is_asked() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             assert await board.add_action(Action(9, "nine", (Step(1, 2, 3),))) == Action(9, "nine", (Step(1, 2, 3),))
             assert fake.sent_of(QueryActionListRequest) == []
 
@@ -44,7 +44,7 @@ def test_records_that_are_added_at_the_same_time_get_different_ids(depth: int) -
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(AddActionRequest, late(0.3))
-        async with connect(fake, depth=depth) as board:
+        async with opened(fake, depth=depth) as board:
             added = await asyncio.gather(*(board.add_action(POSE) for _ in range(5)))
             assert sorted(action.action_id for action in added) == [1, 2, 3, 4, 5]
             assert len(await board.actions()) == 5
@@ -55,7 +55,7 @@ def test_records_that_are_added_at_the_same_time_get_different_ids(depth: int) -
 def test_a_macro_that_calls_an_action_without_an_id_is_refused_with_the_cause() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             with pytest.raises(EncodeError, match=r"macro 'walk' refers to action 'stand', which has no id: add that"):
                 await board.add_macro(Macro.of("walk", 0.5, POSE))
             with pytest.raises(EncodeError, match=r"no id: .* refer to the macro that add_macro returns"):
@@ -74,7 +74,7 @@ def test_a_refused_record_names_the_likely_causes_and_a_wrong_type_is_refused_be
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(AddActionRequest, lie(AddActionResponse(0)))
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             with pytest.raises(Rejected, match="its memory may be full, or the id may be taken"):
                 await board.add_action(Action(1, "stand"))
             with pytest.raises(TypeError, match=r"must be of type Action, not Macro\("):

@@ -30,7 +30,7 @@ from servolink.protocol.settings import TransmissionModeSettingRequest, Transmis
 from servolink.transports.serial_ports import PortTracker
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import FakeBoard, lie
+from tests.client.fake_board import LOST, FakeBoard, lie
 from tests.client.sockets import Socket
 from tests.virtual_time import run
 
@@ -224,7 +224,7 @@ def test_closing_while_lost_ends_the_tries_and_the_events(socket: Socket) -> Non
 
 def test_a_board_that_falls_silent_while_it_comes_back_is_tried_again(socket: Socket) -> None:
     async def main() -> None:
-        async with connected(patience=0.3) as board:
+        async with connected(patience=0.3, transmission_mode="keep") as board:
             there = socket.board
             assert there is not None
             socket.pull()
@@ -408,7 +408,8 @@ def test_a_board_that_stays_in_another_mode_is_not_connected_to(
             socket.pull()
             await asyncio.sleep(10)
             assert board.stats.reconnects == 0
-            assert fake.executed_of(QueryProjectIDRequest) == []
+            assert len(fake.executed_of(TransmissionModeSettingRequest)) == 1
+            assert fake.closed
 
     run(main())
 
@@ -429,14 +430,17 @@ def test_closing_while_the_session_is_being_restored_frees_the_port(socket: Sock
     run(main())
 
 
-def test_a_board_that_does_not_tell_which_it_is_is_not_connected_to(socket: Socket) -> None:
+def test_a_board_that_does_not_tell_which_it_is_is_not_connected_to(
+    socket: Socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async def main() -> None:
-        assert socket.board is not None
-        socket.board.mode = 0
+        fake = FakeBoard()
+        fake.plan(QueryProjectIDRequest, *[LOST] * 100)
+        monkeypatch.setattr(connecting, "create", lambda _: fake)
         with pytest.raises(OpenError, match="was not answered") as caught:
             await connect("virtual://", reconnect=True)
         assert caught.value.__suppress_context__  # the traceback of the request adds nothing
-        assert socket.live == []
+        assert fake.closed == 1
 
     run(main())
 

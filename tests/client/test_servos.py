@@ -21,7 +21,7 @@ from servolink.protocol.servos import (
     SetServoParameterRequest,
     SetServoParameterResponse,
 )
-from tests.client.fake_board import LOST, FakeBoard, late, lie, now, turns_of_the_loop
+from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, lie, now, opened, turns_of_the_loop
 from tests.virtual_time import run
 
 
@@ -35,7 +35,7 @@ def states(*angles: int) -> QueryServoResponse:
 def test_servos_are_reported_with_angles_in_degrees() -> None:
     async def main() -> None:
         fake = FakeBoard(servos=2)
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             assert await board.servo_ids() == (1, 2)
             servos = await board.servos()
             assert [servo.servo_id for servo in servos] == [1, 2]
@@ -49,7 +49,7 @@ def test_servos_are_reported_with_angles_in_degrees() -> None:
 @pytest.mark.parametrize("servo_id", [9, 255])
 def test_a_servo_that_does_not_exist_is_not_found(servo_id: int) -> None:
     async def main() -> None:
-        async with connect(FakeBoard()) as board:
+        async with opened(FakeBoard()) as board:
             with pytest.raises(NotFound, match=f"no servo {servo_id}"):
                 await board.servo(servo_id)
 
@@ -60,7 +60,7 @@ def test_the_state_of_another_servo_is_never_returned() -> None:
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(QueryServoRequest, lie(states(10)))
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             assert (await board.servo(2)).servo_id == 2
             assert board.stats.mismatched == 1
 
@@ -73,7 +73,7 @@ def test_the_state_of_another_servo_is_never_returned() -> None:
 def test_the_unit_is_set_once_and_only_before_the_first_command_with_an_angle() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.servo_ids()
             assert fake.sent_of(SetAngleUnitRequest) == []
             await asyncio.gather(*(board.servos() for _ in range(5)), board.move({1: 5}, duration=1), board.servo(1))
@@ -90,7 +90,7 @@ def test_the_unit_is_set_by_the_next_command_when_the_first_was_cancelled_or_fai
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(SetAngleUnitRequest, LOST, lie(SetAngleUnitResponse(255, 1)))
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             cancelled = asyncio.create_task(board.servos())
             await turns_of_the_loop(3)
             cancelled.cancel()
@@ -104,7 +104,7 @@ def test_the_unit_is_set_by_the_next_command_when_the_first_was_cancelled_or_fai
 def test_units_are_left_alone_if_so_asked_and_angles_are_then_plain_numbers() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake, angle_unit=None) as board:
+        async with opened(fake, angle_unit=None) as board:
             assert type((await board.servo(1)).angle) is int
             await board.move({1: 90}, duration=1)
             with pytest.raises(EncodeError, match="an unknown unit"):
@@ -117,7 +117,7 @@ def test_units_are_left_alone_if_so_asked_and_angles_are_then_plain_numbers() ->
 def test_each_servo_has_its_own_unit_and_they_do_not_mix() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.set_angle_unit("adc", 2)
             assert fake.executed_of(SetAngleUnitRequest) == [SetAngleUnitRequest(255, 0), SetAngleUnitRequest(2, 1)]
             await board.move({1: Degrees(10), 2: Adc(2048)}, duration=1)
@@ -135,7 +135,7 @@ def test_each_servo_has_its_own_unit_and_they_do_not_mix() -> None:
 def test_a_speed_in_degrees_says_nothing_about_a_servo_in_another_unit() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake, angle_unit="adc") as board:
+        async with opened(fake, angle_unit="adc") as board:
             with pytest.raises(EncodeError, match="not set to degrees"):
                 await board.move({1: Adc(2048)}, speed=90)
             assert fake.sent == []
@@ -147,12 +147,11 @@ def test_a_speed_in_degrees_says_nothing_about_a_servo_in_another_unit() -> None
 def test_a_unit_of_which_it_is_not_known_whether_it_was_set_is_set_again_before_an_angle(servo_id: int) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake, patience=0.1) as board:
             await board.servos()
-            fake.plan(SetAngleUnitRequest, late(30))  # done, and not answered in time
+            fake.plan(SetAngleUnitRequest, SWALLOWED)  # done, and not answered
             with pytest.raises(OutcomeUnknown):
                 await board.set_angle_unit("adc", servo_id)
-            await asyncio.sleep(60)
             await board.move({1: 50, 2: 50}, duration=1)
             assert fake.executed_of(SetAngleUnitRequest)[-1] == SetAngleUnitRequest(255, 0)
             await asyncio.sleep(1)
@@ -166,7 +165,7 @@ def test_a_unit_that_does_not_exist_is_refused() -> None:
         fake = FakeBoard()
         unit: Any = "radian"
         huge: Any = 10**5000
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             with pytest.raises(EncodeError, match="unit must be 'degree' or 'adc', not 'radian'"):
                 await board.set_angle_unit(unit)
             with pytest.raises(EncodeError, match="not this int"):
@@ -183,7 +182,7 @@ def test_a_unit_that_does_not_exist_is_refused() -> None:
 def test_start_and_hold_are_set(start: bool, hold: bool) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.set_servo(2, start=start, hold=hold)
             servo = await board.servo(2)
             assert (servo.is_start, servo.is_hold) == (start, hold)
@@ -195,7 +194,7 @@ def test_start_and_hold_are_set(start: bool, hold: bool) -> None:
 def test_what_is_neither_true_nor_false_is_refused(value: Any) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             with pytest.raises(EncodeError, match="start must be True or False"):
                 await board.set_servo(1, start=value, hold=True)
             with pytest.raises(EncodeError, match="hold must be True or False"):
@@ -210,7 +209,7 @@ def test_an_echo_of_something_else_is_a_refusal(echo: tuple[int, int, int]) -> N
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(SetServoParameterRequest, lie(SetServoParameterResponse(*echo)))
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             with pytest.raises(Rejected, match=r"servo 2 was asked for start 1, hold 1; the board answered") as caught:
                 await board.set_servo(2, start=True, hold=True)
             assert caught.value.request == SetServoParameterRequest(2, 1, 1)
@@ -221,7 +220,7 @@ def test_an_echo_of_something_else_is_a_refusal(echo: tuple[int, int, int]) -> N
 def test_release_lets_all_go_limp() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.release()
             assert {(servo.is_start, servo.is_hold) for servo in await board.servos()} == {(False, False)}
             await board.set_servo(1, start=True, hold=True)
@@ -237,7 +236,7 @@ def test_release_lets_all_go_limp() -> None:
 def test_move_sends_all_targets_in_one_movement_and_returns_when_sent() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.servos()
             begun = now()
             assert await board.move({1: 50, 3: -20}, duration=0.5) == 0.5
@@ -251,7 +250,7 @@ def test_move_by_speed_reads_the_angles_first_and_returns_the_longest_time() -> 
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(QueryServoRequest, lie(states(0, 30)))
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             assert await board.move({1: 90, 2: 0}, speed=45) == 2.0
             assert fake.executed_of(ExecuteActionRequest) == [ExecuteActionRequest((Step(1, 90, 200), Step(2, 0, 67)))]
 
@@ -262,7 +261,7 @@ def test_a_speed_cap_holds_for_a_duration_too() -> None:
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(QueryServoRequest, lie(states(0)))
-        async with connect(fake, speed_cap=100) as board:
+        async with opened(fake, speed_cap=100) as board:
             with pytest.raises(EncodeError, match="its cap is 100"):
                 await board.move({1: 90}, duration=0.5)
             assert fake.sent_of(ExecuteActionRequest) == []
@@ -273,7 +272,7 @@ def test_a_speed_cap_holds_for_a_duration_too() -> None:
 @pytest.mark.parametrize("pace", [{"speed": 45}, {"duration": 1, "wait": True}])
 def test_moving_a_servo_that_does_not_exist_is_not_found_where_angles_are_read(pace: dict[str, Any]) -> None:
     async def main() -> None:
-        async with connect(FakeBoard()) as board:
+        async with opened(FakeBoard()) as board:
             with pytest.raises(NotFound, match="no servo 99"):
                 await board.move({1: 0, 99: 0}, **pace)
 
@@ -299,7 +298,7 @@ def test_moving_a_servo_that_does_not_exist_is_not_found_where_angles_are_read(p
 def test_nothing_at_all_is_sent_for_a_movement_that_cannot_be(targets: dict[int, float], pace: dict[str, Any]) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake, angle_limits=(-90, 90)) as board:
+        async with opened(fake, angle_limits=(-90, 90)) as board:
             with pytest.raises(EncodeError):
                 await board.move(targets, **pace)
             assert fake.sent == []
@@ -310,7 +309,7 @@ def test_nothing_at_all_is_sent_for_a_movement_that_cannot_be(targets: dict[int,
 def test_an_angle_too_large_for_the_protocol_is_refused_before_anything_moves() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             with pytest.raises(EncodeError, match="degree"):
                 await board.move({1: 40_000}, duration=1)
             assert fake.sent_of(ExecuteActionRequest) == []
@@ -321,7 +320,7 @@ def test_an_angle_too_large_for_the_protocol_is_refused_before_anything_moves() 
 def test_the_same_servo_twice_in_one_movement_is_refused() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             with pytest.raises(EncodeError, match="servo 2 is there twice"):
                 await board.send(ExecuteActionRequest((Step(2, 0, 1), Step(1, 0, 1), Step(2, 5, 1))))
             assert fake.sent == []
@@ -332,7 +331,7 @@ def test_the_same_servo_twice_in_one_movement_is_refused() -> None:
 def test_move_can_wait_until_all_have_arrived() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.servos()
             begun = now()
             await board.move({1: 100, 2: -100}, duration=2, wait=True)
@@ -345,7 +344,7 @@ def test_move_can_wait_until_all_have_arrived() -> None:
 def test_move_looks_again_when_a_servo_is_a_little_late() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.servos()
             fake.plan(QueryServoRequest, lie(states(40, 0)), lie(states(97, 0)))
             begun = now()
@@ -359,7 +358,7 @@ def test_move_looks_again_when_a_servo_is_a_little_late() -> None:
 def test_move_says_which_servo_has_not_arrived() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.set_servo(2, start=False, hold=True)
             at = int((await board.servo(2)).angle)
             begun = now()
@@ -399,5 +398,19 @@ def test_following_a_servo_that_does_not_come_or_is_not_there_fails() -> None:
             with pytest.raises(EncodeError, match="this servo is set to degree"):
                 async for _ in board.follow({1: Adc(100)}, 0.5):
                     pass
+
+    run(main())
+
+
+def test_a_board_that_does_not_answer_about_a_servo_it_does_not_have_stays_connected() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with opened(fake) as board:
+            await board.servos()
+            fake.plan(QueryServoRequest, *[LOST] * 100)
+            with pytest.raises(RequestTimeout, match="answers other requests, so it may not know this one"):
+                await board.servo(9)
+            fake.forget_plans()
+            assert len(await board.servos()) == 4
 
     run(main())

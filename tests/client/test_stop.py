@@ -9,7 +9,7 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.connection.connection import FENCES
+from servolink.connection.opening import FENCES
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestError, RequestTimeout
 from servolink.protocol.editing import (
     AddMacroRequest,
@@ -31,7 +31,7 @@ from servolink.protocol.servos import (
     SetServoParameterRequest,
 )
 from servolink.protocol.settings import ClearAllDataRequest
-from tests.client.fake_board import LATENCY, LOST, SWALLOWED, FakeBoard, Fate, late, lie, now, turns_of_the_loop
+from tests.client.fake_board import LATENCY, LOST, SWALLOWED, FakeBoard, Fate, late, lie, now, opened, turns_of_the_loop
 from tests.virtual_time import run
 
 STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
@@ -45,7 +45,7 @@ def reported(is_start: int, is_hold: int) -> QueryServoResponse:
 def test_stop_stops_and_holds_all_and_reads_that_back() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.move({1: 170}, duration=10)
             await asyncio.sleep(5)
             await board.stop()
@@ -63,8 +63,8 @@ def test_stop_stops_and_holds_all_and_reads_that_back() -> None:
 def test_stop_goes_before_all_who_wait_and_before_who_has_the_turn(depth: int) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        fake.plan(QueryServoListRequest, late(0.9))
-        async with connect(fake, depth=depth) as board:
+        fake.plan(QueryServoListRequest, late(0.2))
+        async with opened(fake, depth=depth) as board:
             ahead = asyncio.create_task(board.servo_ids())
             waiting = [asyncio.create_task(board.project_id()) for _ in range(20)]
             await asyncio.sleep(0.1)
@@ -73,7 +73,9 @@ def test_stop_goes_before_all_who_wait_and_before_who_has_the_turn(depth: int) -
             await turns_of_the_loop(2)
             assert fake.sent_of(SetServoParameterRequest) == [begun]
             await stopping
-            assert len(fake.sent_of(QueryProjectIDRequest)) <= depth  # the read-back, too, went before the others
+            sent = [type(packet) for _, packet in fake.sent]
+            before = sent[: sent.index(QueryServoRequest)]
+            assert before.count(QueryProjectIDRequest) == depth - 1  # the read-back, too, went before the others
             await asyncio.gather(ahead, *waiting)
 
     run(main())
@@ -83,7 +85,7 @@ def test_stop_goes_while_all_data_is_being_cleared() -> None:
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(ClearAllDataRequest, late(0.5))
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             clearing = asyncio.create_task(board.clear_all_data())
             await asyncio.sleep(0.1)
             begun = now()
@@ -98,7 +100,7 @@ def test_stop_overtakes_a_set_servo_that_waits_for_its_answer() -> None:
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(SetServoParameterRequest, late(0.5))
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             setting = asyncio.create_task(board.set_servo(2, start=True, hold=True))
             await asyncio.sleep(0.1)
             begun = now()
@@ -116,14 +118,14 @@ def test_a_cancelled_set_servo_that_waits_for_its_answer_is_overtaken_too() -> N
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(SetServoParameterRequest, SWALLOWED)
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             setting = asyncio.create_task(board.set_servo(2, start=True, hold=True))
             await turns_of_the_loop(3)
             setting.cancel()
             await turns_of_the_loop(3)
             begun = now()
             await board.stop()
-            assert now() - begun == pytest.approx(LATENCY)
+            assert now() - begun == pytest.approx(2 * LATENCY)  # the read-back waits for a fence
             await board.release()
 
     run(main())
@@ -146,7 +148,7 @@ async def attempt(call: Awaitable[object]) -> object:
 def test_what_was_asked_for_before_a_stop_and_waits_for_its_turn_does_not_move_after_it(name: str) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.add_action(Action(1, "wave", (Step(1, 90, 100),)))
             await board.servos()
             fake.plan(QueryActionListRequest, late(0.5))
@@ -168,7 +170,7 @@ def test_a_movement_that_is_reading_the_angles_or_setting_the_unit_does_not_move
     async def main(kind: type[QueryServoRequest | SetAngleUnitRequest]) -> None:
         fake = FakeBoard()
         fake.plan(kind, late(0.5))
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             moving = asyncio.create_task(board.move({1: 90}, speed=90))
             await asyncio.sleep(0.1)
             stopping = asyncio.create_task(board.stop())
@@ -185,11 +187,13 @@ def test_a_movement_that_is_reading_the_angles_or_setting_the_unit_does_not_move
 def test_what_is_waiting_for_a_fence_does_not_move_after_a_stop(name: str) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.servos()
             fake.plan(ClearAllDataRequest, LOST)
-            with pytest.raises(OutcomeUnknown):
-                await board.clear_all_data()
+            clearing = asyncio.create_task(board.clear_all_data())
+            await turns_of_the_loop(3)
+            clearing.cancel()
+            await asyncio.sleep(2)
             for fence in FENCES:
                 fake.plan(type(fence), late(0.5))
             moving = asyncio.create_task(attempt(MOVES[name](board)))
@@ -206,7 +210,7 @@ def test_what_is_waiting_for_a_fence_does_not_move_after_a_stop(name: str) -> No
 def test_what_is_asked_for_after_a_stop_moves() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.stop()
             await board.set_servo(1, start=True, hold=True)
             await board.move({1: 90}, duration=1)
@@ -222,7 +226,7 @@ def test_stopping_and_releasing_wait_for_no_stop() -> None:
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(QueryActionListRequest, late(0.5))
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             blocking = asyncio.create_task(board.actions())
             await turns_of_the_loop(3)
             releasing = asyncio.create_task(board.release())
@@ -240,7 +244,7 @@ def test_a_stop_that_is_not_confirmed_is_sent_again(doubt: QueryServoResponse) -
     async def main() -> None:
         fake = FakeBoard()
         fake.plan(QueryServoRequest, lie(doubt), lie(doubt))
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.stop()
             assert fake.executed_of(SetServoParameterRequest) == [STOP] * 3
 
@@ -259,8 +263,8 @@ def test_a_stop_that_is_not_confirmed_is_sent_again(doubt: QueryServoResponse) -
 def test_a_stop_that_cannot_be_confirmed_three_times_is_unknown(doubt: Fate, words: str) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        fake.plan(QueryServoRequest, *[doubt] * 3)
-        async with connect(fake) as board:
+        fake.plan(QueryServoRequest, *[doubt] * 20)
+        async with opened(fake) as board:
             with pytest.raises(OutcomeUnknown, match=r"sent 3 times and could not be confirmed: .*" + words) as caught:
                 await board.stop()
             assert caught.value.request == STOP
@@ -272,7 +276,7 @@ def test_a_stop_that_cannot_be_confirmed_three_times_is_unknown(doubt: Fate, wor
 def test_a_stop_that_was_lost_is_sent_again() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             fake.plan(SetServoParameterRequest, LOST, LOST)
             await board.stop()
             assert {servo.is_start for servo in await board.servos()} == {False}
@@ -288,8 +292,8 @@ def test_a_damaged_read_back_is_none() -> None:
             body = frame[:8] + bytes((frame[8] + 1,)) + frame[9:-1]
             return body + bytes((sum(body) & 0xFF,))
 
-        fake.plan(QueryServoRequest, *[Fate(mangle=one_more)] * 3)
-        async with connect(fake) as board:
+        fake.plan(QueryServoRequest, *[Fate(mangle=one_more)] * 100)
+        async with opened(fake) as board:
             with pytest.raises(OutcomeUnknown, match="QueryServoResponse: 5 servos take"):
                 await board.stop()
 
@@ -300,9 +304,9 @@ def test_a_damaged_read_back_is_none() -> None:
 def test_stop_is_sent_though_every_lane_owes_an_answer(silence: float) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             await board.servos()
-            fake.usual = Fate(after=4.0)
+            fake.usual = Fate(after=2.5)
             asked = (*FENCES, QueryServoRequest(1), SetServoParameterRequest(1, 1, 1), WriteProjectIDRequest(1))
             for request in asked:
                 with pytest.raises((RequestTimeout, OutcomeUnknown)):
@@ -322,9 +326,34 @@ def test_stop_is_sent_though_every_lane_owes_an_answer(silence: float) -> None:
 def test_stop_says_when_the_connection_is_gone() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with connect(fake) as board:
+        async with opened(fake) as board:
             fake.vanish()
             with pytest.raises(ConnectionLost, match="device disconnected"):
                 await board.stop()
+
+    run(main())
+
+
+def test_a_stop_goes_before_the_handshake_of_a_slow_board_and_is_confirmed_after_it() -> None:
+    async def main() -> None:
+        fake = FakeBoard(usual=late(0.5))
+        async with connect(fake, handshake=False) as board:
+            await board.stop()
+            first = fake.sent[0][1]
+            assert first == STOP
+            assert fake.sent_of(SetServoParameterRequest) == [1000]
+            assert fake.executed_of(SetServoParameterRequest) == [STOP]
+            assert {servo.is_start for servo in await board.servos()} == {False}
+
+    run(main())
+
+
+def test_a_stop_that_a_silent_board_may_have_got_is_not_confirmed() -> None:
+    async def main() -> None:
+        fake = FakeBoard(usual=SWALLOWED)
+        async with connect(fake, handshake=False) as board:
+            with pytest.raises(ConnectionLost, match="a stop was sent and could not be confirmed: fake"):
+                await board.stop()
+            assert fake.sent_of(SetServoParameterRequest) == [1000]
 
     run(main())

@@ -6,10 +6,14 @@ import asyncio
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 
-from servolink.connection.dispatcher import DeadlineTimer
+from servolink.connection.deadlines import DeadlineTimer, ResponseTimes
+from servolink.protocol.editing import AddActionRequest, QueryProjectIDRequest
+from servolink.protocol.packet import Request
+from servolink.protocol.servos import QueryServoListRequest
 from tests.client.fake_board import now, turns_of_the_loop
 from tests.virtual_time import VirtualTimeLoop, run
 
@@ -142,3 +146,56 @@ def test_a_line_that_never_falls_silent_does_not_put_a_deadline_off_for_ever() -
         assert len(clock.passed) == 1
 
     run(main())
+
+
+# --- how long responses take --------------------------------------------------------------------------------------
+
+
+QUERY, OTHER_QUERY, COMMAND = QueryServoListRequest(), QueryProjectIDRequest(), AddActionRequest(1)
+
+
+def timeout(times: ResponseTimes, request: Request[Any], tries: int = 0, *, after_write: bool = False) -> float:
+    return times.timeout(request, tries, after_write=after_write)
+
+
+def measured(*seconds: float, request: Request[Any] = QUERY) -> ResponseTimes:
+    times = ResponseTimes()
+    for each in seconds:
+        times.record(request.packet_id, each)
+    return times
+
+
+def test_at_first_a_query_has_a_quarter_of_a_second_and_what_is_sent_once_a_whole_one() -> None:
+    assert timeout(ResponseTimes(), QUERY) == 0.25
+    assert timeout(ResponseTimes(), COMMAND) == 1.0
+
+
+def test_each_try_after_the_second_takes_half_as_long_again() -> None:
+    times = ResponseTimes()
+    assert [timeout(times, QUERY, tries) for tries in range(4)] == [0.25, 0.25, 0.375, 0.5625]
+    assert timeout(times, QUERY, 10_000) < float("inf")
+
+
+def test_what_follows_a_change_has_half_a_second_at_least() -> None:
+    assert timeout(ResponseTimes(), QUERY, after_write=True) == 0.5
+    assert timeout(ResponseTimes(), COMMAND, after_write=True) == 1.0
+
+
+def test_each_kind_is_estimated_for_itself() -> None:
+    times = measured(0.1)
+    assert timeout(times, QUERY) == pytest.approx(0.3)  # 0.1 + 4 * 0.05
+    assert timeout(times, OTHER_QUERY) == 0.25
+
+
+@pytest.mark.parametrize(("seconds", "expected"), [(0.0, 0.1), (0.001, 0.1), (0.4, 0.5), (60.0, 0.5)])
+def test_the_estimate_stays_between_a_tenth_and_half_of_a_second(seconds: float, expected: float) -> None:
+    assert timeout(measured(seconds), QUERY) == expected
+    assert timeout(measured(seconds, request=COMMAND), COMMAND) == expected
+
+
+def test_an_even_line_is_trusted_more_and_more_and_a_hiccup_less() -> None:
+    even = measured(*[0.2] * 4)
+    trusted = timeout(even, QUERY)
+    assert trusted == pytest.approx(0.2 + 4 * 0.1 * 0.75**3)
+    even.record(QUERY.packet_id, 0.4)
+    assert timeout(even, QUERY) > trusted + 0.04

@@ -9,15 +9,15 @@ import pytest
 from servolink.protocol.editing import AddActionRequest
 from servolink.protocol.records import Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
-from tests.client.fake_board import FakeBoard, Fate, linked
+from tests.client.fake_board import FakeBoard, Fate, connected
 from tests.virtual_time import run
 
 
 def test_each_frame_is_logged_decoded_and_with_its_time(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
-        async with linked(FakeBoard(servos=2, usual=Fate(after=0.25))) as link:
+        async with connected(FakeBoard(servos=2, usual=Fate(after=0.25))) as connection:
             caplog.set_level(logging.DEBUG, "servolink")  # also after the connection was opened
-            await link.request(QueryServoListRequest())
+            await connection.request(QueryServoListRequest())
 
     run(main())
     assert caplog.messages == [
@@ -28,8 +28,8 @@ def test_each_frame_is_logged_decoded_and_with_its_time(caplog: pytest.LogCaptur
 
 def test_nothing_is_logged_at_info(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
-        async with linked(FakeBoard()) as link:
-            await link.request(QueryServoListRequest())
+        async with connected(FakeBoard()) as connection:
+            await connection.request(QueryServoListRequest())
 
     caplog.set_level(logging.INFO)
     run(main())
@@ -39,8 +39,8 @@ def test_nothing_is_logged_at_info(caplog: pytest.LogCaptureFixture) -> None:
 def test_content_that_makes_no_packet_is_logged_as_hex(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
         board = FakeBoard()
-        async with linked(board) as link:
-            log = link.answers.frame_log
+        async with connected(board) as connection:
+            log = connection.answers.frame_log
             log.received((QueryServoListResponse.packet_id, b"\x09\x01"))
             log.received((60_000, b""))
 
@@ -52,10 +52,10 @@ def test_content_that_makes_no_packet_is_logged_as_hex(caplog: pytest.LogCapture
 
 def test_hostile_and_endless_captions_cannot_harm_the_reader_of_the_log(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
-        async with linked(FakeBoard()) as link:
-            log = link.answers.frame_log
-            log.sent(link.codec.encode(AddActionRequest(1, "\u202e\x1b[2J", ()), unchecked=True))
-            log.sent(link.codec.encode(AddActionRequest(1, "Wave", (Step(1, 90, 50),) * 200)))
+        async with connected(FakeBoard()) as connection:
+            log = connection.answers.frame_log
+            log.sent(connection.codec.encode(AddActionRequest(1, "\u202e\x1b[2J", ()), unchecked=True))
+            log.sent(connection.codec.encode(AddActionRequest(1, "Wave", (Step(1, 90, 50),) * 200)))
 
     caplog.set_level(logging.DEBUG, "servolink")
     run(main())

@@ -35,7 +35,7 @@ def test_as_dict_has_plain_numbers_under_names_that_programs_rely_on() -> None:
         "unsolicited",
         "mismatched",
         "late_responses",
-        "rescued",
+        "reopenings",
         "timeouts",
         "retries",
         "fences",

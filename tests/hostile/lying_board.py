@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Iterator
-from typing import TypeAlias
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator
+from contextlib import asynccontextmanager
+from typing import Any, TypeAlias
 
+from servolink.client.board import Board
+from servolink.client.connect import connect
 from servolink.errors import ConnectionLost
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
@@ -51,6 +54,16 @@ class LyingBoard:
     async def open(self, receiver: Receiver) -> None:
         self._receiver = receiver
         self._begin(self._unasked)
+
+    @asynccontextmanager
+    async def after_the_handshake(self, **options: Any) -> AsyncIterator[Board]:
+        """Connect to it, and lie only from then on."""
+        lie, unasked = self.lie, self._unasked
+        self.lie, self._unasked = truth, ()
+        async with connect(self, **options) as board:
+            self.lie = lie
+            self._begin(unasked)
+            yield board
 
     async def send(self, data: bytes) -> None:
         if self._receiver is None:

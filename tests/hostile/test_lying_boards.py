@@ -12,7 +12,7 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
+from servolink.errors import ConnectionLost, OpenError, RequestTimeout, ServolinkError
 from servolink.project.transfer.results import Plan
 from servolink.protocol.codec import Codec
 from servolink.protocol.joystick import ButtonEventResponse
@@ -27,6 +27,7 @@ from tests.virtual_time import run
 _NO_CALLS = {"close", "states", "unit_of", "codec", "connection", "stats", "url"}
 _MOST_SECONDS = 600.0
 """Of virtual time, which the longest of them takes, whatever the board does."""
+_LONGEST_OPENING = 10.0
 _WHOLE_PROJECTS = {"plan_project", "apply_project", "rollback_project"}
 """Calls that read all of a board, as `export_project` does."""
 _AFTERWARDS = 1.0
@@ -76,7 +77,7 @@ def test_a_lie_is_an_answer_or_a_typed_error(name: str, tmp_path: Path) -> None:
 
 async def _outcome(board: LyingBoard, call: Call) -> object:
     loop = asyncio.get_running_loop()
-    async with connect(board) as client:
+    async with board.after_the_handshake() as client:
         begun = loop.time()
         outcome: object
         try:
@@ -89,9 +90,21 @@ async def _outcome(board: LyingBoard, call: Call) -> object:
         try:
             assert await client.project_id() == board.virtual.storage.project_id
         except (ConnectionLost, RequestTimeout):  # it owes so many answers that none can be told from another
-            assert client.stats.timeouts > 1
+            assert client.stats.timeouts > 1 or client.stats.reopenings
     await asyncio.sleep(0)
     return outcome
+
+
+@pytest.mark.parametrize("name", LIES)
+def test_a_lie_during_the_handshake_ends_in_time_too(name: str) -> None:
+    async def main() -> None:
+        begun = asyncio.get_running_loop().time()
+        with suppress(OpenError):
+            async with connect(lying(LIES[name])):
+                pass
+        assert asyncio.get_running_loop().time() - begun < _LONGEST_OPENING
+
+    run(main())
 
 
 @pytest.mark.parametrize("name", _FLOODS)
@@ -102,7 +115,7 @@ def test_a_flood_takes_no_memory(name: str) -> None:
 async def _peak(board: LyingBoard) -> int:
     """Return how many bytes a client takes at most while a board says more than it is asked."""
     loop = asyncio.get_running_loop()
-    async with connect(board, patience=0.5) as client:
+    async with board.after_the_handshake(patience=0.5) as client:
         events = client.button_events(limit=100)
         subscribing = asyncio.ensure_future(anext(events))
         await asyncio.sleep(_AFTERWARDS)

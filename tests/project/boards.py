@@ -18,7 +18,7 @@ from servolink.project.transfer.results import Progress, ProgressCallback
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.storage import Contents
 from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import FakeBoard
+from tests.client.fake_board import FakeBoard, opened
 from tests.project.pulled import NEW, OLD, OLD_CONTENTS, Make, contents_of
 from tests.virtual_time import run
 
@@ -91,7 +91,7 @@ def on_fake(work: Any, **options: Any) -> FakeBoard:
     fake.virtual.storage.contents = OLD_CONTENTS
 
     async def main() -> None:
-        async with connect(fake, **options) as board:
+        async with opened(fake, **options) as board:
             await work(board, fake)
 
     run(main())

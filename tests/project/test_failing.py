@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from servolink.client.connect import connect
-from servolink.errors import ConnectionLost, ProjectError
+from servolink.errors import ProjectError, TransportError
 from servolink.project.model import Project
 from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
 from servolink.transports.base import Transport
@@ -95,7 +95,7 @@ def test_a_sending_that_fails_leaves_both_projects(how: str, step: int, tmp_path
             assert error is None
             assert same(virtual.storage.contents, AFTER_CONTENTS)
         elif line.failed:
-            assert isinstance(error, ConnectionLost)
+            assert isinstance(error, TransportError)
             await judge(virtual.storage.contents, folder, whole)
         return line.failed
 

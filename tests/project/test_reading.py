@@ -28,6 +28,7 @@ from servolink.protocol.editing import (
     QueryServoParameterResponse,
 )
 from servolink.protocol.frame import encode_frame
+from servolink.protocol.parser import FrameParser
 from servolink.protocol.record_types import ACTION, RECORD_TYPES
 from servolink.protocol.records import Action, ServoParameter, Step
 from tests.client.fake_board import FakeBoard, Fate, lie
@@ -144,7 +145,12 @@ def test_an_export_gives_up_when_another_program_goes_on_writing() -> None:
 def test_what_cannot_be_understood_is_taken_for_what_is_not_given() -> None:
     async def work(board: Board, fake: FakeBoard) -> None:
         undecodable = encode_frame(QueryActionResponse.packet_id, bytes(36) + b"\x05\0", "little")
-        fake.plan(QueryActionRequest, *[Fate(mangle=lambda _: undecodable)] * 6)
+
+        def mangle(frame: bytes) -> bytes:
+            answer = fake.codec.decode(*FrameParser().feed(frame)[0])
+            return undecodable if isinstance(answer, QueryActionResponse) and answer.action_id == 1 else frame
+
+        fake.plan(QueryActionRequest, *[Fate(mangle=mangle)] * 100)
         plan = await board.plan_project(OLD)
         assert plan.inconsistencies == ("action 1 is listed and not given",)
         assert [change.what for change in plan.changes] == ["action 1"]

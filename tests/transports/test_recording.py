@@ -11,7 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, OpenError
+from servolink.transports.faults import Faults, FaultyTransport
 from servolink.transports.memory import MemoryTransport
 from servolink.transports.recording import RecordingTransport, ReplayTransport
 from servolink.transports.registry import create
@@ -317,6 +319,20 @@ def test_a_line_that_is_none_is_named(tmp_path: Path, line: str) -> None:
     text = _open_error(path)
     assert "session.jsonl, line 2: not a line of a recording" in text
     assert text.isprintable()
+
+
+@pytest.mark.parametrize("handshake", [True, False])
+def test_a_program_is_played_again_handshake_included(tmp_path: Path, *, handshake: bool) -> None:
+    async def main() -> None:
+        path = tmp_path / "session.jsonl"
+        recording = FaultyTransport(RecordingTransport(create("virtual://?servos=2"), path), Faults())
+        async with connect(recording, handshake=handshake) as board:
+            servos = await board.servos()
+        for _ in range(3):
+            async with connect(f"replay://{path}", handshake=handshake) as board:
+                assert await board.servos() == servos
+
+    run(main())
 
 
 def test_a_line_that_a_crash_cut_short_is_left_out(session: Path) -> None:

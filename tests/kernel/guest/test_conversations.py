@@ -57,7 +57,7 @@ def test_every_command_does_what_it_says(plug: Plug, kind: str) -> None:
                 await board.clear_all_data()
                 await board.set_servo(servolink.ALL_SERVOS, start=True, hold=True)
                 await use(board)
-            assert board.stats.timeouts == board.stats.undecodable == board.stats.unsolicited == 0
+            assert board.stats.undecodable == board.stats.unsolicited == 0
 
     asyncio.run(main())
 

@@ -1,4 +1,4 @@
-"""Leaving: what a cancelled sender left behind keeps its turn until the system has taken it."""
+"""PendingDrain: what a cancelled sender left behind keeps its permit until the system has taken it."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from servolink.protocol.editing import WriteProjectIDRequest
 from servolink.protocol.records import Step
 from servolink.protocol.servos import ExecuteActionRequest, SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
-from tests.client.fake_board import FakeBoard, linked, turns_of_the_loop
+from tests.client.fake_board import FakeBoard, connected, turns_of_the_loop
 from tests.virtual_time import run
 
 STOP = SetServoParameterRequest(255, 0, 1)
 SENDS: dict[str, Callable[[Connection], Awaitable[object]]] = {
-    "move": lambda link: link.send(ExecuteActionRequest((Step(1, 5, 10),))),
-    "query": lambda link: link.request(QueryMemorySizeRequest()),
-    "change": lambda link: link.request(WriteProjectIDRequest(5)),
-    "clear": lambda link: link.request(ClearAllDataRequest()),
+    "move": lambda connection: connection.send(ExecuteActionRequest((Step(1, 5, 10),))),
+    "query": lambda connection: connection.request(QueryMemorySizeRequest()),
+    "change": lambda connection: connection.request(WriteProjectIDRequest(5)),
+    "clear": lambda connection: connection.request(ClearAllDataRequest()),
 }
 
 
@@ -35,24 +35,24 @@ async def give_up(call: Awaitable[object], seconds: float) -> None:
 
 
 @pytest.mark.parametrize("name", SENDS)
-@pytest.mark.parametrize("window", [1, 3])
-def test_what_is_given_up_again_and_again_does_not_pile_up_before_a_stop(name: str, window: int) -> None:
+@pytest.mark.parametrize("depth", [1, 3])
+def test_what_is_given_up_again_and_again_does_not_pile_up_before_a_stop(name: str, depth: int) -> None:
     async def main() -> None:
         board = FakeBoard()
-        async with linked(board, window=window, timeout=0.05) as link:
+        async with connected(board, depth=depth) as connection:
             board.taking = asyncio.Event()
             for _ in range(100):
-                await give_up(SENDS[name](link), 0.01)
-            assert len(board.sent) <= window
-            stopping = asyncio.create_task(link.send_stop(STOP))
+                await give_up(SENDS[name](connection), 0.01)
+            assert len(board.sent) <= depth
+            stopping = asyncio.create_task(connection.send_stop(STOP))
             await turns_of_the_loop(1)
             assert board.sent[-1][1] == STOP
             board.taking.set()
             await stopping
             await turns_of_the_loop(3)
             await asyncio.sleep(0.05)
-            assert link._turns._active == 0
-            assert (await link.request(QueryMemorySizeRequest())).size
+            assert connection._scheduler._permits == 0
+            assert (await connection.request(QueryMemorySizeRequest())).size
 
     run(main())
 
@@ -61,12 +61,12 @@ def test_what_is_given_up_again_and_again_does_not_pile_up_before_a_stop(name: s
 def test_the_end_of_the_link_ends_the_wait_for_what_was_left_behind(name: str) -> None:
     async def main() -> None:
         board = FakeBoard()
-        async with linked(board) as link:
+        async with connected(board) as connection:
             board.taking = asyncio.Event()
-            await give_up(SENDS[name](link), 0.01)
-            waiting = asyncio.create_task(link.send(ExecuteActionRequest((Step(1, 6, 10),))))
+            await give_up(SENDS[name](connection), 0.01)
+            waiting = asyncio.create_task(connection.send(ExecuteActionRequest((Step(1, 6, 10),))))
             await turns_of_the_loop(2)
-            await link.close()
+            await connection.close()
             with pytest.raises(ConnectionLost, match="closed by this program"):
                 await waiting
             assert len(board.sent) == 1
@@ -83,22 +83,22 @@ def test_a_line_that_is_lost_meanwhile_tells_so_itself() -> None:
 
     async def main() -> None:
         board = Stalled()
-        link = Connection(board, Codec())
-        await link.open()
+        connection = Connection(board, Codec())
+        await connection.open()
         board.taking = asyncio.Event()
-        await give_up(SENDS["move"](link), 0.01)
+        await give_up(SENDS["move"](connection), 0.01)
         board.vanish()
         board.taking.set()
         await turns_of_the_loop(3)
-        assert link._turns._active == 0
+        assert connection._scheduler._permits == 0
         with pytest.raises(ConnectionLost, match="device disconnected"):
-            await link.send(ExecuteActionRequest((Step(1, 6, 10),)))
-        await link.close()
+            await connection.send(ExecuteActionRequest((Step(1, 6, 10),)))
+        await connection.close()
 
     run(main())
 
 
-def test_a_transport_that_cannot_tell_gives_its_turn_back_and_is_named(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_transport_that_cannot_tell_gives_its_permit_back_and_is_named(caplog: pytest.LogCaptureFixture) -> None:
     class Strict(FakeBoard):
         async def send(self, data: bytes) -> None:
             if not data:
@@ -107,29 +107,29 @@ def test_a_transport_that_cannot_tell_gives_its_turn_back_and_is_named(caplog: p
 
     async def main() -> None:
         board = Strict()
-        async with linked(board) as link:
+        async with connected(board) as connection:
             board.taking = asyncio.Event()
-            await give_up(SENDS["move"](link), 0.01)
+            await give_up(SENDS["move"](connection), 0.01)
             await turns_of_the_loop(3)
-            assert link._turns._active == 0
+            assert connection._scheduler._permits == 0
 
     run(main())
     assert caplog.messages == ["fake://board cannot tell when all is sent: nothing to send\\x1b"]
 
 
 def test_the_end_of_a_program_with_something_left_behind_is_quiet(caplog: pytest.LogCaptureFixture) -> None:
-    kept = []  # or the link ends before the loop does
+    kept = []  # or the connection ends before the loop does
 
     async def main() -> None:
         board = FakeBoard()
-        link = Connection(board, Codec())
-        await link.open()
+        connection = Connection(board, Codec())
+        await connection.open()
         board.taking = asyncio.Event()
-        kept.append((link, asyncio.create_task(link.send(ExecuteActionRequest((Step(1, 6, 10),))))))
+        kept.append((connection, asyncio.create_task(connection.send(ExecuteActionRequest((Step(1, 6, 10),))))))
         await turns_of_the_loop(2)
 
     asyncio.run(main())
-    assert len(kept[0][0]._leaving._tasks) == 1
+    assert len(kept[0][0]._sender._drain._tasks) == 1
     kept.clear()
     gc.collect()
     assert caplog.messages == []

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from servolink.connection.dispatcher import NestedFrameFilter
+from servolink.connection.nested_frames import NestedFrameFilter
 from servolink.errors import RequestTimeout
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (
@@ -18,7 +18,7 @@ from servolink.protocol.editing import (
 from servolink.protocol.frame import HEADER, MAGIC, ByteOrder, Frame, encode_frame
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Packet
-from tests.client.fake_board import SWALLOWED, FakeBoard, linked
+from tests.client.fake_board import SWALLOWED, FakeBoard, connected
 from tests.virtual_time import run
 
 EVENT = ButtonEventResponse(9, 1)
@@ -36,7 +36,7 @@ def hostile_list(*hidden: bytes, byte_order: ByteOrder = "little") -> bytes:
     return encode_frame(30011, len(hidden).to_bytes(2, byte_order) + entries, byte_order)
 
 
-def carrier_of(*hidden: bytes) -> Frame:
+def list_with(*hidden: bytes) -> Frame:
     return 30011, hostile_list(*hidden)[8:-1]
 
 
@@ -46,39 +46,39 @@ def hidden(packet: Packet) -> bytes:
 
 @pytest.mark.parametrize("byte_order", ["little", "big"])
 def test_frames_inside_a_frame_are_hidden_each_as_often_as_it_is_there(byte_order: ByteOrder) -> None:
-    codec, carrier = Codec(byte_order), NestedFrameFilter(byte_order)
+    codec, nested = Codec(byte_order), NestedFrameFilter(byte_order)
     event, project = codec.encode(EVENT), codec.encode(PROJECT)
     outer = 30011, hostile_list(event, project, event, byte_order=byte_order)[8:-1]
     frames = [outer, *(frame_of(packet, byte_order) for packet in (EVENT, PROJECT, EVENT, EVENT, OTHER))]
-    assert [carrier.hides(frame) for frame in frames] == [False, True, True, True, False, False]
+    assert [nested.hides(frame) for frame in frames] == [False, True, True, True, False, False]
 
 
 def test_what_comes_after_another_frame_is_not_hidden() -> None:
-    carrier = NestedFrameFilter("little")
-    frames = [carrier_of(hidden(EVENT)), frame_of(OTHER), frame_of(EVENT)]
-    assert [carrier.hides(frame) for frame in frames] == [False, False, False]
+    nested = NestedFrameFilter("little")
+    frames = [list_with(hidden(EVENT)), frame_of(OTHER), frame_of(EVENT)]
+    assert [nested.hides(frame) for frame in frames] == [False, False, False]
 
 
 def test_a_frame_that_begins_inside_and_reaches_out_is_hidden() -> None:
-    carrier = NestedFrameFilter("little")
+    nested = NestedFrameFilter("little")
     last = HEADER["little"].pack(MAGIC, 30011, 2 + 36) + b"\1\0"
     outer = hostile_list(bytes(32 - len(last)) + last)
     reaching = 30011, b"\1\0" + outer[-1:] + bytes(35)
-    assert not carrier.hides((30011, outer[8:-1]))
-    assert carrier.hides(reaching)
-    assert not carrier.hides(reaching)
+    assert not nested.hides((30011, outer[8:-1]))
+    assert nested.hides(reaching)
+    assert not nested.hides(reaching)
 
 
 def test_a_second_beginning_counts_where_the_first_leads_nowhere() -> None:
-    carrier = NestedFrameFilter("little")
-    assert not carrier.hides(carrier_of(MAGIC, hidden(EVENT)))
-    assert carrier.hides(frame_of(EVENT))
+    nested = NestedFrameFilter("little")
+    assert not nested.hides(list_with(MAGIC, hidden(EVENT)))
+    assert nested.hides(frame_of(EVENT))
 
 
-def test_a_carrier_behind_a_carrier_takes_its_place() -> None:
-    carrier = NestedFrameFilter("little")
-    frames = [carrier_of(hidden(EVENT)), carrier_of(hidden(PROJECT)), frame_of(EVENT)]
-    assert [carrier.hides(frame) for frame in frames] == [False, False, False]
+def test_a_frame_with_others_inside_takes_the_place_of_the_one_before() -> None:
+    nested = NestedFrameFilter("little")
+    frames = [list_with(hidden(EVENT)), list_with(hidden(PROJECT)), frame_of(EVENT)]
+    assert [nested.hides(frame) for frame in frames] == [False, False, False]
 
 
 @pytest.mark.parametrize("before", [b"", b"noise"])
@@ -87,10 +87,10 @@ def test_no_event_comes_out_of_a_caption(before: bytes, behind: bytes) -> None:
     async def main() -> None:
         board = FakeBoard()
         board.plan(QueryActionListRequest, SWALLOWED)
-        async with linked(board) as link:
+        async with connected(board) as connection:
             events: list[ButtonEventResponse] = []
-            link.answers.on_event = events.append
-            asking = asyncio.create_task(link.request(QueryActionListRequest()))
+            connection.answers.on_event = events.append
+            asking = asyncio.create_task(connection.request(QueryActionListRequest()))
             await asyncio.sleep(0.01)
             board.deliver(before + hostile_list(hidden(EVENT), hidden(EVENT)) + behind)
             answer = await asking
@@ -99,7 +99,7 @@ def test_no_event_comes_out_of_a_caption(before: bytes, behind: bytes) -> None:
             board.speak(OTHER)
             await asyncio.sleep(3)
             assert events == [OTHER]
-            assert link.stats.hidden == (2 if before or behind == b"noise" else 0)
+            assert connection.stats.hidden == (2 if before or behind == b"noise" else 0)
 
     run(main())
 
@@ -107,14 +107,14 @@ def test_no_event_comes_out_of_a_caption(before: bytes, behind: bytes) -> None:
 def test_no_answer_comes_out_of_a_caption() -> None:
     async def main() -> None:
         board = FakeBoard(usual=SWALLOWED)
-        async with linked(board, window=2, retries=0) as link:
-            listing = asyncio.create_task(link.request(QueryActionListRequest()))
-            asking = asyncio.create_task(link.request(QueryProjectIDRequest()))
+        async with connected(board, depth=2, patience=0.2) as connection:
+            listing = asyncio.create_task(connection.request(QueryActionListRequest()))
+            asking = asyncio.create_task(connection.request(QueryProjectIDRequest()))
             await asyncio.sleep(0.01)
             board.deliver(b"noise" + hostile_list(hidden(PROJECT)))
             assert len((await listing).actions) == 1
             with pytest.raises(RequestTimeout):
                 await asking
-            assert link.stats.hidden == 1
+            assert connection.stats.hidden == 1
 
     run(main())

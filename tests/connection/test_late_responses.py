@@ -1,4 +1,4 @@
-"""Many requests to a board that answers late and loses answers, with random cancels: no wrong answer."""
+"""Many requests to a board that answers late and loses responses, with random cancels: no wrong response."""
 
 from __future__ import annotations
 
@@ -93,13 +93,13 @@ async def converse(client: Any, board: NumberedBoard, requests: int, seed: int) 
     return outcomes
 
 
-async def with_link(requests: int, seed: int) -> tuple[dict[str, int], Any]:
+async def with_connection(requests: int, seed: int) -> tuple[dict[str, int], Any]:
     board = NumberedBoard(BOARD, seed)
-    link = Connection(board, Codec(), timeout=TIMEOUT)
-    await link.open()
-    outcomes = await converse(link, board, requests, seed)
-    await link.close()
-    return outcomes, link.stats
+    connection = Connection(board, Codec())
+    await connection.open()
+    outcomes = await converse(connection, board, requests, seed)
+    await connection.close()
+    return outcomes, connection.stats
 
 
 async def with_plain_client(requests: int, seed: int) -> dict[str, int]:
@@ -113,16 +113,15 @@ async def with_plain_client(requests: int, seed: int) -> dict[str, int]:
 
 @pytest.mark.parametrize("requests", [10_000, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_no_wrong_answer_in_many_requests_where_a_plain_future_per_id_has_many(requests: int) -> None:
-    ours, stats = run(with_link(requests, seed=1))
+    ours, stats = run(with_connection(requests, seed=1))
     plain = run(with_plain_client(requests, seed=1))
-    print(f"{requests} requests, 3 % late, 1 % lost, 2 % cancelled: lanes {ours}; a future per id {plain}")
+    print(f"{requests} requests, 3 % late, 1 % lost, 2 % cancelled: slots {ours}; a future per id {plain}")
 
     many = requests // 1000
     assert ours["wrong"] == 0
     assert plain["wrong"] > many
     assert sum(ours.values()) == requests
-    assert ours["right"] > 0.96 * requests
+    assert ours["unanswered"] == 0
     assert ours["cancelled"] > many
     assert stats.fences > many
     assert stats.late_responses > many
-    assert stats.rescued > many

@@ -1,4 +1,4 @@
-"""Link: what is sent, when, how often, and what the caller is told."""
+"""Requests on a good line: what is sent when, and whose the response is."""
 
 from __future__ import annotations
 
@@ -20,9 +20,14 @@ from servolink.protocol.editing import (
 )
 from servolink.protocol.packet import Request
 from servolink.protocol.records import Step
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, QueryServoRequest
+from servolink.protocol.servos import (
+    ExecuteActionRequest,
+    QueryServoListRequest,
+    QueryServoRequest,
+    SetAngleUnitRequest,
+)
 from servolink.protocol.settings import QueryMemorySizeRequest, QueryRemainPowerRequest, QueryRemainPowerResponse
-from tests.client.fake_board import LATENCY, FakeBoard, Fate, lie, linked
+from tests.client.fake_board import LATENCY, FakeBoard, Fate, connected, lie
 from tests.virtual_time import run
 
 PROJECT = QueryProjectIDRequest()
@@ -34,10 +39,10 @@ PROJECT = QueryProjectIDRequest()
 def test_a_request_returns_its_answer() -> None:
     async def main() -> None:
         board = FakeBoard(servos=3)
-        async with linked(board) as link:
-            assert (await link.request(QueryServoListRequest())).servo_id_list == (1, 2, 3)
-            assert link.stats.frames_sent == link.stats.frames_received == 1
-            assert list(link.stats.round_trips) == [pytest.approx(LATENCY)]
+        async with connected(board) as connection:
+            assert (await connection.request(QueryServoListRequest())).servo_id_list == (1, 2, 3)
+            assert connection.stats.frames_sent == connection.stats.frames_received == 1
+            assert list(connection.stats.round_trips) == [pytest.approx(LATENCY)]
 
     run(main())
 
@@ -45,48 +50,50 @@ def test_a_request_returns_its_answer() -> None:
 def test_two_gathered_requests_get_each_its_own_answer() -> None:
     async def main() -> None:
         board = FakeBoard()
-        async with linked(board) as link:
-            await link.request(WriteProjectIDRequest(77))
-            project, servo_ids = await asyncio.gather(link.request(PROJECT), link.request(QueryServoListRequest()))
+        async with connected(board) as connection:
+            await connection.request(WriteProjectIDRequest(77))
+            project, servo_ids = await asyncio.gather(
+                connection.request(PROJECT), connection.request(QueryServoListRequest())
+            )
             assert project == QueryProjectIDResponse(77)
             assert len(servo_ids.servo_id_list) == 4
 
     run(main())
 
 
-@pytest.mark.parametrize("window", [1, 2, 8])
-def test_a_thousand_gathered_requests_get_each_its_own_answer(window: int) -> None:
+@pytest.mark.parametrize("depth", [1, 2, 8])
+def test_a_thousand_gathered_requests_get_each_its_own_answer(depth: int) -> None:
     async def main() -> None:
         board = FakeBoard(servos=250)
-        async with linked(board, window=window) as link:
+        async with connected(board, depth=depth) as connection:
             requests = [QueryServoRequest(1 + number % 250) for number in range(500)]
             actions = [AddActionRequest(1 + number, f"action {number}") for number in range(50)]
-            await asyncio.gather(*map(link.request, actions))
+            await asyncio.gather(*map(connection.request, actions))
             asked = [QueryActionRequest(1 + number % 50) for number in range(500)]
             states, stored = await asyncio.gather(
-                asyncio.gather(*map(link.request, requests)), asyncio.gather(*map(link.request, asked))
+                asyncio.gather(*map(connection.request, requests)), asyncio.gather(*map(connection.request, asked))
             )
         for request, answer in zip(requests, states, strict=True):
             assert [state.servo_id for state in answer.servos] == [request.servo_id]
         assert [answer.action_id for answer in stored] == [query.action_id for query in asked]
-        assert link.stats.timeouts == link.stats.fences == link.stats.mismatched == 0
+        assert connection.stats.timeouts == connection.stats.retries == connection.stats.mismatched == 0
 
     run(main())
 
 
-@pytest.mark.parametrize(("window", "most"), [(1, 1), (3, 3)])
-def test_no_more_than_the_window_is_on_the_line(window: int, most: int) -> None:
+@pytest.mark.parametrize(("depth", "most"), [(1, 1), (3, 3)])
+def test_no_more_than_the_window_is_on_the_line(depth: int, most: int) -> None:
     async def main() -> None:
         board = FakeBoard(usual=Fate(after=0.01))
-        async with linked(board, window=window) as link:
+        async with connected(board, depth=depth) as connection:
             await asyncio.gather(
                 *(
-                    link.request(packet)
+                    connection.request(packet)
                     for packet in (PROJECT, QueryMemorySizeRequest(), QueryServoListRequest(), QueryActionListRequest())
                 )
             )
         first = board.answered_at[0]
-        assert len([at for at, _ in board.sent if at < first]) == most
+        assert len([at for at, _ in board.sent if at < first]) == depth
 
     run(main())
 
@@ -99,8 +106,8 @@ def test_the_answer_is_awaited_before_the_first_byte_is_written() -> None:
             self.speak(QueryProjectIDResponse(5))
 
     async def main() -> None:
-        async with linked(Eager()) as link:
-            assert (await link.request(PROJECT)).project_id == 5
+        async with connected(Eager()) as connection:
+            assert (await connection.request(PROJECT)).project_id == 5
 
     run(main())
 
@@ -108,10 +115,12 @@ def test_the_answer_is_awaited_before_the_first_byte_is_written() -> None:
 def test_an_answer_is_delivered_to_the_right_one_of_several_on_the_line() -> None:
     async def main() -> None:
         board = FakeBoard()
-        async with linked(board, window=4) as link:
+        async with connected(board, depth=4) as connection:
             board.plan(QueryProjectIDRequest, lie(QueryProjectIDResponse(1)))
             board.plan(QueryRemainPowerRequest, lie(QueryRemainPowerResponse(2)))
-            project, power = await asyncio.gather(link.request(PROJECT), link.request(QueryRemainPowerRequest()))
+            project, power = await asyncio.gather(
+                connection.request(PROJECT), connection.request(QueryRemainPowerRequest())
+            )
             assert (project.project_id, power.permil) == (1, 2)
 
     run(main())
@@ -120,11 +129,11 @@ def test_an_answer_is_delivered_to_the_right_one_of_several_on_the_line() -> Non
 def test_an_answer_about_something_else_is_counted_and_never_delivered() -> None:
     async def main() -> None:
         board = FakeBoard()
-        async with linked(board) as link:
+        async with connected(board) as connection:
             board.plan(QueryActionRequest, lie(QueryActionResponse(8, "another one")))
-            answer = await link.request(QueryActionRequest(7))
+            answer = await connection.request(QueryActionRequest(7))
             assert answer.action_id == 0  # the truth, from the second try
-            assert link.stats.mismatched == 1
+            assert connection.stats.mismatched == 1
             assert board.executed_of(QueryActionRequest) == [QueryActionRequest(7)] * 2
 
     run(main())
@@ -133,10 +142,10 @@ def test_an_answer_about_something_else_is_counted_and_never_delivered() -> None
 def test_zero_in_place_of_the_key_is_the_answer_no() -> None:
     async def main() -> None:
         board = FakeBoard()
-        async with linked(board) as link:
-            assert (await link.request(QueryMacroRequest(9))).macro_id == 0
+        async with connected(board) as connection:
+            assert (await connection.request(QueryMacroRequest(9))).macro_id == 0
             assert len(board.sent) == 1
-            assert link.stats.mismatched == 0
+            assert connection.stats.mismatched == 0
 
     run(main())
 
@@ -144,11 +153,26 @@ def test_zero_in_place_of_the_key_is_the_answer_no() -> None:
 def test_answers_that_nobody_asked_for_are_counted_and_change_nothing() -> None:
     async def main() -> None:
         board = FakeBoard()
-        async with linked(board) as link:
+        async with connected(board) as connection:
             board.speak(QueryProjectIDResponse(5), QueryServoListRequest(), QueryActionResponse(1, "x"))
-            await link.request(PROJECT)
-            assert link.stats.unsolicited == 3
-            assert link.stats.late_responses == 0
+            await connection.request(PROJECT)
+            assert connection.stats.unsolicited == 3
+            assert connection.stats.late_responses == 0
+
+    run(main())
+
+
+def test_a_packet_can_be_made_to_depend_on_the_angle_units_sent_since_another_moment() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        async with connected(board) as connection:
+            units = connection.units_sent
+            move = ExecuteActionRequest((Step(1, 0, 1),))
+            assert await connection.send(move, unless_units_since=units)
+            await connection.request(SetAngleUnitRequest(1, 1))
+            assert not await connection.send(move, unless_units_since=units)
+            assert await connection.send(move, unless_units_since=connection.units_sent)
+            assert len(board.executed_of(ExecuteActionRequest)) == 2
 
     run(main())
 
@@ -167,12 +191,12 @@ def test_answers_that_nobody_asked_for_are_counted_and_change_nothing() -> None:
 def test_what_does_not_fit_is_refused_before_anything_is_sent(packet: Request[Any], words: str) -> None:
     async def main() -> None:
         board = FakeBoard()
-        async with linked(board) as link:
+        async with connected(board) as connection:
             with pytest.raises(EncodeError, match=words):
-                await link.request(packet)
+                await connection.request(packet)
             with pytest.raises(EncodeError, match="interval"):
-                await link.send(ExecuteActionRequest((Step(1, 0, -1),)))
+                await connection.send(ExecuteActionRequest((Step(1, 0, -1),)))
             assert board.sent == []
-            await link.request(PROJECT)
+            await connection.request(PROJECT)
 
     run(main())

@@ -1,0 +1,92 @@
+"""Calls and their sendings: a call is one request of one caller, a slot one sending of it, a lane one response id."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+from msgspec import Struct
+
+from servolink.errors import DecodeError, ServolinkError
+from servolink.protocol.packet import Command, Request, Response
+
+Content: TypeAlias = "Response | DecodeError"
+"""A response, or why the content of an intact frame could not be read."""
+
+
+@dataclass(slots=True, eq=False)
+class Lane:
+    """One response id: its open slots in the order sent, and the responses that are kept."""
+
+    response_id: int
+    slots: deque[Slot] = field(default_factory=deque)
+    equal: bool = True
+    """All its slots have the same repeatable request: the usual case, in which nothing has to be searched."""
+    overdue: int = 0
+    """How many of its slots are overdue."""
+    kept: list[Content] = field(default_factory=list)
+    """Responses that may belong to several slots, in their order."""
+    stopped: bool = False
+    """A stop was sent on this lane and is not settled: no response on the lane can be assigned to a slot."""
+
+
+class Slot(Struct, eq=False):
+    """One sending of one request."""
+
+    request: Request[Any]
+    lane: Lane
+    call: Call | None
+    """The request it was sent for; None if nobody waits for this response."""
+    sent_at: float = 0.0
+    timeout: float = 0.0
+    """Seconds after which it is overdue, counted from the moment when no older slot delays its response."""
+    is_fence: bool = False
+    """It was sent to settle older slots, not for its response."""
+    open: bool = True
+    """Its response may still come."""
+    overdue: bool = False
+    holds_permit: bool = False
+    """It keeps a place in the window although its call has ended."""
+
+
+Settled: TypeAlias = "tuple[Slot, Content | None]"
+"""A slot that is over, with its response; None if there is none."""
+
+
+class Call(Struct, eq=False):
+    """What has happened to one request so far. It may be sent several times; its first response counts."""
+
+    packet: Request[Any] | Command
+    patience: float
+    """Seconds until it is given up, from the moment when no older slot delays its response."""
+    stops: int
+    """How many stops there had been when it was made; a movement is not sent after a later one."""
+    begun_at: float
+    response: Response | None = None
+    fault: DecodeError | None = None
+    """Why the response could not be read."""
+    error: ServolinkError | None = None
+    """What ended the call from outside: a stop, or its own time limit."""
+    queued: bool = False
+    """It has waited for its permit, and the scheduler is to be told when its packet is sent."""
+    is_over: bool = False
+    """The caller has its result or is gone: a later response is for nobody."""
+    since: float | None = None
+    """When its first slot was the oldest one, None as long as that may still change."""
+    tries: int = 0
+    fences: int = 0
+    """Fences sent for it since anything was heard."""
+    unanswered: int = 0
+    """How many of its slots are proved to be over without a response."""
+    open_slots: int = 0
+    """How many of its slots, fences excluded, may still be answered."""
+    latest: Slot | None = None
+    """Its latest slot, fences included."""
+    woken: asyncio.Future[None] | None = None
+
+    def wake(self) -> None:
+        """Let the caller look at what has changed."""
+        if self.woken is not None and not self.woken.done():
+            self.woken.set_result(None)

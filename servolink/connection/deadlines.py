@@ -1,0 +1,105 @@
+"""When to stop waiting for a response: one timer for a connection, and times learnt from earlier responses."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+from servolink.protocol.packet import Query, Request
+
+FIRST_TRY = 0.25
+"""Seconds until a query is sent again, before any response has been timed."""
+COMMAND_TRY = 1.0
+"""The same for a request that is not sent again: then a fence is sent."""
+AFTER_WRITE = 0.5
+"""At least so many seconds for what follows a change: the board may be writing its memory."""
+BACKOFF = 1.5
+"""Each try after the second one gets so many times as long."""
+
+_SHORTEST, _LONGEST = 0.1, 0.5  # a shorter one asks a board again that is only late
+_MOST_BACKOFFS = 20  # there is no larger patience
+_MOST_LOOKS = 100  # a board that never stops sending must not put deadlines off for ever
+
+
+class DeadlineTimer:
+    """Calls `passed(now)` when the earliest deadline has passed and nothing more can be read that came before.
+
+    After a stall of the event loop the response may already be in the operating system's buffer. So the loop reads
+    again, for as long as that brings bytes, before anything counts as late.
+    """
+
+    def __init__(
+        self,
+        passed: Callable[[float], None],
+        received: Callable[[], int],
+        due: Callable[[], float | None] | None = None,
+    ) -> None:
+        """`received` returns how many bytes have come so far, `due` the earliest deadline that still matters."""
+        self._loop = asyncio.get_running_loop()
+        self._passed = passed
+        self._received = received
+        self._due = due
+        self._timer: asyncio.TimerHandle | None = None
+
+    def arm(self, deadline: float) -> None:
+        """Call `passed` once `deadline` (loop time) has passed; an earlier deadline stands."""
+        if self._timer is None or deadline < self._timer.when():
+            self.stop()
+            self._timer = self._loop.call_at(deadline, self._reached, deadline)
+
+    def stop(self) -> None:
+        """Forget all deadlines."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _reached(self, deadline: float) -> None:
+        self._timer = None
+        due = deadline if self._due is None else self._due()
+        if due is not None and due > deadline:  # what the timer was set for has been answered
+            self.arm(due)
+        elif due is not None:
+            self._look_again(deadline, -1, _MOST_LOOKS)
+
+    def _look_again(self, deadline: float, received: int, looks: int) -> None:
+        # Two turns of the loop: a turn runs its callbacks in the order found, ours before what it reads.
+        self._loop.call_soon(self._loop.call_soon, self._look, deadline, received, looks)
+
+    def _look(self, deadline: float, received: int, looks: int) -> None:
+        now_received = self._received()
+        if received != now_received and looks:
+            self._look_again(deadline, now_received, looks - 1)
+            return
+        self._passed(max(deadline, self._loop.time()))  # a timer comes early by what the clock does not resolve
+
+
+class ResponseTimes:
+    """How long responses of each kind take on this line, estimated as TCP does (RFC 6298)."""
+
+    def __init__(self) -> None:
+        """Know nothing yet."""
+        self._estimates: dict[int, tuple[float, float, float]] = {}  # by packet id: smoothed, variation, timeout
+
+    def record(self, packet_id: int, seconds: float) -> None:
+        """Take a response that can belong to one sending only into account."""
+        smoothed, variation, _ = self._estimates.get(packet_id) or (seconds, seconds * 2 / 3, 0.0)
+        error = seconds - smoothed
+        smoothed += error / 8
+        variation += ((error if error > 0 else -error) - variation) / 4
+        timeout = smoothed + 4 * variation
+        if timeout < _SHORTEST:
+            timeout = _SHORTEST
+        elif timeout > _LONGEST:
+            timeout = _LONGEST
+        self._estimates[packet_id] = smoothed, variation, timeout
+
+    def timeout(self, request: Request[Any], tries: int, *, after_write: bool) -> float:
+        """Return the seconds for the next sending of `request`, which was sent `tries` times before."""
+        estimate = self._estimates.get(request.packet_id)
+        unknown = FIRST_TRY if isinstance(request, Query) else COMMAND_TRY
+        seconds = unknown if estimate is None else estimate[2]
+        if after_write and seconds < AFTER_WRITE:
+            seconds = AFTER_WRITE
+        # One loss does not mean that the board is slow: only from the third sending on there is more time.
+        return seconds if tries < 2 else seconds * BACKOFF ** min(tries - 1, _MOST_BACKOFFS)

@@ -1,0 +1,127 @@
+"""Handshake: queries whose responses cannot come from questions that somebody else asked before.
+
+A program that was killed, or an earlier connection, may have left questions with the board, and their responses look
+like responses to ours. So a connection begins with a random word of cheap queries, one at a time. The board answers in
+order, so whatever it owes comes first. The last kind of query occurs nowhere else in the word, so the word can be
+complete early only if a whole copy of it was owed: never for fewer responses than the word has queries, and rarely for
+more (`docs/design/matching.md` has the figures).
+
+This file knows no clock, no event loop and no bytes.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from random import Random
+
+FIRST_LENGTH, SECOND_LENGTH, THIRD_LENGTH = 6, 10, 16
+"""Queries in the word: at first, once something was owed, and if it is drawn from fewer kinds."""
+MOST_SILENT = 4
+"""A kind that is not answered so many times in a row, while others are, is not supported."""
+FIRST_SILENT = 3
+"""Until anything was answered, another kind is tried after so many times: the first one may not be supported."""
+
+
+class Handshake:
+    """The state of one handshake."""
+
+    def __init__(self, kinds: Sequence[int], random: Random) -> None:
+        """Draw a word from `kinds`, the packet ids of queries that may be sent."""
+        self._kinds = list(kinds)
+        self._random = random
+        self._silent: Counter[int] = Counter()  # times in a row
+        self._unanswered: Counter[int] = Counter()  # sendings
+        self._on_its_way: int | None = None
+        self._heard_any = False
+        self._is_lone = False  # one kind was answered since all others are unsupported
+        self.is_provable = True
+        """Whether the board answers enough kinds: one kind alone could always be the response to an earlier query."""
+        self._sent: list[int] = []
+        self._draw(FIRST_LENGTH)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the whole word was answered, so that whatever comes now was asked for by this connection."""
+        return self._matched == len(self._word)
+
+    @property
+    def unsupported(self) -> set[int]:
+        """Kinds that the board does not answer, as far as is known: a late response shows that it does."""
+        return {kind for kind, times in self._silent.items() if times >= MOST_SILENT}
+
+    @property
+    def sendings(self) -> int:
+        """How many queries were sent so far."""
+        return len(self._sent)
+
+    def query(self) -> int | None:
+        """Return the kind to send now, None if one is on its way or nothing is left to send.
+
+        With several on their way, each response would cause another query, and they could go round for ever.
+        """
+        if self.is_open or self._on_its_way is not None:
+            return None
+        return self._send(self._word[self._matched])
+
+    def repeat(self) -> int:
+        """Return the kind to send now, because the latest one was not answered in time."""
+        kind = self._word[self._matched]
+        self._silent[kind] += 1
+        if self._is_lone:
+            self.is_provable = False
+            return self._send(next(each for each in self._kinds if each not in self.unsupported))
+        if self._silent[kind] % self._most_silent == 0:
+            self._draw(SECOND_LENGTH)
+        return self._send(self._word[self._matched])
+
+    def heard(self, kind: int) -> None:
+        """Take a response to a query of `kind`, or to any other request, into account."""
+        if self.is_open:
+            return
+        self._heard_any = True
+        self._silent[kind] = 0
+        self._is_lone = len(self.unsupported) >= len(self._kinds) - 1
+        if kind == self._on_its_way:
+            self._on_its_way = None
+        is_ours = self._unanswered[kind] > 0  # or seems so: a slow board answers what was sent twice
+        self._unanswered[kind] -= is_ours
+        # Without the last query being sent, the response to it is that to somebody else's.
+        if self._word[self._matched] == kind and (kind != self._word[-1] or kind in self._sent):
+            self._matched += 1
+            return
+        if len(self._word) == FIRST_LENGTH and not is_ours:
+            self._draw(SECOND_LENGTH)
+        self._fall_back(kind)
+
+    def leftover(self) -> list[int]:
+        """Return the kinds of which a response may still come, after the whole word. Everything older is over."""
+        return self._sent[self._sent.index(self._word[-1]) + 1 :]
+
+    def _send(self, kind: int) -> int:
+        self._on_its_way = kind
+        self._unanswered[kind] += 1
+        self._sent.append(kind)
+        return kind
+
+    @property
+    def _most_silent(self) -> int:
+        return MOST_SILENT if self._heard_any else FIRST_SILENT
+
+    def _draw(self, length: int) -> None:
+        """Draw a word, if possible without the kinds that were silent: fewer kinds need a longer word."""
+        kinds = [kind for kind in self._kinds if self._silent[kind] < self._most_silent]
+        last = self._random.choice(kinds or self._kinds)
+        if len(kinds) < 2:
+            kinds = sorted(self._kinds, key=self._silent.__getitem__)[:2]
+            last = kinds[-1]  # the other one is asked first: perhaps it is the only one
+        others = [kind for kind in kinds if kind != last] or [last]
+        length = length if len(kinds) == len(self._kinds) else THIRD_LENGTH
+        self._word = [*self._random.choices(others, k=length - 1), last]
+        self._matched = 0
+
+    def _fall_back(self, kind: int) -> None:
+        """Keep the longest beginning of the word with which the responses so far end."""
+        heard = [*self._word[: self._matched], kind]
+        lengths = range(len(heard), -1, -1)
+        self._matched = next(length for length in lengths if heard[len(heard) - length :] == self._word[:length])

@@ -1,0 +1,205 @@
+"""Opening: the handshake on a connection, with its time limits; it also finds out whether the board speaks at all."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from random import Random
+from typing import Any
+
+from servolink.connection.deadlines import BACKOFF, FIRST_TRY, DeadlineTimer
+from servolink.connection.explain import same
+from servolink.connection.handshake import MOST_SILENT, Handshake
+from servolink.errors import ConnectionLost, OpenError
+from servolink.escaping import escape
+from servolink.protocol.editing import QueryProjectIDRequest
+from servolink.protocol.joystick import QueryActiveJoystickTableRequest
+from servolink.protocol.packet import Packet, Query
+from servolink.protocol.servos import SetServoParameterResponse
+from servolink.protocol.settings import (
+    QueryMemorySizeRequest,
+    QueryRemainPowerRequest,
+    TransmissionModeSettingRequest,
+    TransmissionModeSettingResponse,
+)
+
+FENCES: tuple[Query[Any], ...] = (
+    QueryProjectIDRequest(),
+    QueryMemorySizeRequest(),
+    QueryRemainPowerRequest(),
+    QueryActiveJoystickTableRequest(),
+)
+"""Queries with short responses, which settle what was sent before them."""
+
+_BY_ID: dict[int, Query[Any]] = {query.packet_id: query for query in FENCES}
+_TRIES = 12  # with the growing pauses between them, five fit into the patience
+_MOST_PROBABLY_SLOW = 3  # silent tries; after more of them, something was probably lost
+_LONGEST_TRY = 1.0  # seconds, on a slow line
+_WAKE_AFTER = 2  # silent tries
+_NOT_ASKED = {TransmissionModeSettingResponse.packet_id, SetServoParameterResponse.packet_id}
+"""Responses to what may be sent during an opening: they say nothing of earlier programs."""
+_logger = logging.getLogger(__name__)
+
+
+class Opening:
+    """One opening of a connection."""
+
+    def __init__(
+        self,
+        url: str,
+        send: Callable[[Packet], Awaitable[None]],
+        received: Callable[[], int],
+        patience: float,
+        *,
+        wake: bool,
+        random: Random,
+    ) -> None:
+        """Send with `send`, and give up after `patience` seconds of silence.
+
+        `wake` sets transmission mode 1 if the board is silent at first. `received` returns the bytes received so far.
+        """
+        self._url = url
+        self._send = send
+        self._received = received
+        self._received_before = received()
+        self._patience = patience
+        self._wake = wake
+        self._random = random
+        self._handshake = Handshake(list(_BY_ID), random)
+        self._news = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        self._timer = DeadlineTimer(self._deadline_passed, received)
+        self._error: ConnectionLost | None = None
+        self._heard_at: float | None = None
+        self._silent_tries = 0
+        self._now = 0.0  # the latest deadline that has passed
+        self._asked_at = 0.0  # when the query that is on its way was first sent
+        self._round_trip = 0.0  # the latest one, its repeats included
+
+    def heard(self, packet_id: int) -> None:
+        """Take a response with this id into account, whatever it contains."""
+        self._heard_at = self._loop.time()
+        if self._silent_tries <= _MOST_PROBABLY_SLOW:
+            self._round_trip = self._heard_at - self._asked_at
+        self._silent_tries = 0
+        if packet_id not in _NOT_ASKED:
+            self._handshake.heard(packet_id - 1)
+        self._news.set()
+
+    def heard_event(self) -> None:
+        """Take a button event as a sign of life; it answers nothing."""
+        self._heard_at = self._loop.time()
+
+    def begin_again(self) -> None:
+        """Draw a new word: something was sent that the handshake does not know of."""
+        self._handshake = Handshake(list(_BY_ID), self._random)
+        self._news.set()
+
+    def end(self, error: ConnectionLost) -> None:
+        """End the opening: the connection is lost."""
+        self._error = error
+        self._news.set()
+
+    @property
+    def fences(self) -> tuple[Query[Any], ...]:
+        """The fences that the board answers, as far as is known."""
+        return tuple(query for query in FENCES if query.packet_id not in self._handshake.unsupported)
+
+    async def run(self) -> list[Query[Any]]:
+        """Open the connection. Return the queries that may still be answered, all sent by this handshake.
+
+        Raise OpenError if the board is silent or answers too little.
+        """
+        begun = self._loop.time()
+        due = begun
+        try:
+            while not self._handshake.is_open:
+                now = self._time()
+                self._give_up_if_late(now, begun)
+                kind = self._handshake.query()
+                if kind is None and now >= due:
+                    kind = await self._repeat()
+                if kind is not None and not self._handshake.is_provable:
+                    return await self._open_unproved(_BY_ID[kind])
+                if kind is not None:
+                    if not self._silent_tries:
+                        self._asked_at = now
+                    due = now + self._try()
+                    await self._send(_BY_ID[kind])
+                await self._wait(min(due, begun + self._limit()))
+        finally:
+            self._timer.stop()
+        return [_BY_ID[kind] for kind in self._handshake.leftover()]
+
+    def _try(self) -> float:
+        """Return the seconds until a query is sent again: longer than a response takes on a slow line."""
+        usual = min(FIRST_TRY, self._patience / _TRIES) * BACKOFF ** max(0, self._silent_tries - 1)
+        return max(usual, min(1.5 * self._round_trip, _LONGEST_TRY))
+
+    async def _repeat(self) -> int:
+        self._silent_tries += 1
+        if self._wake and self._heard_at is None and self._silent_tries == _WAKE_AFTER:
+            await self._send(TransmissionModeSettingRequest(1))
+        known = len(self._handshake.unsupported)
+        kind = self._handshake.repeat()
+        if len(self._handshake.unsupported) > known:
+            self._silent_tries = 0  # this was no silence of the board
+        return kind
+
+    def _deadline_passed(self, now: float) -> None:
+        self._now = now
+        self._news.set()
+
+    def _time(self) -> float:
+        return max(self._now, self._loop.time())  # a timer comes early by what the clock does not resolve
+
+    async def _wait(self, until: float) -> None:
+        """Wait for a response, at most until `until` (loop time)."""
+        self._timer.arm(until)
+        await self._news.wait()
+        self._news.clear()
+        if self._error is not None:
+            raise same(self._error)
+
+    def _limit(self) -> float:
+        return self._patience if self._heard_at is None else 2 * self._patience
+
+    def _give_up_if_late(self, now: float, begun: float) -> None:
+        if now < begun + self._limit():
+            return
+        asked = f"{self._handshake.sendings} queries in {now - begun:.1f} s"
+        where = escape(self._url)
+        if self._heard_at is not None:
+            raise self._too_little(asked)
+        if self._received() > self._received_before:
+            raise OpenError(
+                f"{where} sends bytes, but no frame of this protocol ({asked}): try the other byte order "
+                "(byte_order=big) or another baud rate; it may also be another device; `servolink doctor` finds out"
+            )
+        raise OpenError(
+            f"{where} is open, but no board answers ({asked}): is it switched on, is this its port, is it a data "
+            "cable? Else try another baud rate or the other byte order (byte_order=big); `servolink doctor` finds out"
+        )
+
+    def _too_little(self, asked: str) -> OpenError:
+        return OpenError(
+            f"{escape(self._url)} answers, but too little to be sure whose responses they are ({asked}): the line is "
+            "bad, or the board is busy; try again, or run `servolink doctor`"
+        )
+
+    async def _open_unproved(self, query: Query[Any]) -> list[Query[Any]]:
+        """Wait until nothing has come for a whole patience: one kind of query proves nothing. Then ask it once more."""
+        while self._time() < (quiet_at := (self._heard_at or 0.0) + self._patience):
+            await self._wait(quiet_at)
+        for tries in range(MOST_SILENT):
+            self._silent_tries = 1
+            await self._send(query)
+            await self._wait(self._loop.time() + FIRST_TRY * BACKOFF**tries)
+            if not self._silent_tries:
+                _logger.warning(
+                    "%s answers only one kind of short query: a late response to an earlier program cannot be excluded",
+                    escape(self._url),
+                )
+                return [query] * tries
+        raise self._too_little(f"{MOST_SILENT} times the only query that was answered before")

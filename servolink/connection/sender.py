@@ -1,0 +1,298 @@
+"""RequestSender: sends the packets of calls, and fences where only they help, until each call has its result."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Any
+
+from servolink.connection.call import Call, Slot
+from servolink.connection.deadlines import BACKOFF, FIRST_TRY
+from servolink.connection.dispatcher import ResponseDispatcher
+from servolink.connection.explain import outcome_unknown, same, timed_out
+from servolink.connection.frame_log import frame_logger
+from servolink.connection.opening import FENCES
+from servolink.connection.scheduler import PendingDrain, RequestScheduler
+from servolink.connection.slots import FENCES_ONLY, Obstacle, Slots
+from servolink.errors import ConnectionLost, RequestError, ServolinkError
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.packet import Packet, Query, Request, Response
+from servolink.protocol.servos import (
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    QueryServoListRequest,
+    SetAngleUnitRequest,
+    SetServoParameterRequest,
+)
+from servolink.transports.base import Transport
+
+_RESERVE = QueryServoListRequest()  # a fence that every board answers, but not with a short response
+_AT_ONCE = 3  # so often a query that is proved to be lost is sent again without a pause
+_FENCE_AFTER = 3  # sendings without a response
+_SAME_FENCE = 3  # so often one is sent in a silence: perhaps the board does not support it
+_MARK_EVERY = 16  # slots: equal queries in a row show no gap, so a fence is sent between them
+_MOST_UNANSWERABLE = 4  # packets without a response, after which the board must show that it keeps up
+
+
+class RequestSender:
+    """The sending half of a connection. Its caller has a permit for each call."""
+
+    def __init__(
+        self,
+        transport: Transport,
+        codec: Codec,
+        slots: Slots,
+        scheduler: RequestScheduler,
+        answers: ResponseDispatcher,
+        depth: int,
+    ) -> None:
+        """Send on `transport` requests, of which `depth` may be under way at once."""
+        self.stops = 0
+        """How many times everything was stopped; a movement asked for before a stop is not sent after it."""
+        self.units_sent = 0
+        """How many times an angle unit was sent; an angle from before one means something else after it."""
+        self.fences = FENCES
+        """Queries that the board answers, used in turn as fences."""
+        self._latest_fence = FENCES[0]
+        self._fence_tries = 0  # times that it was sent in a row
+        self._fenced_at = -1  # frames received when the latest fence was sent
+        self.opening: asyncio.Future[None] | None = None
+        """The opening that is under way, or the latest one."""
+        self._transport = transport
+        self._codec = codec
+        self._slots = slots
+        self._scheduler = scheduler
+        self._answers = answers
+        self._depth = depth
+        self._stats = answers.stats
+        self._loop = asyncio.get_running_loop()
+        self._drain = PendingDrain(transport, scheduler)
+        self._wrote = False  # whether the latest request changed something
+
+    def end(self) -> None:
+        """Stop: the connection is closed."""
+        self._drain.end()
+
+    # --- one call -----------------------------------------------------------------------------------------------
+
+    async def converse(self, call: Call, packet: Request[Any], frame: bytes) -> Response:
+        """Send the request, again if that is allowed, and fences, until the call has its response or an error.
+
+        Nothing may stand in the way of the first sending (see `clear_way`).
+        """
+        self.refuse_if_stopped(call)
+        while True:
+            if call.tries and self._must_fence(call):
+                woken, data = self._open_fence(call)
+            else:
+                woken, data = self._open_request(call, packet), frame
+            if call.queued:
+                self.leave_queue(call)
+            await self.write(data)
+            if self._depth > 1:
+                await self._mark(packet)
+            await woken
+            if call.response is None:
+                await self._end_latest(call)
+            if call.response is None:
+                await self._go_on(call)
+            if call.response is None and call.unanswered > _AT_ONCE:
+                await self._pause(call)
+            if call.response is not None:
+                return call.response
+
+    async def _end_latest(self, call: Call) -> None:
+        """Wait until the latest slot of a call is over or overdue: a response to an older one changes nothing."""
+        while call.response is None and call.error is None and (latest := call.latest):
+            if latest.overdue or not latest.open:
+                return
+            call.woken = self._loop.create_future()
+            await call.woken
+
+    async def _go_on(self, call: Call) -> None:
+        """Return if something more can be sent for a call without a response, else raise what ended it."""
+        await self._check(call)
+        if call.since is None:
+            call.since = call.begun_at if call.latest is None else call.latest.sent_at
+        if not call.packet.repeatable and not call.open_slots:
+            raise self.given_up(call, self._loop.time())
+        self._give_up_if_late(call, call.since)
+
+    async def _pause(self, call: Call) -> None:
+        """Wait before a request is sent again that is lost each time, and less if something happens to its call."""
+        seconds = FIRST_TRY * BACKOFF ** (call.unanswered - _AT_ONCE)
+        left = call.patience - (self._loop.time() - (call.since or 0.0))
+        call.woken = self._loop.create_future()
+        ends = call.woken, self._answers.over
+        await asyncio.wait(ends, timeout=min(seconds, left), return_when=asyncio.FIRST_COMPLETED)
+        if call.response is None:
+            await self._go_on(call)
+
+    def leave_queue(self, call: Call) -> None:
+        """Tell the scheduler that a packet has its slot, or will not be sent: others may follow."""
+        if call.queued:
+            call.queued = False
+            self._scheduler.sent(call.packet)
+
+    async def clear_way(self, call: Call) -> None:
+        """Send fences until nothing stands in the way of a packet that was not sent yet."""
+        begun = self._loop.time()
+        while (obstacle := self._slots.obstacle(call.packet)) is not Obstacle.NONE:
+            if obstacle is Obstacle.FENCE_BESIDE and self._depth > 1:
+                await self._send_fence(call.packet)
+                break
+            call.since = begun
+            self._give_up_if_late(call, begun)
+            woken, data = self._open_fence(call)
+            await self.write(data)
+            await woken
+            await self._end_latest(call)
+            await self._check(call)
+        call.since = None  # the packet has its whole patience yet
+
+    def _must_fence(self, call: Call) -> bool:
+        """Return whether only a fence can help a call whose packet was sent before."""
+        lane = self._slots.lanes[call.packet.packet_id + 1]
+        if not call.packet.repeatable or lane.kept or self._slots.overdue >= FENCES_ONLY:
+            return True
+        # Silent for long: a board that does not answer this request answers a fence, and is not given up as dead.
+        fenced = call.latest is not None and call.latest.is_fence
+        return call.open_slots >= _FENCE_AFTER and call.tries % 2 == 1 and not fenced
+
+    def _open_request(self, call: Call, packet: Request[Any]) -> asyncio.Future[None]:
+        """Open a slot for the packet of a call, which must be written now. Return what its call waits for."""
+        if isinstance(packet, SetAngleUnitRequest):
+            self.units_sent += 1
+        if call.tries:
+            self._stats.retries += 1
+        call.latest = self._open(packet, call, call.tries)
+        call.tries += 1
+        call.open_slots += 1
+        call.woken = woken = self._loop.create_future()
+        return woken
+
+    def _open_fence(self, call: Call) -> tuple[asyncio.Future[None], bytes]:
+        """Open a slot for a fence, and return what its call waits for, and the frame that must be written now."""
+        fence = self._next_fence(call.packet)
+        call.latest = self._open(fence, call, call.fences, is_fence=True)
+        call.fences += 1
+        call.woken = woken = self._loop.create_future()
+        return woken, self._codec.encode(fence)
+
+    def _open(self, request: Request[Any], call: Call | None, tries: int, *, is_fence: bool = False) -> Slot:
+        now = self._loop.time()
+        timeout = self._answers.times.timeout(request, tries, after_write=self._wrote)
+        if call is not None and now + timeout > (end := (call.since or now) + call.patience):
+            timeout = max(end - now, 0.001)
+        self._wrote = not isinstance(request, Query)
+        slot = Slot(request, self._slots.lanes[request.packet_id + 1], call, now, timeout, is_fence)
+        self._answers.open(slot)
+        return slot
+
+    async def _mark(self, packet: Request[Any]) -> None:
+        """Send a fence behind many slots that prove nothing of each other: equal queries, or kept responses."""
+        kept, unproved = self._slots.kept, self._slots.unproved
+        if not packet.alone and (unproved >= _MARK_EVERY or min(kept, unproved) * 2 >= self._depth):
+            await self._send_fence(packet)
+
+    async def _send_fence(self, packet: Packet) -> Slot:
+        """Send a fence for whose response nobody waits."""
+        fence = self._next_fence(packet)
+        slot = self._open(fence, None, 0, is_fence=True)
+        await self.write(self._codec.encode(fence))
+        return slot
+
+    def _next_fence(self, packet: Packet) -> Query[Any]:
+        """Return the next fence, on another lane than `packet`."""
+        self._stats.fences += 1
+        received, self._fenced_at = self._fenced_at, self._stats.frames_received
+        same = received == self._fenced_at and self._latest_fence.packet_id != packet.packet_id
+        if not same or self._fence_tries == _SAME_FENCE:
+            self._latest_fence = self._another_fence(packet)
+            self._fence_tries = 0
+        self._fence_tries += 1
+        # In a silence the same one is sent again: its first response proves what is older than its first sending.
+        return self._latest_fence
+
+    def _another_fence(self, packet: Packet) -> Query[Any]:
+        """Return a fence whose lane is idle, if there is any: only there its response is exact and settles everything.
+
+        With an open slot on each lane, each fence would settle the slot of the one before and leave its own.
+        """
+        self.fences = (*self.fences[1:], self.fences[0])
+        fences = [fence for fence in (*self.fences, _RESERVE) if fence.packet_id != packet.packet_id]
+        return next((fence for fence in fences if not self._slots.lanes[fence.packet_id + 1].slots), fences[0])
+
+    async def check_keeping_up(self, call: Call) -> None:
+        """After some packets that are never answered, send a fence; whoever comes next waits for it."""
+        self._slots.unanswerable += 1
+        if self._slots.unanswerable >= _MOST_UNANSWERABLE:
+            call.latest = await self._send_fence(call.packet)
+
+    # --- writing -----------------------------------------------------------------------------------------------
+
+    async def write(self, frame: bytes) -> None:
+        """Send a whole frame. Raise ConnectionLost if that fails, which ends the connection."""
+        if self._answers.ended is not None:
+            raise same(self._answers.ended)
+        self._stats.frames_sent += 1
+        self._stats.bytes_sent += len(frame)
+        if frame_logger.isEnabledFor(logging.DEBUG):
+            self._answers.frame_log.sent(frame)
+        try:
+            await self._transport.send(frame)
+        except ConnectionLost as error:
+            self._answers.lost(error)
+            raise
+        except asyncio.CancelledError:
+            self._drain.hold()
+            raise
+
+    async def send_packet(self, packet: Packet) -> None:
+        """Send a packet without a slot."""
+        await self.write(self._codec.encode(packet))
+
+    # --- ends ---------------------------------------------------------------------------------------------------
+
+    async def _check(self, call: Call) -> None:
+        """Raise the error of a call or of the connection; wait for an opening that is under way."""
+        if call.error is not None:
+            raise call.error
+        self.raise_if_ended()
+        if self._answers.opening is not None and self.opening is not None:
+            await asyncio.wait((self.opening,))
+            self.raise_if_ended()
+
+    def _give_up_if_late(self, call: Call, since: float) -> None:
+        now = self._loop.time()
+        if now - since >= call.patience:
+            raise self.given_up(call, now)
+
+    def given_up(self, call: Call, now: float) -> ServolinkError:
+        """Return the error for a call without a response: what may have been done by now is unknown."""
+        waited = now - call.begun_at
+        if call.tries and not isinstance(call.packet, Query):
+            return outcome_unknown(call.packet, self._transport.url, waited)
+        if call.fault is not None:
+            return call.fault
+        answers_others = call.unanswered > 0
+        return timed_out(
+            call.packet, self._transport.url, call.tries, waited, self._stats, answers_others=answers_others
+        )
+
+    def refuse_if_stopped(self, call: Call) -> None:
+        """Raise RequestError for a movement that was asked for before a stop."""
+        if call.stops == self.stops:
+            return
+        packet = call.packet
+        moves = isinstance(packet, (ExecuteActionRequest, ExecuteActionExRequest, ExecuteMacroRequest)) or (
+            isinstance(packet, SetServoParameterRequest) and packet.is_start == 1
+        )
+        if moves:
+            raise RequestError(f"{type(packet).__name__} was not sent: a stop came first", packet)
+
+    def raise_if_ended(self) -> None:
+        """Raise what ended the connection, if it has ended."""
+        if self._answers.ended is not None:
+            raise same(self._answers.ended)

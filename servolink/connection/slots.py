@@ -1,0 +1,251 @@
+"""Slots: every sending in the order sent, and the rules by which responses settle them.
+
+A response carries no number, only its id and sometimes the id of a servo or a record. Relied on is one thing: the board
+handles requests in order and answers each at most once. So a response that can belong to one slot only proves that
+every older slot is over: it was answered, or never will be. A timeout or a cancel proves nothing, so a slot stays in
+the list until such a proof. `docs/design/matching.md` has the reasons for each rule, with counterexamples.
+
+This file knows no clock, no event loop and no bytes.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from enum import Enum
+from itertools import takewhile
+from typing import Any
+
+from servolink.connection.call import Content, Lane, Settled, Slot
+from servolink.errors import DecodeError
+from servolink.protocol.codec import PACKETS
+from servolink.protocol.packet import Command, Request
+
+FENCES_ONLY = 256
+"""With so many overdue slots only fences are sent, until one of them is answered."""
+
+
+class Obstacle(Enum):
+    """What stands in the way of a request that has not been sent yet."""
+
+    NONE = "none"
+    WAIT = "slots whose response is expected: wait until they are over or overdue"
+    FENCE = "overdue slots: a fence must be answered first"
+    FENCE_BESIDE = "overdue slots: a fence must be sent first, its response need not be waited for"
+
+
+class Slots:
+    """All open slots of a connection."""
+
+    def __init__(self) -> None:
+        """Start with none."""
+        self.lanes = {
+            packet_id + 1: Lane(packet_id + 1)
+            for packet_id, declared in PACKETS.items()
+            if issubclass(declared, Request)
+        }
+        self.live: deque[Slot] = deque()
+        """Slots in order, of which the first one is neither over nor overdue."""
+        self.overdue = 0
+        """How many open slots are overdue."""
+        self.kept = 0
+        """How many responses are kept."""
+        self.unproved = 0
+        """How many slots were opened since a response had one possible origin, or since a fence that may have it."""
+        self.unanswerable = 0
+        """How many packets without a response were sent since then; `RequestSender` counts them."""
+        self._order: deque[Slot] = deque()  # may hold slots that are over
+        self._alone: Slot | None = None  # the latest slot that allows no other beside it
+
+    def open(self, slot: Slot) -> None:
+        """Append a slot, before its first byte is sent."""
+        lane, request = slot.lane, slot.request
+        lane.equal = request.repeatable and (not lane.slots or (lane.equal and lane.slots[0].request == request))
+        self._order.append(slot)
+        lane.slots.append(slot)
+        if slot.is_fence:
+            self.unproved = self.unanswerable = 0
+        self.unproved += 1
+        if slot.overdue:
+            self.overdue += 1
+            lane.overdue += 1
+        else:
+            self.live.append(slot)
+        if request.alone:
+            self._alone = slot
+
+    def open_stop(self, slot: Slot) -> None:
+        """Append the slot of a stop, which overtakes whatever waits: responses on its lane prove nothing any more."""
+        slot.overdue = True
+        alone = self._alone
+        self.open(slot)
+        self._alone = alone  # a stop holds nothing back
+        slot.lane.stopped = True
+        self._drop_kept(slot.lane)
+
+    def expire(self, slot: Slot) -> None:
+        """Mark a live slot as overdue: it stays open, and no longer counts as under way."""
+        slot.overdue = True
+        slot.lane.overdue += 1
+        self.overdue += 1
+        self._tidy()
+
+    def clear(self) -> list[Slot]:
+        """Close all slots unanswered and return them: the connection was opened, or ended."""
+        slots = [slot for slot in self._order if slot.open]
+        for slot in slots:
+            self._close(slot)
+        self._order.clear()
+        for lane in self.lanes.values():
+            self._drop_kept(lane)
+        return slots
+
+    # --- responses ----------------------------------------------------------------------------------------------
+
+    def settle(self, response_id: int, content: Content) -> list[Settled] | None:
+        """Return the slots that are over with this response, in order; None if no slot can be its origin."""
+        lane = self.lanes.get(response_id)
+        if lane is None or not lane.slots:
+            return None
+        if lane.stopped:
+            return []
+        oldest = lane.slots[0]
+        if lane.equal or len(lane.slots) == 1:
+            if not _fits(oldest.request, content):
+                return None
+            settle = self._settle_exact if len(lane.slots) == 1 else self._settle_oldest
+            return settle(oldest, content)
+        candidates = [slot for slot in lane.slots if _fits(slot.request, content)]
+        if not candidates:
+            return None
+        oldest = candidates[0]
+        if len(candidates) == 1:
+            return self._settle_exact(oldest, content)
+        if oldest.request.repeatable and all(slot.request == oldest.request for slot in candidates):
+            return self._settle_oldest(oldest, content)
+        lane.kept.append(content)
+        self.kept += 1
+        return self._match_kept(lane, lane.slots) if len(lane.kept) == len(lane.slots) else []
+
+    def _settle_exact(self, slot: Slot, content: Content) -> list[Settled]:
+        """`slot` is the only possible origin: whatever is older is over."""
+        self.unproved = self.unanswerable = 0
+        settled: list[Settled] = []
+        if self._order[0] is not slot:
+            older = self._take_older(slot)
+            for lane in dict.fromkeys(each.lane for each in older):
+                settled += self._match_kept(lane, [each for each in older if each.lane is lane])
+        self._order.popleft()
+        self._close(slot)
+        if self.kept:  # only on a line that breaks the order: they belong to nothing that is open
+            for lane in self.lanes.values():
+                self._drop_kept(lane)
+        settled.append((slot, content))
+        return settled
+
+    def _take_older(self, slot: Slot) -> list[Slot]:
+        older = []
+        while self._order[0] is not slot:
+            each = self._order.popleft()
+            if each.open:
+                older.append(each)
+        return older
+
+    def _settle_oldest(self, oldest: Slot, content: Content) -> list[Settled]:
+        """Several slots with the same request: any of them may be the origin, but nothing older than the oldest.
+
+        The oldest gets the response: it is younger than that question, whichever slot it belongs to. Kept responses on
+        other lanes may belong to younger slots, so those lanes stay as they are.
+        """
+        self._drop_kept(oldest.lane)
+        settled: list[Settled] = []
+        for slot in takewhile(lambda slot: slot is not oldest, self._order):
+            if slot.open and not slot.lane.kept:
+                self._close(slot)
+                settled.append((slot, None))
+        self._close(oldest)
+        settled.append((oldest, content))
+        while self._order and not self._order[0].open:
+            self._order.popleft()
+        return settled
+
+    def _match_kept(self, lane: Lane, slots: Iterable[Slot]) -> list[Settled]:
+        """Close `slots`, all to which the kept responses of a lane can belong: with a response each, or with none."""
+        closed = list(slots)
+        kept: list[Content] | list[None] = lane.kept if len(lane.kept) == len(closed) else [None] * len(closed)
+        settled = list(zip(closed, kept, strict=True))
+        self._drop_kept(lane)
+        for slot in closed:
+            self._close(slot)
+        return settled
+
+    def _drop_kept(self, lane: Lane) -> None:
+        self.kept -= len(lane.kept)
+        lane.kept = []
+
+    def _tidy(self) -> None:
+        """Keep the oldest live slot first in `live`."""
+        live = self.live
+        while live and (live[0].overdue or not live[0].open):
+            live.popleft()
+
+    def _close(self, slot: Slot) -> None:
+        slot.open = False
+        self._tidy()
+        lane = slot.lane
+        lane.slots.popleft()  # this one: the slots of a lane end in their order
+        if not lane.slots:
+            lane.stopped = False
+        if slot.overdue:
+            self.overdue -= 1
+            lane.overdue -= 1
+        if slot is self._alone:
+            self._alone = None
+
+    # --- what may be sent beside open slots ---------------------------------------------------------------------
+
+    def obstacle(self, packet: Request[Any] | Command, granted: Iterable[Request[Any] | Command] = ()) -> Obstacle:
+        """Return what stands in the way of `packet`, which nobody has sent yet.
+
+        `granted` are packets that will be sent before it and are not in the list yet.
+        """
+        for other in granted:
+            if _conflict(packet, other):
+                return Obstacle.WAIT
+        if not self.overdue and not self.live:
+            return Obstacle.NONE
+        if self.overdue >= FENCES_ONLY:
+            return Obstacle.FENCE
+        if packet.alone or self._alone is not None:
+            return Obstacle.WAIT if self.live else Obstacle.FENCE
+        return self._obstacle_on_lane(packet) if isinstance(packet, Request) else Obstacle.NONE
+
+    def _obstacle_on_lane(self, request: Request[Any]) -> Obstacle:
+        """A lane holds either equal queries or requests about different records; overdue ones hold back new calls."""
+        lane = self.lanes[request.packet_id + 1]
+        slots = lane.slots
+        if not slots:
+            return Obstacle.NONE
+        if lane.equal and slots[0].request == request:
+            return Obstacle.FENCE_BESIDE if lane.overdue else Obstacle.NONE
+        # Another request than all that are open, or one among several different ones.
+        if any(slot.request == request or _conflict(request, slot.request) for slot in slots):
+            return Obstacle.WAIT if lane.overdue < len(slots) else Obstacle.FENCE
+        return Obstacle.FENCE_BESIDE if lane.overdue and not request.repeatable else Obstacle.NONE
+
+
+def _fits(request: Request[Any], content: Content) -> bool:
+    return isinstance(content, DecodeError) or request.accepts(content)
+
+
+def _conflict(packet: Request[Any] | Command, other: Request[Any] | Command) -> bool:
+    """Return whether the two must not be under way together."""
+    if packet.alone or other.alone:
+        return True
+    if packet.packet_id != other.packet_id:
+        return False
+    if packet == other:
+        return not packet.repeatable and isinstance(packet, Request)
+    if isinstance(packet, Command) or isinstance(other, Command):
+        return False
+    return not (name := packet.echoed or packet.changes) or getattr(packet, name) == getattr(other, name)

@@ -1,0 +1,31 @@
+"""Programs that begin where another one was killed: what is owed is found out, and never taken for an answer."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.reliability.reopening import Owed, open_often
+from servolink.connection import handshake
+
+KINDS = ("any", "those of the handshake")
+
+
+@pytest.mark.parametrize("kinds", KINDS)
+def test_up_to_five_owed_responses_never_open_wrongly(kinds: str) -> None:
+    counts = open_often(Owed(0, 5, kinds, 1.0), 200, 1)
+    assert counts["openings"] == 200
+    assert counts["not opened"] <= 2
+    assert counts["wrong openings"] == counts["fooled"] == 0
+
+
+def test_nothing_owed_costs_six_round_trips() -> None:
+    counts = open_often(Owed(0, 0, "any", 1.0), 20, 1)
+    assert counts["sendings"] == 20 * 6
+
+
+def test_openings_that_are_wrong_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(handshake, "FIRST_LENGTH", 2)
+    monkeypatch.setattr(handshake, "SECOND_LENGTH", 2)
+    counts = open_often(Owed(8, 8, KINDS[1], 1.0), 50, 1)
+    assert counts["wrong openings"] > 5
+    assert counts["fooled"] > 0
