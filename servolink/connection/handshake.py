@@ -90,6 +90,8 @@ class Handshake:
         if self._word[self._matched] == kind and (kind != self._word[-1] or kind in self._sent):
             self._matched += 1
             return
+        if is_ours and self._matched and self._word[self._matched - 1] == kind:
+            return  # the response to a repeat of the query that was answered last
         if len(self._word) == FIRST_LENGTH and not is_ours:
             self._draw(SECOND_LENGTH)
         self._fall_back(kind)

@@ -270,3 +270,14 @@ def test_a_kind_that_is_answered_late_is_supported() -> None:
     assert hands.unsupported == {kind}
     hands.heard(kind)
     assert hands.unsupported == set()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_response_to_a_repeat_does_not_undo_what_was_answered(seed: int) -> None:
+    hands = Handshake(KINDS, Random(seed))
+    for _ in range(FIRST_LENGTH):
+        if (kind := hands.query()) is not None:
+            assert hands.repeat() == kind  # it was only late: both are answered, one after the other
+            hands.heard(kind)
+            hands.heard(kind)
+    assert hands.is_open
