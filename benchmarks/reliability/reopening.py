@@ -59,9 +59,9 @@ _OWED = (
     Owed(1, 5, "any", 0.5),
     Owed(1, 5, "those of the handshake", 0.5),
     Owed(6, 32, "any", 0.2),
-    Owed(8, 8, "those of the handshake", 1.0),
-    Owed(16, 16, "those of the handshake", 1.0),
-    Owed(32, 32, "those of the handshake", 1.0),
+    Owed(8, 8, "those of the handshake", 0.2),
+    Owed(16, 16, "those of the handshake", 0.2),
+    Owed(32, 32, "those of the handshake", 0.2),
 )
 _FEW = 5  # owed responses, with which no opening may be wrong
 

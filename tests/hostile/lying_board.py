@@ -32,6 +32,8 @@ def truth(packet: Packet, answer: bytes) -> Speech:
 class LyingBoard:
     """A transport with such a board behind it; `unasked` is what it says by itself."""
 
+    is_recorded = True  # the handshake is the same each time, and so is what becomes of a lie
+
     def __init__(
         self, lie: Lie = truth, unasked: Speech = (), *, board: VirtualBoard | None = None, url: str = "lying://board"
     ) -> None:
