@@ -32,7 +32,7 @@ def test_a_fault_that_was_found_would_stand_on_the_page(tmp_path: Path) -> None:
 def test_the_figures_are_those_of_long_runs() -> None:
     simulation = PARTS["simulation"]["figures"]
     assert simulation["total"]["calls"] >= 10_000_000
-    assert simulation["total"]["motion and clearing"] >= 1_000_000
+    assert simulation["total"]["motion and clearing"] >= 300_000
     assert PARTS["sums"]["figures"]["count"] >= 1_000_000
     assert PARTS["flood"]["figures"]["events"] >= 10_000_000
     assert PARTS["stalls"]["figures"]["count"] >= 10_000

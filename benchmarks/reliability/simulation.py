@@ -79,7 +79,7 @@ def _outcome(steps: int, seed: int) -> tuple[Counter[str], list[str]]:
 
 
 def run(*, short: bool, first: int = 0, histories: int | None = None, steps: int = STEPS) -> Result:
-    """Survey 10,000,000 calls (short: 200,000) and more, unless it is said how many histories: each line with each board."""
+    """Survey 10,000,000 calls (short: 200,000), unless it is said how many histories: each line with each board."""
     if histories is None:
         histories = _SHORT_HISTORIES if short else _HISTORIES
     found = survey(first, histories, steps)
