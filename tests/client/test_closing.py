@@ -6,8 +6,9 @@ import asyncio
 import os
 import socket
 import threading
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from collections.abc import AsyncGenerator, Iterator
+from contextlib import aclosing, closing, contextmanager
+from typing import cast
 
 import pytest
 
@@ -62,9 +63,11 @@ def test_a_board_whose_loop_ended_while_it_was_lost_can_be_closed() -> None:
     async def lost() -> Board:
         async with serve(VirtualBoard(servos=1), tcp="127.0.0.1:0") as (url,):
             board = await connect(url, reconnect=True)
-        async for state in board.states():
-            if state == "lost":
-                break
+        states = cast("AsyncGenerator[str]", board.states())
+        async with aclosing(states):
+            async for state in states:
+                if state == "lost":
+                    break
         return board
 
     loop = asyncio.new_event_loop()
