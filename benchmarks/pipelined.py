@@ -6,6 +6,7 @@ import asyncio
 import gc
 import os
 import selectors
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import ExitStack
@@ -63,7 +64,7 @@ class Bare:
         os.close(self._port)
 
 
-class _Tasks:
+class _Tasks(ABC):
     """As many tasks as the depth, each of which makes one request after the other."""
 
     name: ClassVar[str]
@@ -90,14 +91,17 @@ class _Tasks:
             for _ in range(self._depth):
                 group.create_task(_in_turn(request, times // self._depth))
 
+    @abstractmethod
     async def _open(self, path: str) -> None:
-        raise NotImplementedError
+        """Open the port at `path`."""
 
+    @abstractmethod
     def _request(self) -> Callable[[], Awaitable[object]]:
-        raise NotImplementedError
+        """Return a function that makes one request."""
 
+    @abstractmethod
     async def _close(self) -> None:
-        raise NotImplementedError
+        """Close the port."""
 
 
 async def _in_turn(request: Callable[[], Awaitable[object]], times: int) -> None:
