@@ -341,7 +341,7 @@ def test_a_kind_of_fence_that_the_board_does_not_support_holds_nothing_up_for_lo
         async with connected(board) as connection:
             for _ in range(8):
                 await abandon(connection, board, LIST)
-                await connection.request(LIST)
+                assert (await connection.request(LIST)).servo_id_list == (1, 2, 3, 4)
 
     run(main())
 

@@ -162,7 +162,8 @@ def test_releasing_servos_is_no_movement() -> None:
             releasing = asyncio.create_task(connection.request(SetServoParameterRequest(1, 0, 0)))
             await turns_of_the_loop(3)
             await connection.send_stop(STOP)
-            await asyncio.gather(clearing, releasing)
+            cleared, released = await asyncio.gather(clearing, releasing)
+            assert (cleared.result, released.is_start, released.is_hold) == (1, 0, 0)
 
     run(main())
 
