@@ -3,6 +3,8 @@
 ServolinkError
 ├─ TransportError (ConnectionError)   the byte pipe could not be opened, or was lost
 │  ├─ TransportUnavailable            unknown scheme or missing library; the text says what to install
+│  │  ├─ InvalidAddress (ValueError)  the address is written wrongly; the text says how to write it
+│  │  └─ ProfileError (ValueError)    what is kept of the board is damaged; the text says in which file and line
 │  ├─ OpenError                       not found, busy, not permitted; the text says what to do
 │  └─ ConnectionLost                  was open and is lost; every waiting call gets the first cause
 ├─ PacketError (ValueError)
@@ -12,6 +14,7 @@ ServolinkError
 │  ├─ RequestTimeout (TimeoutError)   no response in time; the request changed nothing on the board
 │  ├─ Rejected                        the board refused
 │  ├─ NotFound                        the board has no such servo, action, macro or table
+│  ├─ WrongBoard                      another board than the one of that name; nothing was moved or written
 │  └─ OutcomeUnknown                  sent without a response: the board may have obeyed or not
 └─ ProjectError (ValueError)          a project, its file or a board's content is unusable; the text says where
 
@@ -50,6 +53,10 @@ class TransportUnavailable(TransportError):
 
 class InvalidAddress(TransportUnavailable, ValueError):
     """The address is written wrongly: unknown scheme, option or name; the text says how to write it."""
+
+
+class ProfileError(TransportUnavailable, ValueError):
+    """The profile of a board cannot be read or written; the text names the file and the line."""
 
 
 class OpenError(TransportError):
@@ -104,6 +111,10 @@ class Rejected(RequestError):
 
 class NotFound(RequestError):
     """The board has nothing under this id."""
+
+
+class WrongBoard(RequestError):
+    """The board is not the one that was learnt under its name: nothing was moved or written."""
 
 
 class OutcomeUnknown(RequestError):

@@ -20,13 +20,13 @@ from servolink.discovery.names import (
     alias_for,
     aliases_path,
     current_url,
-    is_name,
     load_aliases,
     remove_alias,
     save_alias,
 )
 from servolink.discovery.search import NONE_HERE, discover, search
 from servolink.errors import InvalidAddress, OpenError, TransportError
+from servolink.profiles.store import is_name
 from servolink.protocol.servos import ALL_SERVOS
 from servolink.transports.device_info import DeviceInfo
 from servolink.transports.registry import create

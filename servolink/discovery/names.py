@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -11,14 +10,12 @@ import msgspec
 
 from servolink.discovery.search import only, search
 from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
-from servolink.escaping import escape
 from servolink.files import MIB, read_file, reason, user_folder, write_atomically
+from servolink.profiles.store import is_name
+from servolink.profiles.toml_text import toml_value
 from servolink.transports.address import refusal
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from servolink.transports.serial_ports import identity_at, move, ports_of
-
-_NAME = re.compile(r"(?!com\d+$)[a-z0-9][a-z0-9_-]{0,63}", re.IGNORECASE | re.ASCII)
-_UNUSUAL = re.compile(r"[^ !#-\[\]-~]")
 
 
 class Alias(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -40,11 +37,6 @@ class Alias(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     boards: dict[str, Alias] = {}
-
-
-def is_name(text: str) -> bool:
-    """Return whether `text` can be a board's name: letters, digits, - and _; nothing like an address."""
-    return _NAME.fullmatch(text) is not None
 
 
 def aliases_path() -> Path:
@@ -150,21 +142,11 @@ def _parse(text: str) -> dict[str, Alias]:
 def _toml(aliases: Mapping[str, Alias]) -> str:
     tables = ["# Names for boards, as given by `servolink use NAME URL`, which rewrites this file.\n"]
     for name, alias in sorted(aliases.items()):
-        tables.append(f"\n[boards.{name}]\nurl = {_string(alias.url)}\n")
+        tables.append(f"\n[boards.{name}]\nurl = {toml_value(alias.url)}\n")
         if alias.serial_number:
-            tables.append(f"serial_number = {_string(alias.serial_number)}\n")
+            tables.append(f"serial_number = {toml_value(alias.serial_number)}\n")
         ids = {"vendor_id": alias.vendor_id, "product_id": alias.product_id}
         tables += [f"{key} = {value:#06x}\n" for key, value in ids.items() if value is not None]
         if alias.interface is not None:
             tables.append(f"interface = {alias.interface}\n")
     return "".join(tables)
-
-
-def _string(text: str) -> str:
-    return '"' + _UNUSUAL.sub(_escaped, text) + '"'
-
-
-def _escaped(found: re.Match[str]) -> str:
-    character = found[0]
-    is_plain = character not in '"\\' and escape(character) == character
-    return character if is_plain else f"\\U{ord(character):08x}"

@@ -23,12 +23,12 @@ from servolink.discovery.names import (
     alias_for,
     aliases_path,
     current_url,
-    is_name,
     load_aliases,
     resolve_url,
     save_alias,
 )
 from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
+from servolink.profiles.store import is_name
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]))

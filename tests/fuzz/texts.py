@@ -6,10 +6,11 @@ import asyncio
 from pathlib import Path
 
 from servolink.discovery.announcements import candidates
-from servolink.discovery.names import Alias, aliases_path, is_name, load_aliases, save_alias
+from servolink.discovery.names import Alias, aliases_path, load_aliases, save_alias
 from servolink.errors import OpenError, ProjectError, TransportUnavailable
 from servolink.escaping import escape
 from servolink.listeners import host_and_port
+from servolink.profiles.store import is_name
 from servolink.project.project_file import format_project, parse_project
 from servolink.project.transfer.backups import BackupStore
 from servolink.transports.address import Address

@@ -1,0 +1,220 @@
+"""The profile of a board: what was learnt of it, what its user decided, and how certain each part is.
+
+None means unknown. The names are those of the file; `About` says what each of them means there.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from datetime import datetime
+from functools import cache
+from typing import Annotated, Any, Literal, get_type_hints
+
+from msgspec import Meta, Struct
+
+from servolink.escaping import quote
+from servolink.protocol import editing, joystick, servos, settings
+from servolink.protocol.caption import check_encoding
+from servolink.protocol.frame import ByteOrder
+from servolink.protocol.packet import Query
+
+MOST_DEPTH = 64
+
+
+class About(Struct, frozen=True):
+    """Describes a field of a profile to its user."""
+
+    meaning: str
+    """With the unit: the comment above the field in the file."""
+    wanted: str
+    """The possible values, in words that follow "must be"."""
+    check: Callable[[Any], object] = lambda value: None
+    """Raises ValueError for a value of the right type that is wrong all the same."""
+
+
+@cache
+def query_names() -> frozenset[str]:
+    """Return the names of all queries, such as `QueryMemorySize`."""
+    found = [kind for module in (settings, servos, editing, joystick) for kind in vars(module).values()]
+    return frozenset(
+        kind.__name__.removesuffix("Request")
+        for kind in found
+        if inspect.isclass(kind) and issubclass(kind, Query) and kind is not Query
+    )
+
+
+def _check_unsupported(names: tuple[str, ...]) -> None:
+    if unknown := sorted(set(names) - query_names()):
+        raise ValueError(
+            f"{quote(unknown[0])} is not a query of the protocol; the queries are {', '.join(sorted(query_names()))}"
+        )
+
+
+def _check_pair(pair: tuple[float, float]) -> None:
+    if not pair[0] <= pair[1]:
+        raise ValueError(f"no angle is within {pair[0]:g}..{pair[1]:g}; write the lowest angle first")
+
+
+_U16 = Annotated[int, Meta(ge=0, le=0xFFFF)]
+_Natural32 = Annotated[int, Meta(ge=0, le=0x7FFF_FFFF)]
+_Depth = Annotated[int, Meta(ge=1, le=MOST_DEPTH)]
+_Seconds = Annotated[float, Meta(ge=0, le=3600)]
+_IntervalUnit = Annotated[float, Meta(ge=0.0001, le=10)]
+_Speed = Annotated[float, Meta(ge=0.001, le=100_000)]
+_Degrees = Annotated[float, Meta(ge=-0x8000, le=0x7FFF)]
+_ServoId = Annotated[int, Meta(ge=0, le=254)]
+_DEPTH = f"1..{MOST_DEPTH}"
+_SPEED = "0.001..100000 degrees per second"
+
+ServoKey = Annotated[_ServoId, About("", "a servo id, 0..254")]
+SpeedOfServo = Annotated[_Speed, About("", _SPEED)]
+AnglesOfServo = Annotated[
+    tuple[_Degrees, _Degrees],
+    About("", "the lowest and the highest angle in degrees, such as [20, 160]", _check_pair),
+]
+
+
+class BoardIdentityRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What tells the board from others."""
+
+    servo_ids: Annotated[
+        tuple[_ServoId, ...] | None,
+        About("ids of all servos", "a list of servo ids, 0..254"),
+    ] = None
+    memory_total: Annotated[
+        _Natural32 | None,
+        About("total memory as the board reports it, in units of settings.memory_unit", f"0..{0x7FFF_FFFF}"),
+    ] = None
+    vendor_id: Annotated[_U16 | None, About("USB vendor id of its port", "0x0000..0xffff")] = None
+    product_id: Annotated[_U16 | None, About("USB product id of its port", "0x0000..0xffff")] = None
+    serial_number: Annotated[str | None, About("USB serial number of its port", "text")] = None
+
+
+class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the document leaves open, or boards do differently."""
+
+    byte_order: Annotated[ByteOrder | None, About("byte order of the numbers in packets", '"little" or "big"')] = None
+    caption_encoding: Annotated[
+        str | None,
+        About('encoding of captions, such as "utf-8" or "big5"', "the name of an encoding", check_encoding),
+    ] = None
+    power_up_mode: Annotated[
+        Literal[0, 1] | None,
+        About("transmission mode after switching on: 1 is the one servolink speaks", "0 or 1"),
+    ] = None
+    transmission_mode: Annotated[
+        Literal["auto", "keep", 1] | None,
+        About(
+            'when connecting sets mode 1: "auto" (if the board is silent), 1 (always) or "keep" (never)',
+            '"auto", "keep" or 1',
+        ),
+    ] = None
+    unsupported: Annotated[
+        tuple[str, ...] | None,
+        About(
+            'queries that the board does not answer, such as ["QueryMemorySize"]',
+            "a list of queries",
+            _check_unsupported,
+        ),
+    ] = None
+    unknown_ids: Annotated[
+        Literal["empty", "silent"] | None,
+        About("how it answers a query of an id that is not there", '"empty" or "silent"'),
+    ] = None
+    turnaround: Annotated[
+        _Seconds | None,
+        About("seconds from the end of a query to the beginning of its response", "0..3600 seconds"),
+    ] = None
+    depth: Annotated[_Depth | None, About("most queries that may be under way at once", _DEPTH)] = None
+    write_depth: Annotated[_Depth | None, About("most writes that may be under way at once", _DEPTH)] = None
+    memory_unit: Annotated[
+        Literal[1, 1024] | None, About("bytes in the unit in which it counts its memory", "1 or 1024")
+    ] = None
+    project_id_bits: Annotated[
+        Literal[0, 16, 32] | None, About("bits of the project id that it keeps", "0, 16 or 32")
+    ] = None
+    on_duplicate: Annotated[
+        Literal["replace", "append", "reject"] | None,
+        About("what it does when a record with an id it has is added", '"replace", "append" or "reject"'),
+    ] = None
+    clear: Annotated[
+        Literal["all", "records"] | None,
+        About("what clearing deletes: all, or all but servo captions and corrections", '"all" or "records"'),
+    ] = None
+    clear_seconds: Annotated[_Seconds | None, About("seconds that clearing takes", "0..3600 seconds")] = None
+    interval_unit: Annotated[
+        _IntervalUnit | None,
+        About("seconds in one unit of the time of a movement; 0.01 in the document", "0.0001..10 seconds"),
+    ] = None
+
+
+class SafetyLimits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What its user allows. A program can only tighten it."""
+
+    speed_cap: Annotated[_Speed | None, About("highest speed of any servo, in degrees per second", _SPEED)] = None
+    soft_start: Annotated[
+        _Speed | None,
+        About("highest speed of the first movement from an unknown pose, in degrees per second", _SPEED),
+    ] = None
+    angles: Annotated[
+        dict[ServoKey, AnglesOfServo],
+        About("lowest and highest angle of a servo in degrees, by its id, such as 3 = [20, 160]", "a table"),
+    ] = {}
+    speed_caps: Annotated[
+        dict[ServoKey, SpeedOfServo],
+        About("highest speed of a servo in degrees per second, by its id, such as 3 = 90", "a table"),
+    ] = {}
+
+
+Confidence = Literal["certain", "likely", "guess"]
+
+
+class Evidence(Struct, frozen=True, forbid_unknown_fields=True):
+    """Why a setting is what it is."""
+
+    confidence: Annotated[Confidence, About("", '"certain", "likely" or "guess"')]
+    text: Annotated[str, About("", "text")]
+    """What was observed."""
+    learnt_at: Annotated[datetime | None, About("", "a date and time such as 2026-01-31T12:00:00Z")] = None
+
+
+def _check_setting(name: str) -> None:
+    if name not in BoardSettings.__struct_fields__:
+        raise ValueError(f"is not a setting; the settings are {', '.join(BoardSettings.__struct_fields__)}")
+
+
+SettingName = Annotated[str, About("", "the name of a setting", _check_setting)]
+
+
+class BoardProfile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Everything that is kept of one board."""
+
+    identity: Annotated[
+        BoardIdentityRecord | None,
+        About("What tells this board from others: with another one nothing is moved or written.", "a table"),
+    ] = None
+    settings: Annotated[
+        BoardSettings,
+        About("What was measured, or set by you. Options of a program and of the address override it.", "a table"),
+    ] = BoardSettings()
+    limits: Annotated[
+        SafetyLimits,
+        About("What you allow. Programs cannot allow more, only less.", "a table"),
+    ] = SafetyLimits()
+    evidence: Annotated[
+        dict[SettingName, Evidence],
+        About("Why each setting is believed: by its name, with the confidence and the time.", "a table"),
+    ] = {}
+
+
+@cache
+def fields_of(kind: type[Struct]) -> dict[str, tuple[Any, About]]:
+    """Return type and description of each field of a part of the profile, in their order."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {name: (hints[name], about(hints[name])) for name in kind.__struct_fields__}
+
+
+def about(hint: Any) -> About:
+    """Return the description in an annotated type."""
+    return next(each for each in hint.__metadata__ if isinstance(each, About))

@@ -1,0 +1,235 @@
+"""Profiles in files: one of documented TOML for each board, by its name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+import msgspec
+from msgspec import Struct
+from msgspec.structs import asdict
+
+from servolink.errors import ProfileError
+from servolink.escaping import escape, quote
+from servolink.files import read_file, reason, user_folder, write_atomically
+from servolink.profiles.profile import BoardProfile, about, fields_of
+from servolink.profiles.toml_text import TextError, line_of, read_toml, toml_lines, toml_value
+
+S = TypeVar("S", bound=Struct)
+
+_NAME = re.compile(r"(?!com\d+$)[a-z0-9][a-z0-9_-]{0,63}", re.IGNORECASE | re.ASCII)
+_MOST_BYTES = 0x10000
+_ENDING = ".toml"
+
+
+def is_name(text: str) -> bool:
+    """Return whether `text` can be a board's name: letters, digits, - and _; nothing like an address."""
+    return _NAME.fullmatch(text) is not None
+
+
+def profile_path(name: str) -> Path:
+    """Return where the profile of the board `name` is kept. Raise ProfileError for a user without a home."""
+    if not is_name(name):
+        raise ProfileError(f"{quote(name)} cannot be a board's name: names have only letters, digits, - and _")
+    return _folder() / f"{name}{_ENDING}"
+
+
+def profile_names() -> list[str]:
+    """Return the names of all boards with a profile; empty for a user without a home."""
+    with suppress(OSError):
+        return sorted(path.stem for path in _folder().iterdir() if path.suffix == _ENDING and is_name(path.stem))
+    return []
+
+
+def load_profile(name: str) -> BoardProfile | None:
+    """Return the profile of the board `name`, None if it has none.
+
+    Raise ProfileError, which names file and line, if it cannot be used.
+    """
+    try:
+        path = profile_path(name)
+    except ProfileError:
+        if is_name(name):
+            return None  # a user without a home
+        raise
+    try:
+        text = read_file(path, _MOST_BYTES).decode("utf-8-sig")
+    except FileNotFoundError as error:
+        if path.is_symlink():
+            raise ProfileError(f"{path} cannot be used: it is a link to nothing; correct it or remove it") from error
+        return None
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise ProfileError(f"{path}, line {line}: is not text in UTF-8; save it as UTF-8") from error
+    except OSError as error:
+        raise ProfileError(f"{path} cannot be used: {reason(error)}; correct it or remove it") from error
+    try:
+        return parse_profile(text)
+    except TextError as error:
+        raise ProfileError(f"{path}, line {error.line}: {error.text}") from None
+
+
+def save_profile(name: str, profile: BoardProfile) -> Path:
+    """Keep the profile of the board `name`, whole or not at all; return the file.
+
+    Raise ProfileError if it cannot be written, ValueError for a profile that could not be read again.
+    """
+    path = profile_path(name)
+    text = format_profile(name, profile)
+    parse_profile(text)
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        write_atomically(path, text.encode(), private=True)
+    except OSError as error:
+        raise ProfileError(f"{path} cannot be written: {reason(error)}") from error
+    return path
+
+
+def remove_profile(name: str) -> bool:
+    """Remove the profile of the board `name`, damaged or not. Return whether there was one."""
+    path = profile_path(name)
+    try:
+        path.unlink()
+    except FileNotFoundError:
+        return False
+    except OSError as error:
+        raise ProfileError(f"{path} cannot be removed: {reason(error)}") from error
+    return True
+
+
+def _folder() -> Path:
+    try:
+        return user_folder("config") / "profiles"
+    except OSError as error:
+        raise ProfileError(f"profiles of boards cannot be kept: {reason(error)}") from error
+
+
+# --- reading --------------------------------------------------------------------------------------------------------
+
+
+def parse_profile(text: str) -> BoardProfile:
+    """Return the profile in the text of a file. Raise TextError, which is a ValueError, with the line."""
+    try:
+        return _struct(BoardProfile, read_toml(text), ())
+    except _Fault as fault:
+        raise TextError(fault.text, line_of(text, fault.path)) from None
+
+
+class _Fault(Exception):
+    """Why the value at `path` is wrong."""
+
+    def __init__(self, path: tuple[str, ...], text: str) -> None:
+        self.path = path
+        self.text = text
+
+
+def _struct(kind: type[S], value: object, path: tuple[str, ...]) -> S:
+    """Return the part of the profile that a table holds."""
+    fields, table = fields_of(kind), _table(value, path)
+    for key in table:
+        if key not in fields:
+            where = f"[{'.'.join(path)}]" if path else "the file"
+            raise _Fault((*path, key), f"{quote(key)} is unknown; {where} can have {', '.join(fields)}")
+    for name, required in zip(kind.__struct_fields__, _required(kind), strict=True):
+        if required and name not in table:
+            raise _Fault(path, f"{name} is missing in [{'.'.join(path)}]")
+    return kind(**{key: _value(fields[key][0], each, (*path, key)) for key, each in table.items()})
+
+
+def _required(kind: type[Struct]) -> list[bool]:
+    return [field.required for field in msgspec.structs.fields(kind)]
+
+
+def _value(hint: Any, value: object, path: tuple[str, ...]) -> Any:
+    kind = hint.__origin__ if hasattr(hint, "__metadata__") else hint
+    parts = [part for part in (kind, *get_args(kind)) if isinstance(part, type) and issubclass(part, Struct)]
+    if getattr(kind, "__origin__", None) is dict:
+        key_kind, value_kind = get_args(kind)
+        return {
+            _key(key_kind, key, (*path, key)): _value(value_kind, each, (*path, key))
+            for key, each in _table(value, path).items()
+        }
+    if parts:
+        return _struct(parts[0], value, path)
+    return _leaf(hint, value, path)
+
+
+def _key(hint: Any, key: str, path: tuple[str, ...]) -> Any:
+    return _leaf(hint, int(key) if re.fullmatch("0|[1-9][0-9]{0,2}", key) else key, path)
+
+
+def _leaf(hint: Any, value: object, path: tuple[str, ...]) -> Any:
+    try:
+        found = msgspec.convert(value, hint)
+    except msgspec.ValidationError:
+        raise _Fault(path, f"{_label(path)} must be {about(hint).wanted}, not {_quoted(value)}") from None
+    try:
+        about(hint).check(found)
+    except ValueError as error:
+        raise _Fault(path, f"{_label(path)}: {error}") from None
+    return found
+
+
+def _table(value: object, path: tuple[str, ...]) -> dict[str, object]:
+    if not isinstance(value, dict):
+        raise _Fault(path, f"{_label(path)} must be a table, not {_quoted(value)}")
+    return value
+
+
+def _label(path: tuple[str, ...]) -> str:
+    """Return the last part of a path; inside a table of a setting, with the name of that."""
+    return escape(".".join(path[-2:] if len(path) > 2 or path[0] == "evidence" else path[-1:]))
+
+
+def _quoted(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else quote(value)
+
+
+# --- writing --------------------------------------------------------------------------------------------------------
+
+
+def format_profile(name: str, profile: BoardProfile) -> str:
+    """Return the text of a file, with a comment for each setting; unknown settings are commented out."""
+    return "\n".join(_paragraphs(name, profile))
+
+
+def _paragraphs(name: str, profile: BoardProfile) -> Iterator[str]:
+    yield (
+        f"# What servolink knows of the board {name}: see it with `servolink board show {name}`.\n"
+        f"# `servolink doctor {name} --learn` and `servolink board set {name}` rewrite this file;\n"
+        "# what you change here by hand is kept, except comments. A line without a value is unknown.\n"
+    )
+    for part, (_, description) in fields_of(BoardProfile).items():
+        value = getattr(profile, part)
+        yield f"# {description.meaning}"
+        if part == "evidence":
+            for setting, evidence in value.items():
+                known = {key: each for key, each in asdict(evidence).items() if each is not None}
+                yield f"[evidence.{setting}]\n{toml_lines(known)}"
+        elif value is not None:
+            yield f"[{part}]\n{''.join(_described(value))}"
+            yield from _by_servo(part, value)
+
+
+def _by_servo(name: str, part: Struct) -> Iterator[str]:
+    """Yield a table for each field with a value for each servo."""
+    for key, (_, description) in fields_of(type(part)).items():
+        if isinstance(values := getattr(part, key), dict):
+            by_id = {str(servo_id): value for servo_id, value in sorted(values.items())}
+            yield f"# {description.meaning}\n[{name}.{key}]\n{toml_lines(by_id)}"
+
+
+def _described(part: Struct) -> Iterator[str]:
+    """Yield two lines for each field: its comment, and its value or an empty one in a comment."""
+    for name, (_, description) in fields_of(type(part)).items():
+        value = getattr(part, name)
+        if not isinstance(value, dict):
+            yield f"# {description.meaning}\n"
+            yield f"# {name} =\n" if value is None else f"{name} = {_written(name, value)}\n"
+
+
+def _written(name: str, value: object) -> str:
+    return f"{value:#06x}" if name in {"vendor_id", "product_id"} and isinstance(value, int) else toml_value(value)
