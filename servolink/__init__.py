@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from servolink.errors import DecodeError as DecodeError
     from servolink.errors import EncodeError as EncodeError
     from servolink.errors import InvalidAddress as InvalidAddress
+    from servolink.errors import MotionRefused as MotionRefused
     from servolink.errors import NotFound as NotFound
     from servolink.errors import OpenError as OpenError
     from servolink.errors import OutcomeUnknown as OutcomeUnknown
@@ -106,6 +107,7 @@ else:
         "Mirror": "servolink.project.mirror",
         "mirror_by_captions": "servolink.project.mirror",
         "mirror_project": "servolink.project.mirror",
+        "MotionRefused": "servolink.errors",
         "NotFound": "servolink.errors",
         "OpenError": "servolink.errors",
         "OutcomeUnknown": "servolink.errors",

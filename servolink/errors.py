@@ -9,6 +9,7 @@ ServolinkError
 │  └─ ConnectionLost                  was open and is lost; every waiting call gets the first cause
 ├─ PacketError (ValueError)
 │  ├─ EncodeError                     a value does not fit its field; nothing was sent
+│  │  └─ MotionRefused                a movement beyond its limits, or one that cannot be checked; nothing moved
 │  └─ DecodeError                     the bytes are not a packet; `data` keeps them
 ├─ RequestError                       a request failed; `request` keeps it
 │  ├─ RequestTimeout (TimeoutError)   no response in time; the request changed nothing on the board
@@ -81,6 +82,10 @@ class EncodeError(PacketError):
         self.text = escape(text)
         self.path = escape(path)
         self.packet = packet
+
+
+class MotionRefused(EncodeError):
+    """A movement beyond angle limits or speed caps, or one that cannot be compared with them; it was not sent."""
 
 
 class DecodeError(PacketError):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, Self, TypeGuard
 
-from servolink.errors import EncodeError
+from servolink.errors import EncodeError, MotionRefused
 from servolink.escaping import quote
 
 
@@ -139,48 +139,135 @@ def wire_angle(value: float, unit: AngleUnit | None, servo_id: int) -> int:
     return int(value)
 
 
-_INTERVALS_PER_SECOND = 100  # the protocol counts time in units of 10 ms
+INTERVAL_UNIT = 0.01
+"""Seconds that an interval of 1 stands for (3.2.5), unless a board was found to count otherwise."""
 _LONGEST = 0x7FFF
 
 AngleLimits = Mapping[int, tuple[float, float]] | tuple[float, float]
 """Lowest and highest angle in degrees: by servo id, or one pair for all servos."""
+SpeedCap = float | Mapping[int, float]
+"""Highest speed in degrees per second: one for all servos, or by servo id."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """How far and how fast this program may move servos. Without arguments there are no limits."""
+    """How far and how fast servos may move. Without arguments there are no limits, and it is false.
+
+    Raise EncodeError for limits that allow nothing or name no servo, TypeError for values of a wrong type.
+    """
 
     angles: AngleLimits | None = None
     speed_cap: float | None = None
     """Highest speed of any servo, in degrees per second."""
+    speed_caps: Mapping[int, float] = field(default_factory=dict)
+    """The same for single servos, by id; where both apply, the lower one counts."""
+    soft_start: float | None = None
+    """Highest speed of a servo's first movement from an unknown pose, in degrees per second."""
+    source: str = ""
+    """Where the limits come from, named in errors, such as `profile "rex"`."""
+    also: tuple[MotionLimits, ...] = ()
+    """Further limits, all of which hold as well (see `tightened`)."""
 
     def __post_init__(self) -> None:
-        """Raise EncodeError for limits that allow nothing or name no servo, TypeError for values of a wrong type."""
+        """Check the values, and copy those that the caller could change."""
         if self.speed_cap is not None:
-            _check_cap(self.speed_cap)
+            _check_speed("speed_cap", self.speed_cap)
+        if self.soft_start is not None:
+            _check_speed("soft_start", self.soft_start)
+        if not isinstance(self.speed_caps, Mapping):
+            raise TypeError(f"speed_caps must map servo ids to degrees per second, not {quote(self.speed_caps)}")
+        for servo_id, cap in self.speed_caps.items():
+            _check_servo_id("speed_cap", servo_id)
+            _check_speed(f"speed_cap of servo {servo_id}", cap)
+        object.__setattr__(self, "speed_caps", dict(self.speed_caps))
         if isinstance(self.angles, Mapping):
             for servo_id, pair in self.angles.items():
                 _check_servo_id("angle_limits", servo_id)
                 _check_pair(pair)
-            object.__setattr__(self, "angles", dict(self.angles))  # a copy that the caller cannot change
+            object.__setattr__(self, "angles", dict(self.angles))
         elif self.angles is not None:
             _check_pair(self.angles)
 
+    def __bool__(self) -> bool:
+        """Return whether anything is limited."""
+        own = self.angles, self.speed_cap, self.speed_caps, self.soft_start
+        return any(own) or any(self.also)
+
+    def tightened(self, other: MotionLimits) -> MotionLimits:
+        """Return the limits that allow what both allow. The result never allows more than either of them.
+
+        Where they have nothing in common, nothing is allowed.
+        """
+        return replace(self, also=(*self.also, other))
+
     def of(self, servo_id: int) -> tuple[float, float] | None:
-        """Return the lowest and highest angle of a servo, None if it has no limits."""
+        """Return the lowest and highest angle of a servo, None if it has no limits.
+
+        The lowest is above the highest if no angle is allowed.
+        """
+        pairs = [pair for limits in self._each() if (pair := limits._angles_of(servo_id)) is not None]  # noqa: SLF001 - of its own class
+        return (max(low for low, _ in pairs), min(high for _, high in pairs)) if pairs else None
+
+    def cap_of(self, servo_id: int) -> float | None:
+        """Return the highest speed of a servo, None if it has no cap."""
+        return min((cap for limits in self._each() for cap in limits._caps_of(servo_id)), default=None)  # noqa: SLF001 - of its own class
+
+    def soft_speed_of(self, servo_id: int) -> float | None:
+        """Return the highest speed of a servo's first movement, None without `soft_start`; never above its cap."""
+        softest = min((one.soft_start for one in self._each() if one.soft_start is not None), default=None)
+        cap = self.cap_of(servo_id)
+        return softest if softest is None or cap is None else min(softest, cap)
+
+    def apply_to(self, servo_id: int) -> bool:
+        """Return whether anything about a servo is limited."""
+        softest = self.soft_speed_of(servo_id)
+        return softest is not None or self.of(servo_id) is not None or self.cap_of(servo_id) is not None
+
+    def exceeded_angles(self, servo_id: int, degrees: float) -> str:
+        """Return the limits that an angle is outside of, such as `-80..80 (from profile "rex")`; empty if none."""
+        for limits in self._each():
+            pair = limits._angles_of(servo_id)  # noqa: SLF001 - of its own class
+            if pair is not None and not pair[0] <= degrees <= pair[1]:
+                return f"{_shown(pair[0])}..{_shown(pair[1])}{limits._origin}"  # noqa: SLF001 - of its own class
+        return ""
+
+    def exceeded_cap(self, servo_id: int, degrees: float, seconds: float) -> str:
+        """Return the speed cap that turning by `degrees` in `seconds` exceeds, with its source; empty if none."""
+        asked = degrees_per_second(degrees, seconds)
+        for limits in self._each():
+            for cap in limits._caps_of(servo_id):  # noqa: SLF001 - of its own class
+                if asked > cap and not math.isclose(asked, cap):  # 29 degrees in 0.29 s are 100/s
+                    return f"{_shown(cap)}{limits._origin}"  # noqa: SLF001 - of its own class
+        return ""
+
+    def _each(self) -> Iterator[MotionLimits]:
+        yield self
+        for limits in self.also:
+            yield from limits._each()  # noqa: SLF001 - of its own class
+
+    def _angles_of(self, servo_id: int) -> tuple[float, float] | None:
         return self.angles.get(servo_id) if isinstance(self.angles, Mapping) else self.angles
 
-    def too_far(self, servo_id: int, degrees: float) -> bool:
-        """Return whether an angle is outside the servo's limits."""
-        allowed = self.of(servo_id)
-        return allowed is not None and not allowed[0] <= degrees <= allowed[1]
+    def _caps_of(self, servo_id: int) -> Iterator[float]:
+        for cap in (self.speed_cap, self.speed_caps.get(servo_id)):
+            if cap is not None:
+                yield cap
 
-    def too_fast(self, degrees: float, seconds: float) -> bool:
-        """Return whether turning by `degrees` in `seconds` exceeds the speed cap."""
-        if self.speed_cap is None:
-            return False
-        asked = degrees_per_second(degrees, seconds)
-        return asked > self.speed_cap and not math.isclose(asked, self.speed_cap)  # 29 degrees in 0.29 s are 100/s
+    @property
+    def _origin(self) -> str:
+        return f" (from {self.source})" if self.source else ""
+
+
+def motion_limits(
+    angle_limits: AngleLimits | None = None,
+    speed_cap: SpeedCap | None = None,
+    soft_start: float | None = None,
+    source: str = "",
+) -> MotionLimits:
+    """Return the limits for arguments of this form, in which one speed cap or one for each servo is given."""
+    if isinstance(speed_cap, Mapping):
+        return MotionLimits(angle_limits, None, speed_cap, soft_start, source)
+    return MotionLimits(angle_limits, speed_cap, {}, soft_start, source)
 
 
 def degrees_per_second(degrees: float, seconds: float) -> float:
@@ -190,11 +277,15 @@ def degrees_per_second(degrees: float, seconds: float) -> float:
     return abs(degrees) / seconds if seconds > 0 else math.inf
 
 
-def _check_cap(cap: object) -> None:
-    if not is_number(cap):
-        raise TypeError(f"speed_cap must be a number of degrees per second, not {quote(cap)}")
-    if not cap > 0:
-        raise EncodeError(f"speed_cap must be above 0 degrees per second, not {quote(cap)}")
+def _shown(limit: float) -> str:
+    return f"{limit:g}" if isinstance(limit, float) else quote(limit)
+
+
+def _check_speed(name: str, speed: object) -> None:
+    if not is_number(speed):
+        raise TypeError(f"{name} must be a number of degrees per second, not {quote(speed)}")
+    if not speed > 0:
+        raise EncodeError(f"{name} must be above 0 degrees per second, not {quote(speed)}")
 
 
 def _check_pair(pair: object) -> None:
@@ -231,17 +322,16 @@ def check_limits(
     limits: MotionLimits,
     speed: float | None = None,
 ) -> None:
-    """Raise EncodeError for an angle outside its limits, or if limits or `speed` cannot apply to the servo's unit."""
+    """Raise MotionRefused for an angle outside its limits, or if limits or `speed` cannot apply to the servo's unit."""
+    if speed is None and not limits:
+        return
     for servo_id, angle in angles.items():
-        allowed = limits.of(servo_id)
-        in_degrees = allowed is not None or limits.speed_cap is not None or speed is not None
-        if in_degrees and unit_of(servo_id) != "degree":
-            raise EncodeError(
+        if (speed is not None or limits.apply_to(servo_id)) and unit_of(servo_id) != "degree":
+            raise MotionRefused(
                 f"servo {servo_id}: limits and speeds are in degrees, and this servo is not set to degrees"
             )
-        if allowed and limits.too_far(servo_id, angle):
-            limit = f"{quote(allowed[0])}..{quote(allowed[1])}"
-            raise EncodeError(f"servo {servo_id}: {quote(int(angle))} degrees is outside its limits {limit}")
+        if exceeded := limits.exceeded_angles(servo_id, angle):
+            raise MotionRefused(f"servo {servo_id}: {quote(int(angle))} degrees is outside its limits {exceeded}")
 
 
 def intervals_for(
@@ -251,32 +341,42 @@ def intervals_for(
     *,
     duration: float | None,
     speed: float | None,
+    unit: float = INTERVAL_UNIT,
+    soft: Collection[int] = (),
 ) -> dict[int, int]:
-    """Return each servo's time in units of 10 ms, rounded up. Raise EncodeError for an impossible time or speed.
+    """Return each servo's time in units of `unit` seconds, rounded up.
 
-    `here` holds the present angles; it may be empty if neither `speed` nor a speed cap is given.
+    `here` holds the present angles; it may be empty if neither `speed` nor a speed cap nor `soft` is given. `soft`
+    names the servos that make their first movement from an unknown pose: if one of them would exceed its soft start,
+    the whole movement takes longer. Raise EncodeError for an impossible time, MotionRefused for a speed above its cap.
     """
+    distances = {servo_id: abs(angle - here[servo_id]) if here else 0 for servo_id, angle in angles.items()}
+    times = {
+        servo_id: max(seconds_for(distance, duration, speed, unit), unit) for servo_id, distance in distances.items()
+    }
+    slower = 1.0
+    for servo_id in soft:
+        softest = limits.soft_speed_of(servo_id)
+        if softest is not None:
+            slower = max(slower, distances[servo_id] / softest / times[servo_id])
     intervals = {}
-    for servo_id, angle in angles.items():
-        distance = abs(angle - here[servo_id]) if here else 0
-        seconds = seconds_for(distance, duration, speed)
-        # Rounded, so that 0.07 s stays 7 units although 0.07 * 100 is a little more; infinite at the lowest speeds.
-        hundredths = round(seconds * _INTERVALS_PER_SECOND, 6)
-        if hundredths > _LONGEST:
-            raise EncodeError(f"servo {servo_id}: {seconds:g} s is outside 0.01..{_LONGEST / _INTERVALS_PER_SECOND} s")
-        interval = max(1, math.ceil(hundredths))
-        sent = interval / _INTERVALS_PER_SECOND
-        if limits.too_fast(distance, sent):
+    for servo_id, distance in distances.items():
+        seconds = times[servo_id] * slower
+        # Rounded, so that 0.07 s stays 7 units although 0.07 / 0.01 is a little more; infinite at the lowest speeds.
+        units = round(seconds / unit, 6)
+        if units > _LONGEST:
+            raise EncodeError(f"servo {servo_id}: {seconds:g} s is outside {_possible(unit)}")
+        intervals[servo_id] = max(1, math.ceil(units))
+        sent = intervals[servo_id] * unit
+        if exceeded := limits.exceeded_cap(servo_id, distance, sent):
             asked = degrees_per_second(distance, sent)
-            raise EncodeError(
-                f"servo {servo_id}: {distance} degrees in {sent} s is {asked:.0f} degrees/s; "
-                f"its cap is {limits.speed_cap:g}"
+            raise MotionRefused(
+                f"servo {servo_id}: {distance} degrees in {sent:g} s is {asked:.0f} degrees/s; its cap is {exceeded}"
             )
-        intervals[servo_id] = interval
     return intervals
 
 
-def seconds_for(distance: int, duration: float | None, speed: float | None) -> float:
+def seconds_for(distance: int, duration: float | None, speed: float | None, unit: float = INTERVAL_UNIT) -> float:
     """Return the seconds for turning by `distance` degrees. Raise EncodeError for an impossible duration or speed."""
     if (duration is None) == (speed is None):
         raise EncodeError("move: give either duration or speed")
@@ -284,6 +384,14 @@ def seconds_for(distance: int, duration: float | None, speed: float | None) -> f
         if not (is_number(speed) and 0 < speed < math.inf):
             raise EncodeError(f"move: speed must be finite and above 0 degrees per second, not {quote(speed)}")
         return distance / speed
-    if not (is_number(duration) and 0.01 <= duration <= _LONGEST / _INTERVALS_PER_SECOND):
-        raise EncodeError(f"move: duration {quote(duration)} is outside 0.01..{_LONGEST / _INTERVALS_PER_SECOND} s")
+    if not (is_number(duration) and unit <= duration <= _longest(unit)):
+        raise EncodeError(f"move: duration {quote(duration)} is outside {_possible(unit)}")
     return duration
+
+
+def _longest(unit: float) -> float:
+    return round(_LONGEST * unit, 9)
+
+
+def _possible(unit: float) -> str:
+    return f"{unit:g}..{_longest(unit):g} s"

@@ -13,7 +13,7 @@ from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
 from servolink.connection.stats import Stats
 from servolink.escaping import escape, quote
-from servolink.motion import AngleUnit, MotionLimits
+from servolink.motion import INTERVAL_UNIT, AngleUnit, MotionLimits
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
 from servolink.protocol.codec import Codec
@@ -63,10 +63,16 @@ class Board:
     before anything is sent, for a value that does not fit the protocol.
     """
 
-    def __init__(self, session: Session, angle_unit: AngleUnit | None, limits: MotionLimits) -> None:
+    def __init__(
+        self,
+        session: Session,
+        angle_unit: AngleUnit | None,
+        limits: MotionLimits,
+        interval_unit: float = INTERVAL_UNIT,
+    ) -> None:
         """Use `connect` instead."""
         self._session = session
-        self._servos = ServoController(session, angle_unit, limits)
+        self._servos = ServoController(session, angle_unit, limits, interval_unit)
         self._records = RecordStore(session)
         self._buttons = ButtonSubscription(session)
         self._reported_unfinished = False
@@ -215,7 +221,7 @@ class Board:
         """Move servos together to angles in degrees (or `Adc`) and return the duration in seconds (3.2.5).
 
         Give either `duration`, 0.01..327.67 seconds, or `speed` in degrees per second: then the present angles are
-        read first, and each servo turns at that speed. Raise EncodeError, before anything moves, for an angle outside
+        read first, and each servo turns at that speed. Raise MotionRefused, before anything moves, for an angle outside
         `angle_limits` or a speed above `speed_cap`. Without `angle_limits` any angle is sent, as the protocol gives no
         range.
 

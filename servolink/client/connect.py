@@ -15,7 +15,7 @@ from servolink.connection.options import ConnectionOptions, TransmissionMode, op
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, OpenError, RequestError, RequestTimeout, TransportUnavailable
 from servolink.escaping import quote
-from servolink.motion import AngleLimits, AngleUnit, MotionLimits
+from servolink.motion import AngleLimits, AngleUnit, SpeedCap, motion_limits
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport
@@ -37,7 +37,8 @@ class connect:  # noqa: N801 - reads as the function it stands for
     1 unless the board queues them.
 
     `angle_unit` is set on all servos before the first command with an angle; None leaves them as they are.
-    `angle_limits` (degrees) and `speed_cap` (degrees per second) are checked before anything moves.
+    `angle_limits` (degrees) and `speed_cap` (degrees per second) are those of all servos or mappings by servo id, and
+    are checked before anything moves.
 
     With `reconnect`, a lost connection to the same board is restored in the background. Requests that were waiting
     have failed, and no movement is repeated (see `Board.states`).
@@ -59,7 +60,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         depth: int | None = None,
         angle_unit: AngleUnit | None = "degree",
         angle_limits: AngleLimits | None = None,
-        speed_cap: float | None = None,
+        speed_cap: SpeedCap | None = None,
         reconnect: bool = False,
         handshake: bool = True,
     ) -> None:
@@ -83,7 +84,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         self._reconnect = reconnect
         self._handshake = handshake
         self._angle_unit: AngleUnit | None = angle_unit
-        self._limits = MotionLimits(angle_limits, speed_cap)
+        self._limits = motion_limits(angle_limits, speed_cap, source="an argument")
         self._board: Board | None = None
 
     if not TYPE_CHECKING:  # a type checker would take it as a promise that every attribute exists

@@ -21,6 +21,7 @@ from servolink.errors import (
 )
 from servolink.escaping import quote
 from servolink.motion import (
+    INTERVAL_UNIT,
     AngleUnit,
     MotionLimits,
     check_limits,
@@ -161,11 +162,21 @@ class Servo(Struct, frozen=True):
 class ServoController:
     """Reads, moves, stops and releases the servos of a board."""
 
-    def __init__(self, session: Session, angle_unit: AngleUnit | None, limits: MotionLimits) -> None:
-        """Set all servos to `angle_unit` before the first command with an angle; None leaves them as they are."""
+    def __init__(
+        self,
+        session: Session,
+        angle_unit: AngleUnit | None,
+        limits: MotionLimits,
+        interval_unit: float = INTERVAL_UNIT,
+    ) -> None:
+        """Set all servos to `angle_unit` before the first command with an angle; None leaves them as they are.
+
+        An interval of 1 (3.2.5) stands for `interval_unit` seconds.
+        """
         self.units = AngleUnits(session, angle_unit)
         self._session = session
         self._limits = limits
+        self._interval_unit = interval_unit
 
     async def servo_ids(self) -> tuple[int, ...]:
         """Return the ids of all servos (3.2.1)."""
@@ -204,7 +215,7 @@ class ServoController:
     ) -> float:
         """Move servos together (see `Board.move`)."""
         stops = self._session.connection.stops
-        seconds_for(0, duration, speed)  # refuse an impossible pace before anything is sent
+        seconds_for(0, duration, speed, self._interval_unit)  # refuse an impossible pace before anything is sent
         targets = checked_targets(targets)  # a copy, because the caller may change the original meanwhile
         if not self.units.is_changing:  # while they change, only `_planned` can say what is possible
             self._goals(targets, speed)
@@ -217,7 +228,7 @@ class ServoController:
             units_sent = connection.units_sent
             if await connection.send(request, unless_stopped_since=stops, unless_units_since=units_sent):
                 break
-        longest = max(intervals.values(), default=0) / 100
+        longest = round(max(intervals.values()) * self._interval_unit, 9)  # 0.07 s, not 0.07000000000000001
         if wait:
             await asyncio.sleep(longest)
             async for _ in self._until_arrived(goals, 0.0, settle=False):
@@ -304,10 +315,11 @@ class ServoController:
         """Return the goals and each servo's time in units of 10 ms, for the units set when this returns."""
         await self.units.ensure()
         here: dict[int, int] = {}
-        if speed is not None or self._limits.speed_cap is not None:
+        if speed is not None or any(self._limits.cap_of(servo_id) is not None for servo_id in targets):
             here = _angles(targets, await self.servos())
         goals = self._goals(targets, speed)
-        return goals, intervals_for(goals, here, self._limits, duration=duration, speed=speed)
+        unit = self._interval_unit
+        return goals, intervals_for(goals, here, self._limits, duration=duration, speed=speed, unit=unit)
 
     async def _until_arrived(
         self, goals: Mapping[int, int], seconds: float, *, settle: bool

@@ -10,7 +10,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from servolink.errors import EncodeError
-from servolink.motion import MotionLimits
+from servolink.motion import MotionLimits, SpeedCap, motion_limits
 from servolink.project.model import Project, is_unfinished
 from servolink.project.records import dependency_order, name_of, total_size, wrong_durations
 from servolink.project.speed import servo_moves
@@ -46,16 +46,16 @@ def validate_project(
     project: Project,
     *,
     servo_ids: Collection[int] | None = None,
-    speed_cap: float | None = None,
+    speed_cap: SpeedCap | None = None,
     memory: int | None = None,
     start: Mapping[int, int] | None = None,
     caption_encoding: str = "utf-8",
 ) -> list[Diagnostic]:
     """Return the problems of `project`, in the order of its file.
 
-    What is not given is not checked: the ids of the servos that exist, the highest speed in degrees per second, the
-    memory of the board in bytes. `start` is the pose before the first movement, degrees by servo id;
-    `caption_encoding` is that of the board. Raise EncodeError for a speed cap of 0 or less.
+    What is not given is not checked: the ids of the servos that exist, the highest speed in degrees per second (of all
+    servos, or by servo id), the memory of the board in bytes. `start` is the pose before the first movement, degrees
+    by servo id; `caption_encoding` is that of the board. Raise EncodeError for a speed cap of 0 or less.
     """
     if errors := list(schema_errors("", project, unchecked=True)):
         return errors  # values of wrong types, which the other checks do not expect
@@ -68,7 +68,7 @@ def validate_project(
         *_unknown_servos(project, servo_ids),
     ]
     if speed_cap is not None:
-        found += too_fast(project, MotionLimits(speed_cap=speed_cap), start)
+        found += too_fast(project, motion_limits(speed_cap=speed_cap), start)
     return sorted(found, key=_place)
 
 
@@ -279,7 +279,7 @@ def _unknown_servos(project: Project, servo_ids: Collection[int] | None) -> Iter
 
 
 def too_fast(project: Project, limits: MotionLimits, start: Mapping[int, int] | None = None) -> Iterator[Diagnostic]:
-    """Find turns that are faster than the speed cap of `limits`, with `start` as the pose before the first one."""
+    """Find turns that are faster than the speed caps of `limits`, with `start` as the pose before the first one."""
     for move in servo_moves(project, start):
-        if limits.too_fast(move.degrees, move.seconds):
-            yield Diagnostic(move.path, f"{move}; its cap is {limits.speed_cap:g}", "warning")
+        if exceeded := limits.exceeded_cap(move.step.servo_id, move.degrees, move.seconds):
+            yield Diagnostic(move.path, f"{move}; its cap is {exceeded}", "warning")
