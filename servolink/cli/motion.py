@@ -71,7 +71,7 @@ def run_move(args: argparse.Namespace) -> int:
     async def talk(board: Board, interruption: Interruption) -> int:
         before = {servo.servo_id: servo for servo in await reported(board, targets)}
         # `move` checks this as well, but no servo must be started for a move that is then refused.
-        motion_limits = MotionLimits(limits, args.speed_cap)
+        motion_limits = MotionLimits(limits, args.speed_cap, source="an argument")
         check_limits(targets, board.unit_of, motion_limits)
         here = {servo_id: int(before[servo_id].angle) for servo_id in targets}
         intervals_for(targets, here, motion_limits, duration=args.duration, speed=pace)
