@@ -22,6 +22,7 @@ from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.protocol.records import Action, Step
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.serve import serve
 
 PERIOD = 0.02
@@ -82,7 +83,7 @@ async def serve_boards(count: int) -> None:
 
 async def serve_library() -> None:
     """Serve a board with a large library over TCP until standard input ends."""
-    async with serve(VirtualBoard(memory=_MEMORY), tcp="127.0.0.1:0") as (url,), connect(url) as board:
+    async with serve(VirtualBoard(kind=BoardKind(memory=_MEMORY)), tcp="127.0.0.1:0") as (url,), connect(url) as board:
         await _fill(board)
         print(json.dumps(url), flush=True)
         await asyncio.to_thread(sys.stdin.read)

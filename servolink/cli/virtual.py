@@ -8,9 +8,10 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
+from typing import Any
 
 from servolink.cli.arguments import whole_number
 from servolink.cli.main import OK, usage_error
@@ -23,14 +24,12 @@ from servolink.protocol.codec import Codec
 from servolink.transports.device_info import DeviceInfo
 from servolink.transports.faults import Faults
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.hardware import MAX_SERVOS, MEMORY
+from servolink.virtual.hardware import MAX_SERVOS
+from servolink.virtual.kind import OPTIONS, BoardKind, KindOption
 from servolink.virtual.script import HELP, Event, Keys, Push, parse_script
 from servolink.virtual.serve import serve
 from servolink.virtual.state_file import load_state, save_state
-from servolink.virtual.storage import CLEAR, ON_DUPLICATE
 from servolink.virtual.transport import StateSaver
-
-_MAX_MEMORY = 2**31 - 1
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -54,24 +53,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="boards with the same number differ in nothing (0)",
     )
     parser.add_argument(
-        "--memory",
-        type=whole_number(0, _MAX_MEMORY),
-        default=MEMORY,
-        metavar="BYTES",
-        help=f"memory for what is stored ({MEMORY})",
-    )
-    parser.add_argument(
-        "--on-duplicate",
-        choices=ON_DUPLICATE,
-        default="replace",
-        help="what adding a stored id does (replace)",
-    )
-    parser.add_argument("--clear", choices=CLEAR, default="all", help="what clearing deletes (all)")
-    parser.add_argument("--bus-powered", action="store_true", help="it loses power when its last host detaches")
-    parser.add_argument(
-        "--partial-writes", action="store_true", help="losing power leaves a part of what is being stored"
-    )
-    parser.add_argument(
         "--faults",
         type=_faults,
         metavar="NAME=VALUE,...",
@@ -87,6 +68,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="what people do to the board, such as: 1.5 press 3",
     )
+    _add_kind(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -95,11 +77,7 @@ def run(args: argparse.Namespace) -> int:
         args.servos,
         args.seed,
         Codec(args.byte_order or "little"),
-        args.memory,
-        on_duplicate=args.on_duplicate,
-        clear=args.clear,
-        partial_writes=args.partial_writes,
-        bus_powered=args.bus_powered,
+        BoardKind(**{option.name: getattr(args, option.name) for option in OPTIONS}),
     )
     pushed = {event.servo_id for event in args.script if isinstance(event, Push)}
     if unknown := sorted(pushed - board.servos.keys()):
@@ -191,6 +169,33 @@ def _keyboard(board: VirtualBoard) -> Iterator[None]:
         if there:
             print(HELP, file=sys.stderr, flush=True)
         yield
+
+
+def _add_kind(parser: argparse.ArgumentParser) -> None:
+    """Add an option for everything in which boards differ."""
+    group = parser.add_argument_group("kind of board")
+    for option in OPTIONS:
+        flag = "--" + option.name.replace("_", "-")
+        if option.is_flag:
+            group.add_argument(flag, action="store_true", help=option.meaning)
+        else:
+            group.add_argument(
+                flag,
+                type=_kind_type(option),
+                default=option.default,
+                metavar=option.unit,
+                help=f"{option.meaning} ({option.default_text})",
+            )
+
+
+def _kind_type(option: KindOption) -> Callable[[str], Any]:
+    def read(text: str) -> Any:
+        try:
+            return option.read(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return read
 
 
 def _listening(text: str) -> str:

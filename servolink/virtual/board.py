@@ -5,32 +5,35 @@ Hosts are attached as sessions: bytes go in, bytes come out.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from servolink.errors import DecodeError
 from servolink.protocol.codec import Codec
-from servolink.protocol.frame import encode_frame
+from servolink.protocol.frame import Frame, encode_frame
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
-from servolink.protocol.settings import TransmissionModeSettingRequest
+from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 from servolink.virtual.handlers import HANDLERS, RequestContext
-from servolink.virtual.hardware import MEMORY, NEW_PROTOCOL, Hardware
-from servolink.virtual.storage import Clear, Contents, OnDuplicate, Storage, partial_write
+from servolink.virtual.hardware import NEW_PROTOCOL, Hardware
+from servolink.virtual.kind import DEFAULT_KIND, BoardKind
+from servolink.virtual.storage import Contents, partial_write
+from servolink.virtual.work import Received, WorkQueue
 
 _SILENCE = 0.25  # seconds after which half a frame is given up
 
 
 class VirtualBoard(Hardware):
-    """A board with `servos` servos, numbered from 1, and `memory` bytes for what is stored.
+    """A board with `servos` servos, numbered from 1; `kind` says how it differs from others.
 
-    Boards differ in what adding a stored id does (`on_duplicate`), in what clearing leaves (`clear`), in whether they
-    lose power with their last host (`bus_powered`), and in what an interrupted write leaves (`partial_writes`).
+    It handles requests one after the other, in the order in which they came. A request takes effect when the board
+    begins to work on it, and is answered when the board has finished: at once, unless its kind takes time. The requests
+    that come meanwhile wait, and those for which there is no room are lost.
 
-    The board has no clock, so a write takes no time. It counts as under way from the last byte of the request until
-    the host has received the whole response. If power is lost in between, a board without `partial_writes` has
-    finished the write; one with them may hold anything that `storage.partial_write` describes. Of several writes that
-    a host requested at once, only the last can be interrupted.
+    A write counts as under way until the host has received the whole response. If power is lost before, a board without
+    `partial_writes` has finished the write; one with them may hold anything that `storage.partial_write` describes. Of
+    several writes that a host requested at once, only the last one begun can be interrupted.
     """
 
     def __init__(
@@ -38,20 +41,14 @@ class VirtualBoard(Hardware):
         servos: int = 16,
         seed: int = 0,
         codec: Codec | None = None,
-        memory: int = MEMORY,
-        *,
-        on_duplicate: OnDuplicate = "replace",
-        clear: Clear = "all",
-        partial_writes: bool = False,
-        bus_powered: bool = False,
+        kind: BoardKind = DEFAULT_KIND,
     ) -> None:
         """Switch on. Boards with the same `seed` behave the same. Raise ValueError for a value out of range."""
-        storage = Storage(memory, on_duplicate=on_duplicate, clear=clear)
-        super().__init__(servos, storage, seed=seed, codec=codec, send_event=self._send_event)
+        super().__init__(servos, kind, seed=seed, codec=codec, send_event=self._send_event)
         self.sessions: list[Session] = []
         """The hosts that are attached."""
-        self._partial_writes = partial_writes
-        self._bus_powered = bus_powered
+        self.work = WorkQueue(kind.queue)
+        """The requests that were received."""
 
     def attach(self, send: Callable[[bytes], None], unsent: Callable[[], int] = lambda: 0) -> Session:
         """Attach a host, and switch the power on if it was off.
@@ -72,7 +69,7 @@ class VirtualBoard(Hardware):
         present = [session for session in sessions if session in self.sessions]
         for session in present:
             self.sessions.remove(session)
-        if self._bus_powered and not self.sessions:
+        if self.kind.bus_powered and not self.sessions:
             self._lose_power(present)
 
     def power_cycle(self, now: float) -> None:
@@ -81,14 +78,26 @@ class VirtualBoard(Hardware):
         self._lose_power(self.sessions)
         self.switch(on=True)
 
+    def _advance_to(self, due: float, now: float) -> None:
+        super()._advance_to(due, now)
+        if self.work.due == due:
+            for servo in self.servos.values():  # the next request may ask for their state
+                servo.advance(due)
+            self.work.advance(due)
+            self.notify_watchers()  # a request that waited may have stored something
+
+    def _due(self) -> float | None:
+        return min((due for due in (super()._due(), self.work.due) if due is not None), default=None)
+
     def _lose_power(self, sessions: list[Session]) -> None:
         """Switch off; `sessions` are those whose writes may have been under way."""
         for session in sessions:
             write = session.unconfirmed_write
             # A later write, of another host, says that this one was finished.
-            if self._partial_writes and write is not None and write.after is self.storage.contents:
+            if self.kind.partial_writes and write is not None and write.after is self.storage.contents:
                 self.storage.contents = partial_write(write.before, write.after, self._random, self.codec.byte_order)
             session.reset()
+        self.work.clear()
         self.switch(on=False)
         self.notify_watchers()
 
@@ -99,14 +108,14 @@ class VirtualBoard(Hardware):
                     session.send(frame)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Write:
     """A change of what is stored."""
 
     before: Contents
     after: Contents
-    confirmed_at: int
-    """How many bytes the host must have received to have the whole response."""
+    confirmed_at: float = math.inf
+    """How many bytes the host must have received to have the whole response; infinite until it is sent."""
 
 
 class Session:
@@ -117,6 +126,8 @@ class Session:
         self.board = board
         self.subscribed = False
         """Whether button events are sent to this host."""
+        self.waiting = 0
+        """The bytes of its requests that wait."""
         self._parser = FrameParser(board.codec.byte_order)
         self._last_receive = 0.0
         self._send = send
@@ -127,16 +138,16 @@ class Session:
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes from the host, cut and damaged anyhow, and respond to the requests that are now complete."""
         self.board.advance(now)
-        frames = []
         if now - self._last_receive >= _SILENCE:
             # Half a frame and then silence: its sender is gone or has given up, but the length that it claims could
             # swallow everything that the next host sends. A host that only paused loses one request and asks again.
             while self._parser.partial_frame is not None:
-                frames += self._parser.abandon_frame()
+                self._take(self._parser.abandon_frame(), now)
         self._last_receive = now
-        for packet_id, content in frames + self._parser.feed(data):
-            if self in self.board.sessions:  # sending a response can detach the host
-                self._respond(packet_id, content, now)
+        if self.board.kind.takes_time and len(data) > self._room:
+            self._receive_part(data, now)
+        else:
+            self._take(self._parser.feed(data), now)
         self.board.notify_watchers()
 
     def detach(self, now: float | None = None) -> None:
@@ -160,26 +171,59 @@ class Session:
         received = self._sent - self._unsent()
         return None if write is None or received >= write.confirmed_at else write
 
-    def _respond(self, packet_id: int, content: bytes, now: float) -> None:
+    def finish(self, frame: bytes) -> None:
+        """Send the response to the request that was carried out last, unless the host has detached."""
+        if self not in self.board.sessions:
+            return
+        write = self._last_write
+        if write is not None and write.confirmed_at == math.inf:
+            write.confirmed_at = self._sent + len(frame)
+        self.send(frame)
+
+    def respond(self, packet_id: int, content: bytes, now: float) -> tuple[bytes | None, float]:
+        """Carry out a request; return the frame to send, if there is one, and the seconds of work before that."""
         board, codec = self.board, self.board.codec
         try:
             request = codec.decode(packet_id, content)
         except DecodeError:
-            return  # its count contradicts its length: a board cannot respond to what it cannot read
+            return None, 0.0  # its count contradicts its length: a board cannot respond to what it cannot read
         handler = HANDLERS.get(type(request))
-        if handler is None:
-            return  # a response, which only boards send
+        if handler is None or board.kind.ignores(request):
+            return None, 0.0  # a response, which only boards send, or unsupported
         if board.mode != NEW_PROTOCOL and not isinstance(request, TransmissionModeSettingRequest):
-            return
+            return None, 0.0
         before = board.storage.contents
         response = handler(RequestContext(board, self, request, content, now))
-        if response is None:
-            return
-        if isinstance(response, Packet):
-            frame = codec.encode(response)
-        else:
-            content = bytes((response,)) if isinstance(response, bool) else response
-            frame = encode_frame(packet_id + 1, content, codec.byte_order)
+        seconds = board.kind.turnaround
         if board.storage.contents is not before:
-            self._last_write = Write(before, board.storage.contents, self._sent + len(frame))
-        self.send(frame)
+            self._last_write = Write(before, board.storage.contents)
+            is_clear = isinstance(request, ClearAllDataRequest)
+            seconds += board.kind.clear_seconds if is_clear else board.kind.write_seconds
+        if isinstance(response, bool):
+            response = bytes((response,))
+        return None if response is None else self._encode(packet_id, response), seconds
+
+    def _encode(self, packet_id: int, response: Packet | bytes) -> bytes:
+        codec = self.board.codec
+        if isinstance(response, Packet):
+            return codec.encode(response)
+        return encode_frame(packet_id + 1, response, codec.byte_order)
+
+    def _take(self, frames: Iterable[Frame], now: float) -> None:
+        for packet_id, content in frames:
+            if self in self.board.sessions:  # sending a response can detach the host
+                self.board.work.take(Received(self, packet_id, content), now)
+
+    @property
+    def _room(self) -> int:
+        """How many bytes find room while the board works."""
+        partial = self._parser.partial_frame
+        return max(0, self.board.kind.queue_bytes - self.waiting - (partial[1] if partial else 0))
+
+    def _receive_part(self, data: bytes, now: float) -> None:
+        """Take the bytes for which there is room. An idle board reads each as it comes, so that it needs none."""
+        for at in range(len(data)):
+            if self.board.work.due is not None:
+                self._take(self._parser.feed(data[at : at + self._room]), now)
+                return
+            self._take(self._parser.feed(data[at : at + 1]), now)

@@ -12,8 +12,8 @@ from servolink.protocol.frame import HEADER_SIZE
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro
 from servolink.virtual.hardware import Hardware
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.servo import Servo
-from servolink.virtual.storage import Storage
 
 LONGEST = 600.0
 """Seconds after which a play is cut off."""
@@ -55,7 +55,7 @@ class DryRun:
 
     def __init__(self, actions: Iterable[Action], macros: Iterable[Macro], servo_ids: Iterable[int]) -> None:
         """Store everything. Raise ProjectError for values that no board takes."""
-        self.hardware = Hardware(0, Storage(_MEMORY))
+        self.hardware = Hardware(0, BoardKind(memory=_MEMORY))
         self._moves: list[Move] = []
         for servo_id in servo_ids:
             self.hardware.servos[servo_id] = _RecordingServo(servo_id, self._moves.append)

@@ -79,8 +79,10 @@ def _clear(context: RequestContext[settings.ClearAllDataRequest]) -> Response:
 
 @handles(settings.QueryMemorySizeRequest)
 def _memory(context: RequestContext[settings.QueryMemorySizeRequest]) -> Response:
-    storage = context.hardware.storage
-    return settings.QueryMemorySizeResponse(storage.free, storage.memory)
+    storage, kind = context.hardware.storage, context.hardware.kind
+    total = kind.memory_reported * kind.memory_unit or storage.memory
+    free = max(0, total - storage.used)
+    return settings.QueryMemorySizeResponse(free // kind.memory_unit, total // kind.memory_unit)
 
 
 @handles(settings.QueryRemainPowerRequest)
@@ -103,7 +105,10 @@ def _servo_list(context: RequestContext[servos.QueryServoListRequest]) -> Respon
 
 @handles(servos.QueryServoRequest)
 def _servo(context: RequestContext[servos.QueryServoRequest]) -> Response:
-    addressed = _addressed(context.hardware, context.request.servo_id)
+    servo_id = context.request.servo_id
+    addressed = _addressed(context.hardware, servo_id)
+    if not addressed and servo_id != ALL_SERVOS and _is_silent(context):
+        return None
     return servos.QueryServoResponse(tuple([servo.state() for servo in addressed]))
 
 
@@ -143,6 +148,11 @@ def _run_action(context: RequestContext[servos.ExecuteActionExRequest]) -> Respo
     return None
 
 
+def _is_silent(context: RequestContext[Any]) -> bool:
+    """Return whether the board does not answer queries of what does not exist."""
+    return context.hardware.kind.unknown_ids == "silent"
+
+
 def _addressed(hardware: Hardware, servo_id: int) -> list[Servo]:
     """Return the servos with an id: all, one or none."""
     if servo_id == ALL_SERVOS:
@@ -162,7 +172,8 @@ def _handle_records(record_type: RecordType[Any]) -> None:
 
     @handles(record_type.query_class)
     def query(context: RequestContext[Any]) -> Response:
-        return context.hardware.storage.get(record_type, record_type.id_of(context.request)) or not_found
+        record = context.hardware.storage.get(record_type, record_type.id_of(context.request))
+        return record or (None if _is_silent(context) else not_found)
 
     @handles(record_type.add_class)
     def add(context: RequestContext[Any]) -> Response:

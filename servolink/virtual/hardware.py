@@ -10,15 +10,15 @@ from random import Random
 
 from servolink.protocol.codec import Codec
 from servolink.virtual.buttons import Buttons
+from servolink.virtual.kind import DEFAULT_KIND, BoardKind
 from servolink.virtual.player import Player
 from servolink.virtual.servo import Servo
 from servolink.virtual.storage import Storage
 
-MEMORY = 64 * 1024
 MAX_SERVOS = 254
 """Ids are one byte; 0 means "no such servo" and 255 means all."""
 NEW_PROTOCOL = 1
-"""The transmission mode in which a board starts and takes all requests (3.1.1)."""
+"""The transmission mode in which a board takes all requests (3.1.1)."""
 
 _FULL = 1000.0  # battery, per mille
 _STANDBY = _FULL / (10 * 3600)  # an idle board lasts ten hours
@@ -31,7 +31,7 @@ class Hardware:
     def __init__(
         self,
         servos: int,
-        storage: Storage,
+        kind: BoardKind = DEFAULT_KIND,
         *,
         seed: int = 0,
         codec: Codec | None = None,
@@ -46,9 +46,10 @@ class Hardware:
             servo_id: Servo(servo_id, angle=float(random.randint(-10, 10)), friction=random.uniform(0.9, 1.1))
             for servo_id in range(1, servos + 1)
         }
-        self.storage = storage
-        self.player = Player(self.servos, self.storage, self.codec)
-        self.mode = NEW_PROTOCOL
+        self.kind = kind
+        self.storage = Storage(kind)
+        self.player = Player(self.servos, self.storage, self.codec, kind.interval_unit)
+        self.mode: int = kind.mode
         """The transmission mode."""
         self.battery = _FULL
         """Remaining charge, per mille."""
@@ -81,8 +82,7 @@ class Hardware:
     def advance(self, now: float) -> None:
         """Bring motions, macros, buttons and battery up to `now`; an earlier time than the last changes nothing."""
         while (due := self._due()) is not None and due <= now:
-            self._buttons.advance(due)
-            self.player.advance(due, now)
+            self._advance_to(due, now)
         last = self._now
         if last is None or now > last:
             for servo in self.servos.values():
@@ -114,9 +114,14 @@ class Hardware:
         if not on:
             self.player.stop()
             self._buttons.reset()
-            self.mode = NEW_PROTOCOL
+            self.mode = self.kind.mode
         for servo in self.servos.values():
             servo.switch(on=on)
+
+    def _advance_to(self, due: float, now: float) -> None:
+        """Do what is due at `due`, which is `now` or earlier."""
+        self._buttons.advance(due)
+        self.player.advance(due, now)
 
     def _due(self) -> float | None:
         return min((due for due in (self._buttons.due, self.player.due) if due is not None), default=None)

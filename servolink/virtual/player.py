@@ -13,6 +13,7 @@ from servolink.protocol.editing import AddMacroRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
+from servolink.virtual.kind import INTERVAL_UNIT
 from servolink.virtual.servo import Servo
 from servolink.virtual.storage import Storage
 
@@ -54,11 +55,14 @@ class _Snapshot:
 class Player:
     """Runs actions at once and one macro at a time."""
 
-    def __init__(self, servos: Mapping[int, Servo], storage: Storage, codec: Codec) -> None:
-        """Move `servos` as the records in `storage` say."""
+    def __init__(
+        self, servos: Mapping[int, Servo], storage: Storage, codec: Codec, interval_unit: float = INTERVAL_UNIT
+    ) -> None:
+        """Move `servos` as the records in `storage` say; `interval_unit` is in seconds."""
         self._servos = servos
         self._storage = storage
         self._codec = codec
+        self._slowness = interval_unit / INTERVAL_UNIT  # exactly 1 unless the board differs from the document
         self._running: Generator[float, None, float] | None = None
         self._continue_at = 0.0
         self._next_macro = 0
@@ -76,7 +80,7 @@ class Player:
         """Start all `steps` together; steps of servos that do not exist have no effect."""
         for step in steps:
             if (servo := self._servos.get(step.servo_id)) is not None:
-                servo.move(step.degree, step.seconds / speed, now)
+                servo.move(step.degree, step.seconds * self._slowness / speed, now)
         self._work += len(steps)
 
     def run_action(self, action_id: int, now: float) -> None:
@@ -182,6 +186,6 @@ class Player:
         else:
             action = snapshot.actions[command.command_id]
             self.move(action.steps, self._continue_at, speed)
-            duration = action.seconds / speed
+            duration = action.seconds * self._slowness / speed
         yield duration
         return duration

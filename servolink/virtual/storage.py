@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from random import Random
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, TypeAlias
 
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddServoParameterRequest
@@ -20,13 +20,7 @@ from servolink.protocol.layout import content_size, layout
 from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES, TABLE, RecordType, StoredType
 from servolink.protocol.servos import QueryServoRequest
-
-OnDuplicate = Literal["replace", "append", "reject"]
-"""What adding a stored id does: the new record replaces the old one, is stored besides it, or is refused."""
-Clear = Literal["all", "records"]
-"""What clearing deletes: everything, or all but project id and servo parameters."""
-ON_DUPLICATE: tuple[OnDuplicate, ...] = get_args(OnDuplicate)
-CLEAR: tuple[Clear, ...] = get_args(Clear)
+from servolink.virtual.kind import BoardKind, OnDuplicate
 
 AnyType: TypeAlias = StoredType[Any]
 Record: TypeAlias = tuple[int, bytes]
@@ -56,19 +50,15 @@ class Contents:
 
 
 class Storage:
-    """The contents, within `memory` bytes, and how they change."""
+    """The contents, and how they change on a board of one kind."""
 
-    def __init__(self, memory: int, *, on_duplicate: OnDuplicate = "replace", clear: Clear = "all") -> None:
-        """Start empty. Raise ValueError if `on_duplicate` or `clear` has none of its values."""
-        if on_duplicate not in ON_DUPLICATE:
-            raise ValueError(f"on_duplicate must be one of {', '.join(ON_DUPLICATE)}, not {on_duplicate!r}")
-        if clear not in CLEAR:
-            raise ValueError(f"clear must be one of {', '.join(CLEAR)}, not {clear!r}")
-        self.memory = memory
+    def __init__(self, kind: BoardKind) -> None:
+        """Start empty."""
+        self.memory = kind.memory
+        """How many bytes can be stored."""
         self.contents = Contents()
         """Everything that is stored. Kept and assigned again later, it restores that moment."""
-        self._on_duplicate: OnDuplicate = on_duplicate
-        self._clear: Clear = clear
+        self._kind = kind
 
     @property
     def used(self) -> int:
@@ -87,7 +77,9 @@ class Storage:
 
     @project_id.setter
     def project_id(self, project_id: int) -> None:
-        self.contents = replace(self.contents, project_id=project_id)
+        bits = self._kind.project_id_bits
+        kept = project_id if bits == 32 else project_id & ((1 << bits) - 1)
+        self.contents = replace(self.contents, project_id=kept)
 
     @property
     def active_table(self) -> int:
@@ -115,7 +107,7 @@ class Storage:
         if stored_type is SERVO_PARAMETER:
             on_duplicate = "replace"
         elif on_duplicate is None:
-            on_duplicate = self._on_duplicate
+            on_duplicate = self._kind.on_duplicate
         stored = self.all(stored_type)
         known = {record_id for record_id, _ in stored} & records.keys()
         if 0 in records or (known and on_duplicate == "reject"):
@@ -157,7 +149,7 @@ class Storage:
 
     def clear(self) -> None:
         """Delete everything, or all but project id and servo parameters, as this board does."""
-        if self._clear == "all":
+        if self._kind.clear == "all":
             self.contents = Contents()
         else:
             self.contents = Contents({**_nothing(), SERVO_PARAMETER: self.all(SERVO_PARAMETER)}, self.project_id)

@@ -14,9 +14,9 @@ from servolink.transports.address import Address
 from servolink.transports.faults import Faults, FaultyTransport
 from servolink.transports.lifecycle import BaseTransport
 from servolink.virtual.board import Session, VirtualBoard
-from servolink.virtual.hardware import MAX_SERVOS, MEMORY, Hardware
+from servolink.virtual.hardware import MAX_SERVOS, Hardware
+from servolink.virtual.kind import OPTIONS, BoardKind
 from servolink.virtual.state_file import load_state, save_state
-from servolink.virtual.storage import CLEAR, ON_DUPLICATE, Clear, OnDuplicate
 
 SAVE_AFTER = 0.5
 """Seconds from a change of what is stored until it is saved."""
@@ -108,17 +108,26 @@ def from_address(address: Address) -> VirtualTransport | FaultyVirtualTransport:
         servos=address.integer("servos", 16, 0, MAX_SERVOS),
         seed=seed,
         codec=Codec(cast("ByteOrder", address.choice("byte_order", "little", ("little", "big")))),
-        memory=address.integer("memory", MEMORY, 0, 2**31 - 1),
-        on_duplicate=cast("OnDuplicate", address.choice("on_duplicate", "replace", ON_DUPLICATE)),
-        clear=cast("Clear", address.choice("clear", "all", CLEAR)),
-        partial_writes=address.flag("partial_writes", default=False),
-        bus_powered=address.flag("bus_powered", default=False),
+        kind=_kind_in(address),
     )
     state = address.text("state", "")
     faults = Faults.from_address(address)
     address.refuse_unknown()
     transport = VirtualTransport(board, address.url, Path(state) if state else None)
     return transport if faults == Faults() else FaultyVirtualTransport(transport, faults, seed=seed)
+
+
+def _kind_in(address: Address) -> BoardKind:
+    """Return the kind of board that the options of `address` describe."""
+    given = {}
+    for option in OPTIONS:
+        text = address.text(option.name, "")
+        if option.name in address.options:
+            try:
+                given[option.name] = option.read(text)
+            except ValueError as error:
+                raise address.refusal(f"option {option.name} {error}") from None
+    return BoardKind(**given)
 
 
 class VirtualTransport(BaseTransport):

@@ -12,7 +12,7 @@ from servolink import Board, ConnectionLost, EncodeError, NotFound, OutcomeUnkno
 from servolink.client import connect as connecting
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest, WriteProjectIDResponse
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.storage import Clear
+from servolink.virtual.kind import BoardKind, Clear
 from tests.client.fake_board import FakeBoard, late, lie, opened, turns_of_the_loop
 from tests.client.sockets import Socket
 from tests.virtual_time import run
@@ -79,7 +79,7 @@ def test_another_board_is_never_taken_for_ours_and_ours_always_is(
     deed: Deed, keeps: Clear, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def main() -> None:
-        ours, other = VirtualBoard(clear=keeps), VirtualBoard()
+        ours, other = VirtualBoard(kind=BoardKind(clear=keeps)), VirtualBoard()
         ours.storage.project_id, other.storage.project_id = 5, 77
         socket = Socket(ours)
         monkeypatch.setattr(connecting, "create", socket.transport)
@@ -121,7 +121,7 @@ def test_which_board_it_is_is_learnt_when_it_comes_back(monkeypatch: pytest.Monk
 
 def test_a_new_board_is_not_taken_for_a_cleared_one_that_keeps_its_id(monkeypatch: pytest.MonkeyPatch) -> None:
     async def main() -> None:
-        ours, new = VirtualBoard(clear="records"), VirtualBoard()
+        ours, new = VirtualBoard(kind=BoardKind(clear="records")), VirtualBoard()
         ours.storage.project_id = 5
         socket = Socket(ours)
         monkeypatch.setattr(connecting, "create", socket.transport)

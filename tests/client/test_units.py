@@ -19,6 +19,7 @@ from servolink.protocol.servos import (
     SetAngleUnitResponse,
 )
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.servo import to_adc
 from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, Fate, connected, late, lie, opened, turns_of_the_loop
 from tests.client.sockets import Socket
@@ -225,7 +226,7 @@ def test_a_change_behind_one_of_which_the_outcome_is_not_known_holds() -> None:
 
 
 def test_units_of_single_servos_are_set_again_where_that_of_all_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    toy = VirtualBoard(servos=3, bus_powered=True)
+    toy = VirtualBoard(servos=3, kind=BoardKind(bus_powered=True))
     socket = Socket(toy)
     monkeypatch.setattr(connecting, "create", socket.transport)
 

@@ -29,6 +29,7 @@ from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest, SetAngleUni
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest, TransmissionModeSettingRequest
 from servolink.transports.base import Receiver
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from tests.fuzz.errors import check
 from tests.fuzz.recipes import RESPONSE_IDS, Cursor, content_for, made
 from tests.hostile.calls import Call, calls
@@ -198,7 +199,9 @@ def command(data: bytes) -> None:
     order: ByteOrder = "big" if options & 1 else "little"
     said: list[bytes] = []
     board = VirtualBoard(
-        3, codec=Codec(order), memory=_MEMORY, partial_writes=bool(options & 2), bus_powered=bool(options & 4)
+        3,
+        codec=Codec(order),
+        kind=BoardKind(memory=_MEMORY, partial_writes=bool(options & 2), bus_powered=bool(options & 4)),
     )
     session = board.attach(said.append)
     now = 1.0

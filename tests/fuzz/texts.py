@@ -19,6 +19,7 @@ from servolink.transports.faults import Faults, LineFaults
 from servolink.transports.recording import ReplayTransport
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.script import parse_script
 from servolink.virtual.state_file import load_state, save_state
 from tests.fuzz.errors import check
@@ -113,7 +114,7 @@ async def _replay(path: Path) -> None:
 
 def saved_board(path: Path) -> None:
     """Read the file as the saved state of a virtual board."""
-    board = VirtualBoard(3, memory=1000)
+    board = VirtualBoard(3, kind=BoardKind(memory=1000))
     try:
         load_state(board, path)
     except OpenError as error:

@@ -24,6 +24,7 @@ from servolink.transports.address import Address
 from servolink.transports.faults import Faults
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.script import parse_script
 from servolink.virtual.state_file import load_state
 from servolink.virtual.transport import VirtualTransport
@@ -34,7 +35,7 @@ from tests.virtual_time import run
 
 def _stored_on_a_full_board(text: str) -> None:
     async def store() -> None:
-        async with connect(VirtualTransport(VirtualBoard(1, memory=0), f"virtual://{text}")) as board:
+        async with connect(VirtualTransport(VirtualBoard(1, kind=BoardKind(memory=0)), f"virtual://{text}")) as board:
             await board.request(AddActionRequest(1, text), unchecked=True)
             await board.add_action(Action(1, text))
 

@@ -27,6 +27,7 @@ from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, TABL
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.state_file import save_state
 from servolink.virtual.storage import AnyType
 from tests.hostile.corpus import ONE_OF_EACH, PAYLOADS, Payload
@@ -133,7 +134,7 @@ class World:
         self.path(suffix).write_bytes(content)
 
     def _save_board(self, name: str, captions: Sequence[bytes]) -> None:
-        board = VirtualBoard(SERVOS, memory=_MEMORY)
+        board = VirtualBoard(SERVOS, kind=BoardKind(memory=_MEMORY))
         board.storage.project_id = 5
         for kind, declared in _STORED.items():
             records = {at: _content(declared(at), caption) for at, caption in enumerate(captions, 1)}

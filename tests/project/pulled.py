@@ -25,7 +25,8 @@ from servolink.protocol.records import Action, Button, JoystickTable, Macro, Mac
 from servolink.transports.base import Transport
 from servolink.transports.faults import Faults, FaultyTransport
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.storage import AnyType, Clear, Contents, OnDuplicate
+from servolink.virtual.kind import BoardKind, Clear, OnDuplicate
+from servolink.virtual.storage import AnyType, Contents
 from tests.project.cable import Cable
 
 OLD = Project(
@@ -74,10 +75,12 @@ class Make:
         board = VirtualBoard(
             3,
             seed,
-            on_duplicate=self.on_duplicate,
-            clear=self.clear,
-            partial_writes=self.partial_writes,
-            bus_powered=self.bus_powered,
+            kind=BoardKind(
+                on_duplicate=self.on_duplicate,
+                clear=self.clear,
+                partial_writes=self.partial_writes,
+                bus_powered=self.bus_powered,
+            ),
         )
         board.storage.contents = contents
         return board

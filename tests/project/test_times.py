@@ -15,6 +15,7 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.frame import HEADER_SIZE
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.player import Player
 from servolink.virtual.storage import Storage
 
@@ -23,7 +24,7 @@ FAST = Action(1, "fast", (Step(1, 90, 50), Step(2, 90, 100)))  # 1 s
 
 def played(project: Project, macro_id: int) -> float:
     """Return how many seconds a board plays a macro."""
-    codec, storage = Codec(), Storage(1_000_000)
+    codec, storage = Codec(), Storage(BoardKind(memory=1_000_000))
     kinds: list[RecordType[Any]] = [ACTION, MACRO]
     for kind in kinds:
         for record_id, record in kind.by_id(project).items():

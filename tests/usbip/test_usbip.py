@@ -26,6 +26,7 @@ from servolink.usbip import messages, server
 from servolink.usbip.descriptors import BULK_IN, BULK_OUT, HID_IN, HID_OUT, SERIAL_IN, SERIAL_OUT
 from servolink.usbip.server import UsbIpServer
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.serve import serve, serve_usb_device
 from tests import processes
 from tests.usbip.usbip_host import IMPORT, UNLINKED, UsbHost, attached, submit, unlink
@@ -180,7 +181,7 @@ def test_pulling_the_plug_ends_everything_and_it_can_be_plugged_in_again() -> No
 @pytest.mark.parametrize("way", WAYS)
 def test_a_plug_pulled_before_the_answer_was_fetched_can_tear_what_was_stored(way: str) -> None:
     async def left(seed: int, *, fetched: bool) -> int:
-        board = VirtualBoard(servos=3, seed=seed, partial_writes=True, bus_powered=True)
+        board = VirtualBoard(servos=3, seed=seed, kind=BoardKind(partial_writes=True, bus_powered=True))
         async with exported(board) as (place, usbip), attached(*place) as host:
             if fetched:
                 await ask(host, way, WriteProjectIDRequest(77))

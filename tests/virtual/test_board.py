@@ -21,6 +21,7 @@ from servolink.protocol.settings import (
 )
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.hardware import MAX_SERVOS
+from servolink.virtual.kind import BoardKind
 from tests.protocol.declared import any_packet
 from tests.virtual.host import START, Host
 
@@ -167,7 +168,7 @@ step = st.tuples(anything, st.floats(0, 1e6) | st.just(0.0), st.none() | st.tupl
 @settings(max_examples=200, deadline=None)
 @given(st.lists(step, max_size=25))
 def test_no_input_at_any_time_stops_or_fills_it(steps: list[tuple[bytes, float, tuple[bool, int] | None]]) -> None:
-    board = VirtualBoard(servos=3, memory=2000)
+    board = VirtualBoard(servos=3, kind=BoardKind(memory=2000))
     said: list[bytes] = []
     session = board.attach(said.append)
     now = START

@@ -32,6 +32,7 @@ from servolink.protocol.servos import QueryServoListRequest, QueryServoListRespo
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.script import Push
 from servolink.virtual.state_file import load_state, save_state
 from tests import processes
@@ -260,7 +261,7 @@ def test_a_board_that_is_unplugged_is_torn_as_the_options_say(tmp_path: Path) ->
         return board.storage.project_id
 
     def keeps_the_old_one(seed: int) -> bool:
-        board = VirtualBoard(seed=seed, partial_writes=True, bus_powered=True)
+        board = VirtualBoard(seed=seed, kind=BoardKind(partial_writes=True, bus_powered=True))
         session = board.attach(lambda _: None, lambda: 1)
         session.receive(write, 0.0)
         session.detach()

@@ -12,6 +12,7 @@ from servolink.protocol.frame import MAGIC, OVERHEAD, ByteOrder, encode_frame
 from servolink.protocol.packet import Command, Packet, Request, Response
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.handlers import HANDLERS
+from servolink.virtual.kind import BoardKind
 from tests.virtual.host import START, Host
 
 HOSTILE = b"\x1b[2J" + MAGIC + b"\xff\xfe\0after the end\x80\r\n".ljust(24, b"\x01")
@@ -178,7 +179,7 @@ def test_records_are_listed_read_replaced_and_deleted(host: Host) -> None:
 
 
 def test_a_board_that_appends_lists_an_id_twice_and_gives_and_deletes_the_first() -> None:
-    host = Host(VirtualBoard(on_duplicate="append"))
+    host = Host(VirtualBoard(kind=BoardKind(on_duplicate="append")))
     for caption in ("one", "two"):
         assert host.ask(editing.AddActionRequest(7, caption)).result == 1
     entries = (records.ActionEntry(7, "one"), records.ActionEntry(7, "two"))
@@ -190,14 +191,14 @@ def test_a_board_that_appends_lists_an_id_twice_and_gives_and_deletes_the_first(
 
 
 def test_a_board_that_rejects_keeps_what_it_has() -> None:
-    host = Host(VirtualBoard(on_duplicate="reject"))
+    host = Host(VirtualBoard(kind=BoardKind(on_duplicate="reject")))
     results = [host.ask(joystick.AddJoystickTableRequest(7, caption)).result for caption in ("one", "two")]
     assert results == [1, 0]
     assert host.ask(joystick.QueryJoystickTableListRequest()).tables == (records.JoystickTableEntry(7, "one"),)
 
 
 def test_clearing_the_records_ends_the_macro_and_leaves_project_id_and_parameters() -> None:
-    host = Host(VirtualBoard(clear="records"))
+    host = Host(VirtualBoard(kind=BoardKind(clear="records")))
     host.ask(editing.WriteProjectIDRequest(5))
     parameters = (records.ServoParameter(1, 2, "hip"),)
     host.ask(editing.AddServoParameterRequest(parameters))
@@ -280,7 +281,7 @@ def test_parameters_of_an_unknown_servo_are_refused_with_the_others(host: Host) 
 
 
 def test_a_full_memory_refuses_and_keeps_what_it_has() -> None:
-    host = Host(VirtualBoard(memory=100))
+    host = Host(VirtualBoard(kind=BoardKind(memory=100)))
     host.store_action(1, (1, 90, 100))
     assert host.ask(editing.AddActionRequest(2, "", (records.Step(1, 0, 0),) * 5)).result == 0
     assert host.ask(editing.AddMacroRequest(1, "", (records.MacroCommand(1),) * 2)).result == 0
@@ -299,7 +300,7 @@ def test_the_project_id_is_written_over(host: Host) -> None:
 
 
 def test_lists_longer_than_a_frame_show_what_fits() -> None:
-    host = Host(VirtualBoard(memory=10**6))
+    host = Host(VirtualBoard(kind=BoardKind(memory=10**6)))
     for action_id in range(1, 2001):
         host.store_action(action_id)
     listed = host.ask(editing.QueryActionListRequest()).actions
@@ -309,7 +310,7 @@ def test_lists_longer_than_a_frame_show_what_fits() -> None:
 
 @pytest.mark.parametrize("byte_order", ["little", "big"])
 def test_the_largest_action_that_fits_a_frame_comes_back(byte_order: ByteOrder) -> None:
-    host = Host(VirtualBoard(codec=Codec(byte_order), memory=10**6))
+    host = Host(VirtualBoard(codec=Codec(byte_order), kind=BoardKind(memory=10**6)))
     steps = tuple(records.Step(at % 256, at, at) for at in range(13099))
     assert host.ask(editing.AddActionRequest(1, "long", steps)).result == 1
     assert host.ask(editing.QueryActionRequest(1)).steps == steps

@@ -15,6 +15,7 @@ from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, STORED_TYPES, TABLE
 from servolink.protocol.records import Button, MacroCommand, Step
 from servolink.protocol.records import ServoParameter as Parameter
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.storage import AnyType, Contents, Record, Storage, partial_write
 
 TRIES = 600
@@ -49,7 +50,7 @@ def outcomes(before: Contents, after: Contents) -> Iterator[Contents]:
 
 
 def storage_with(kind: AnyType, *found: bytes) -> Storage:
-    storage = Storage(10_000, on_duplicate="append")
+    storage = Storage(BoardKind(memory=10_000, on_duplicate="append"))
     for record in found:
         storage.put(kind, {7: record})
     return storage
@@ -76,7 +77,7 @@ def write(storage: Storage, change: Callable[[Storage], object]) -> tuple[Conten
 @pytest.mark.parametrize("kind", list(STORED_TYPES))
 def test_an_added_record_is_there_or_not_or_without_its_tail(kind: AnyType) -> None:
     whole = records(1)[kind]
-    before, after = write(Storage(10_000), lambda storage: storage.put(kind, {7: whole}))
+    before, after = write(Storage(BoardKind(memory=10_000)), lambda storage: storage.put(kind, {7: whole}))
     seen = {dict(left.records[kind]).get(7) for left in outcomes(before, after)}
     assert {None, whole} < seen
     torn = seen - {None, whole}
@@ -91,7 +92,7 @@ def test_an_added_record_is_there_or_not_or_without_its_tail(kind: AnyType) -> N
 @pytest.mark.parametrize("kind", list(STORED_TYPES))
 def test_a_replaced_record_is_old_or_new_or_neither(kind: AnyType) -> None:
     old, new = records(1)[kind], records(5)[kind]
-    storage = Storage(10_000)
+    storage = Storage(BoardKind(memory=10_000))
     storage.put(kind, {7: old})
     before, after = write(storage, lambda storage: storage.put(kind, {7: new}))
     seen = {dict(left.records[kind]).get(7) for left in outcomes(before, after)}
@@ -104,7 +105,7 @@ def test_a_replaced_record_is_old_or_new_or_neither(kind: AnyType) -> None:
 
 def test_a_record_written_anew_with_the_same_bytes_can_tear_too() -> None:
     record = records(1)[ACTION]
-    storage = Storage(10_000)
+    storage = Storage(BoardKind(memory=10_000))
     storage.put(ACTION, {7: record, 8: record})
     before, after = write(storage, lambda storage: storage.put(ACTION, {7: record}))
     seen = [dict(left.records[ACTION]) for left in outcomes(before, after)]
@@ -125,7 +126,7 @@ def test_a_deleted_record_is_there_or_not_or_half_erased_and_the_others_are_left
 def test_of_several_servo_parameters_any_may_be_written_and_one_torn() -> None:
     old = content(AddServoParameterRequest((Parameter(1, -3, "old"),)))[2:]
     new = content(AddServoParameterRequest((Parameter(1, 3, "new"),)))[2:]
-    storage = Storage(10_000)
+    storage = Storage(BoardKind(memory=10_000))
     storage.put(SERVO_PARAMETER, dict.fromkeys(range(1, 6), old))
     before, after = write(storage, lambda storage: storage.put(SERVO_PARAMETER, dict.fromkeys(range(1, 6), new)))
     seen = [dict(left.records[SERVO_PARAMETER]) for left in outcomes(before, after)]
@@ -135,7 +136,7 @@ def test_of_several_servo_parameters_any_may_be_written_and_one_torn() -> None:
 
 
 def test_a_clear_that_breaks_off_leaves_some_records_and_each_word_as_it_was_or_zero() -> None:
-    storage = Storage(10_000)
+    storage = Storage(BoardKind(memory=10_000))
     for kind, record in records(1).items():
         storage.put(kind, dict.fromkeys((5, 7), record))
     storage.project_id = 77
@@ -164,7 +165,7 @@ def test_the_project_id_is_the_old_or_the_new_one() -> None:
 def test_the_length_is_true_in_both_byte_orders() -> None:
     codec = Codec("big")
     whole = codec.encode(AddActionRequest(7, "a", tuple(Step(at % 200, 1, 1) for at in range(300))))[HEADER_SIZE:-1]
-    before, after = write(Storage(10_000), lambda storage: storage.put(ACTION, {7: whole}))
+    before, after = write(Storage(BoardKind(memory=10_000)), lambda storage: storage.put(ACTION, {7: whole}))
     for seed in range(50):
         for _, record in partial_write(before, after, Random(seed), "big").records[ACTION]:
             torn = codec.decode(AddActionRequest.packet_id, record)

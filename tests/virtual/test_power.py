@@ -20,6 +20,7 @@ from servolink.protocol.servos import (
 )
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 from servolink.virtual.board import Session, VirtualBoard
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.servo import ADC, DEGREES
 from servolink.virtual.storage import Contents
 from tests.virtual.host import START, Host
@@ -30,7 +31,7 @@ ACTION = AddActionRequest(1, "wave", tuple(Step(at, 30, 40) for at in range(1, 9
 
 def busy() -> VirtualBoard:
     """A board that loses its power with its last host, which is Host 0, with all sorts of things going on."""
-    host = Host(VirtualBoard(servos=3, bus_powered=True))
+    host = Host(VirtualBoard(servos=3, kind=BoardKind(bus_powered=True)))
     host.store_macro(1, MacroCommand(500, 1, loop=100))
     host.ask(ExecuteMacroRequest(1))
     host.ask(SetAngleUnitRequest(2, ADC))
@@ -101,7 +102,7 @@ def test_several_hosts_of_one_plug_are_gone_at_once() -> None:
 
 
 def test_the_old_protocol_is_forgotten() -> None:
-    board = VirtualBoard(servos=1, bus_powered=True)
+    board = VirtualBoard(servos=1, kind=BoardKind(bus_powered=True))
     host = Host(board)
     host.tell(TransmissionModeSettingRequest(0))
     assert host.tell(QueryServoListRequest()) == []
@@ -131,7 +132,7 @@ def test_those_who_watch_learn_that_nothing_is_due_any_more() -> None:
 
 
 def test_a_host_that_detaches_twice_takes_the_power_once() -> None:
-    board = VirtualBoard(servos=1, bus_powered=True)
+    board = VirtualBoard(servos=1, kind=BoardKind(bus_powered=True))
     first = Host(board)
     first.session.detach()
     second = Host(board)
@@ -163,7 +164,9 @@ def left(packet: Packet, after: int, *, partial_writes: bool, bus_powered: bool)
     """Return what may be stored when the cable is cut `after` bytes of the answer."""
     seen: list[Contents] = []
     for seed in range(60):
-        board = VirtualBoard(servos=1, seed=seed, partial_writes=partial_writes, bus_powered=bus_powered)
+        board = VirtualBoard(
+            servos=1, seed=seed, kind=BoardKind(partial_writes=partial_writes, bus_powered=bus_powered)
+        )
         host = Host(board)
         host.ask(STORED)
         host.ask(WriteProjectIDRequest(5))
@@ -192,7 +195,7 @@ def project_ids(end: Callable[[VirtualBoard, Session], None]) -> set[int]:
     """Write a project id, hear nothing, let that `end`, and return which ids the board may then have."""
     seen = set()
     for seed in range(20):
-        board = VirtualBoard(seed=seed, partial_writes=True, bus_powered=True)
+        board = VirtualBoard(seed=seed, kind=BoardKind(partial_writes=True, bus_powered=True))
         session = board.attach(lambda _: None, lambda: ANSWER)
         session.receive(CODEC.encode(WriteProjectIDRequest(77)), START)
         end(board, session)

@@ -6,6 +6,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
@@ -23,8 +24,8 @@ from servolink.protocol.record_types import MACRO, STORED_TYPES, TABLE
 from servolink.protocol.records import Button, MacroCommand, ServoParameter, Step
 from servolink.protocol.servos import ExecuteActionRequest
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind, OnDuplicate
 from servolink.virtual.state_file import load_state, save_state
-from servolink.virtual.storage import ON_DUPLICATE, OnDuplicate
 from tests.virtual.host import START, Host
 
 
@@ -159,7 +160,7 @@ def test_a_file_larger_than_any_state_is_not_read(tmp_path: Path) -> None:
     with path.open("wb") as file:
         file.truncate(1 << 30)
     with pytest.raises(OpenError, match=r"board\.json: cannot be read: is larger than 4,848,576 bytes"):
-        load_state(VirtualBoard(memory=950_000), path)
+        load_state(VirtualBoard(kind=BoardKind(memory=950_000)), path)
 
 
 def test_a_file_that_could_not_be_saved_is_refused_at_the_start(tmp_path: Path) -> None:
@@ -171,15 +172,15 @@ def test_a_board_with_less_memory_refuses_what_does_not_fit(board: VirtualBoard,
     path = tmp_path / "board.json"
     save_state(board, path)
     with pytest.raises(OpenError, match="needs more memory"):
-        load_state(VirtualBoard(servos=3, codec=board.codec, memory=50), path)
+        load_state(VirtualBoard(servos=3, codec=board.codec, kind=BoardKind(memory=50)), path)
 
 
-@pytest.mark.parametrize("on_duplicate", ON_DUPLICATE)
+@pytest.mark.parametrize("on_duplicate", get_args(OnDuplicate))
 def test_doubles_and_torn_records_come_back_whatever_the_board_does_with_such(
     on_duplicate: OnDuplicate, tmp_path: Path
 ) -> None:
     path = tmp_path / "board.json"
-    host = Host(VirtualBoard(servos=1, on_duplicate="append"))
+    host = Host(VirtualBoard(servos=1, kind=BoardKind(on_duplicate="append")))
     for degree in (1, 2):
         host.store_action(7, (1, degree, 3))
         host.ask(AddJoystickTableRequest(degree, "pad"))
@@ -193,7 +194,7 @@ def test_doubles_and_torn_records_come_back_whatever_the_board_does_with_such(
     storage.delete(TABLE, 2)
     storage.contents = replace(storage.contents, chosen_table=2)  # as a deletion that was torn may leave it
     save_state(host.board, path)
-    loaded = VirtualBoard(servos=1, on_duplicate=on_duplicate)
+    loaded = VirtualBoard(servos=1, kind=BoardKind(on_duplicate=on_duplicate))
     for _ in range(2):  # again, it takes the place of what is there
         load_state(loaded, path)
         assert loaded.storage.contents == replace(storage.contents, chosen_table=0)

@@ -24,6 +24,7 @@ from servolink.protocol.servos import ExecuteActionRequest, QueryServoListReques
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest, QueryMemorySizeResponse
 from servolink.transports.address import Address
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.state_file import load_state
 from servolink.virtual.transport import FaultyVirtualTransport, VirtualTransport, from_address
 from tests.virtual.receiving import Heard, ask
@@ -258,7 +259,7 @@ def test_a_write_can_be_torn_when_the_line_is_unplugged_before_its_answer() -> N
 
 def test_an_unplugged_transport_is_lost_at_once_with_what_was_on_its_way(tmp_path: Path) -> None:
     async def main(seed: int, *, answered: bool) -> int:
-        board = VirtualBoard(seed=seed, partial_writes=True, bus_powered=True)
+        board = VirtualBoard(seed=seed, kind=BoardKind(partial_writes=True, bus_powered=True))
         path = tmp_path / "board.json"
         path.unlink(missing_ok=True)
         transport, heard = VirtualTransport(board, state=path), Heard()
@@ -299,14 +300,14 @@ def test_a_plug_that_is_pulled_while_an_answer_is_taken_takes_it_away() -> None:
 
     seen = set()
     for seed in range(20):
-        transport = VirtualTransport(VirtualBoard(seed=seed, partial_writes=True, bus_powered=True))
+        transport = VirtualTransport(VirtualBoard(seed=seed, kind=BoardKind(partial_writes=True, bus_powered=True)))
         seen.add(run(main()))
     assert seen == {0, 77}
 
 
 def test_closing_loses_the_power_at_that_time() -> None:
     async def main() -> float:
-        board = VirtualBoard(bus_powered=True)
+        board = VirtualBoard(kind=BoardKind(bus_powered=True))
         board.servos[1].angle = 0.0
         transport = VirtualTransport(board)
         await transport.open(Heard())

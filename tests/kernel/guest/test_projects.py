@@ -11,6 +11,7 @@ import pytest
 import servolink
 from servolink.project.transfer.results import Progress
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from tests.kernel.guest.plug import Plug, board_use
 from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, same
 
@@ -21,7 +22,7 @@ PATIENCE = 30.0  # seconds for an answer in this slow machine
 
 @pytest.fixture
 def virtual() -> VirtualBoard:
-    board = VirtualBoard(servos=3, on_duplicate="reject", partial_writes=True, bus_powered=True)
+    board = VirtualBoard(servos=3, kind=BoardKind(on_duplicate="reject", partial_writes=True, bus_powered=True))
     board.storage.contents = OLD_CONTENTS
     return board
 
