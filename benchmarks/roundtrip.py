@@ -14,7 +14,7 @@ from benchmarks.loops import installed, loops
 from benchmarks.measuring import CORES, Result, Table, table
 from benchmarks.neighbours import Neighbours
 from benchmarks.responder import Responder, language
-from benchmarks.roundtrip_clients import LAYERS, METHODS, PEERS, RAW, Client, Modbus, Ours, Polling
+from benchmarks.roundtrip_clients import LAYERS, METHODS, PEERS, RAW, Client, Modbus, Ours, OurSync, Polling
 
 SIZES = (14, 186)
 ADDED = {"asyncio": 14.0, "uvloop": 10.0}
@@ -23,6 +23,8 @@ TIMES = {"asyncio": 2.0, "uvloop": 1.6}
 """How many times the median of epoll it may take."""
 PEER_GOAL = 2.0
 """How many times as long pymodbus takes."""
+SYNC_GOAL = 2.5
+"""How many times as long `servolink.sync` may take."""
 
 
 @dataclass
@@ -79,6 +81,7 @@ def _measure(cases: list[_Case], rounds: int, times: int) -> None:
 def _cases(size: int, versions: dict[str, str]) -> Iterator[_Case]:
     for raw in RAW:
         yield _Case(raw(size), "")
+    yield _Case(OurSync(size), "")
     for loop, new in loops(versions):
         for kind in (*LAYERS, METHODS[size], *PEERS):
             if not kind.package or installed(kind.package, versions):
@@ -117,6 +120,10 @@ def _goals(size: int, cases: list[_Case]) -> Iterator[Goal]:
             system = _over(modbus, epoll) / _over(ours, epoll)
             name = f"time of pymodbus over that of `request`, {where} (without that of epoll: {system:.1f}x)"
             yield at_least(name, _ratio(modbus, ours), PEER_GOAL)
+    ours, sync = _only(cases, Ours, "asyncio"), _only(cases, OurSync)
+    if ours is not None and sync is not None:
+        name = f"time of `request` of servolink.sync over that of `request`, {size} bytes"
+        yield at_most(name, _ratio(sync, ours), SYNC_GOAL)
 
 
 def _table(size: int, cases: list[_Case], others: str) -> Table:

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 from benchmarks.answers import answers, exchange
 from benchmarks.loops import NewLoop
 from benchmarks.responder import Answers
+from servolink import sync
 from servolink.client.connect import connect
 from servolink.protocol.codec import Codec
 from servolink.protocol.parser import FrameParser
@@ -292,6 +293,30 @@ class Ours(LoopClient):
     async def disconnect(self) -> None:
         """Close it."""
         await self.board.close()
+
+
+class OurSync(Client):
+    """`board.request` of `servolink.sync`: the same in the thread of its loop, with a thread that waits for it."""
+
+    name = "servolink.sync, board.request"
+
+    def open(self, path: str) -> None:
+        """Open the board."""
+        self.board = sync.connect(path)
+
+    def ask(self, times: int) -> list[int]:
+        """Ask."""
+        request, query = self.board.request, self.query
+        took = []
+        for _ in range(times):
+            began = perf_counter_ns()
+            request(query)
+            took.append(perf_counter_ns() - began)
+        return took
+
+    def close(self) -> None:
+        """Close it."""
+        self.board.close()
 
 
 class OurServos(Ours):

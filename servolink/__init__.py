@@ -12,6 +12,7 @@ TYPE_CHECKING = False  # as type checkers know it, without the import: nothing c
 if TYPE_CHECKING:
     __all__: list[str]
     __version__: str
+    from servolink import sync as sync
     from servolink.client.board import Board as Board
     from servolink.client.connect import connect as connect
     from servolink.client.connect import reconnecting as reconnecting
@@ -139,14 +140,14 @@ else:
             from importlib.metadata import version
 
             value: object = version("servolink")
-        elif name in _MODULES:
+        elif name in _MODULES or name == "sync":
             from importlib import import_module
 
-            value = getattr(import_module(_MODULES[name]), name)
+            value = import_module("servolink.sync") if name == "sync" else getattr(import_module(_MODULES[name]), name)
         else:
             raise AttributeError(f"module 'servolink' has no attribute {name!r}")
         globals()[name] = value
         return value
 
     def __dir__() -> list[str]:
-        return [*__all__, "__version__"]
+        return [*__all__, "__version__", "sync"]

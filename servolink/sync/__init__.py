@@ -1,0 +1,74 @@
+"""servolink without async: the same boards, for scripts, notebooks and beginners.
+
+with servolink.sync.connect("virtual://") as board:
+    board.move({1: 60, 2: 30}, duration=0.5, wait=True)
+    print(board.servo(1).angle)
+
+All boards live on one event loop, in a thread of its own that starts with the first of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncGenerator, Callable
+from contextlib import aclosing
+from inspect import signature
+from typing import Any, ParamSpec
+
+from servolink.client import connect as client
+from servolink.client.board import Board as AsyncBoard
+from servolink.discovery.search import search
+from servolink.sync.board import Board
+from servolink.sync.iterator import BlockingIterator, ButtonEvents
+from servolink.sync.loop_thread import LoopThread, running_thread
+from servolink.transports.device_info import DeviceInfo
+
+__all__ = ["BlockingIterator", "Board", "ButtonEvents", "connect", "discover", "reconnecting"]
+
+P = ParamSpec("P")
+
+
+def _connecting(make: Callable[P, client.connect]) -> Callable[P, Board]:
+    """Return a function with the arguments of `servolink.connect` that returns a connected board."""
+
+    def connect(*args: P.args, **kwargs: P.kwargs) -> Board:
+        """Open a board. The end of a `with` block closes it; without one, its `close` does.
+
+        Takes the address and options of `servolink.connect`, and raises the same errors. A board that is still open at
+        the end of the program is closed.
+        """
+        connecting, thread = make(*args, **kwargs), running_thread()
+        return thread.run(_open, thread, connecting)
+
+    vars(connect)["__signature__"] = signature(make).replace(return_annotation=Board)  # as `help` shows it
+    return connect
+
+
+connect = _connecting(client.connect)
+
+
+async def _open(thread: LoopThread, connecting: client.connect) -> Board:
+    return Board(thread, await connecting.open())
+
+
+def reconnecting(url: str | None = None, **options: Any) -> BlockingIterator[Board]:
+    """Yield a connected board, and a newly connected one in each further round of the `for` loop.
+
+    After ConnectionLost, `continue` the loop; leaving it closes the last board. Takes the address and options of
+    `servolink.connect`.
+    """
+    thread = running_thread()
+    return BlockingIterator(thread, _boards(thread, client.reconnecting(url, **options)))
+
+
+async def _boards(thread: LoopThread, boards: AsyncGenerator[AsyncBoard, None]) -> AsyncGenerator[Board, None]:
+    async with aclosing(boards):
+        async for board in boards:
+            yield Board(thread, board)
+
+
+def discover() -> list[DeviceInfo]:
+    """Return the devices that may be boards, and the virtual boards served on this machine.
+
+    Nothing is opened; see `servolink.discover`.
+    """
+    return search()

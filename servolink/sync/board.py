@@ -1,0 +1,182 @@
+"""Board without async: each method of `servolink.Board`, as one that waits for its result."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import AsyncIterator, Callable, Coroutine
+from functools import wraps
+from inspect import signature
+from types import TracebackType
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar
+
+from servolink.client import board as client
+from servolink.connection.stats import Stats
+from servolink.motion import AngleUnit
+from servolink.protocol.codec import Codec
+from servolink.sync.iterator import BlockingIterator, ButtonEvents
+from servolink.sync.loop_thread import LoopThread
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def _blocking(
+    method: Callable[Concatenate[client.Board, P], Coroutine[Any, Any, T]],
+) -> Callable[Concatenate[Board, P], T]:
+    """Return a method that calls an async one and waits for its result."""
+
+    @wraps(method)
+    def call(self: Board, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        return self._thread.run(method, self._board, *args, **kwargs)
+
+    return call
+
+
+def _iterating(
+    method: Callable[Concatenate[client.Board, P], AsyncIterator[T]],
+) -> Callable[Concatenate[Board, P], BlockingIterator[T]]:
+    """Return a method whose iterator waits for what an async one yields."""
+
+    @wraps(method)
+    def call(self: Board, /, *args: P.args, **kwargs: P.kwargs) -> BlockingIterator[T]:
+        return BlockingIterator(self._thread, method(self._board, *args, **kwargs), self)
+
+    shown = signature(method)  # in `help`
+    returns = str(shown.return_annotation).replace("AsyncIterator", BlockingIterator.__name__)
+    vars(call)["__signature__"] = shown.replace(return_annotation=returns)
+    return call
+
+
+class Board:
+    """A connected board, made by `servolink.sync.connect`.
+
+    It has the methods of `servolink.Board`, with the same arguments, results and errors; those that are async there
+    wait here until they are done. What yields items there, such as `button_events`, is used in a `for` loop here.
+
+    Any thread may use it. Functions such as `on_progress` are called in the thread of the event loop, so they cannot
+    use the board.
+    """
+
+    def __init__(self, thread: LoopThread, board: client.Board) -> None:
+        """Use `connect` instead. Runs on the loop."""
+        self._thread = thread
+        self._board = board
+        thread.at_exit.add(board.close)
+        weakref.finalize(self, thread.call_soon, _close, thread, board).atexit = False
+
+    def __repr__(self) -> str:
+        """Return address and state, such as `<Board virtual:// connected>`."""
+        return repr(self._board)
+
+    def __enter__(self) -> Self:
+        """Return the board, which the end of the block closes."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Close the board."""
+        self.close()
+
+    # --- the connection -----------------------------------------------------------------------------------------
+
+    @property
+    def url(self) -> str:
+        """The address of the board."""
+        return self._board.url
+
+    @property
+    def codec(self) -> Codec:
+        """Byte order and caption encoding of the connection."""
+        return self._board.codec
+
+    @property
+    def connection(self) -> object:
+        """An object that stands for the present connection: another one after a reconnect."""
+        return self._board.connection
+
+    @property
+    def stats(self) -> Stats:
+        """Counters of the connection: frames, bytes, noise, late responses, round trips."""
+        return self._board.stats
+
+    states = _iterating(client.Board.states)
+    request = _blocking(client.Board.request)
+    send = _blocking(client.Board.send)
+    took_effect = _blocking(client.Board.took_effect)
+
+    def close(self) -> None:
+        """Unsubscribe from button events, close the connection and free the port; may be called again."""
+        if not self._thread.has_ended:
+            self._thread.run(_close, self._thread, self._board)
+
+    # --- 3.1 settings -------------------------------------------------------------------------------------------
+
+    set_transmission_mode = _blocking(client.Board.set_transmission_mode)
+    clear_all_data = _blocking(client.Board.clear_all_data)
+    memory = _blocking(client.Board.memory)
+    battery = _blocking(client.Board.battery)
+    send_dummy_data = _blocking(client.Board.send_dummy_data)
+
+    # --- 3.2 servos ---------------------------------------------------------------------------------------------
+
+    servo_ids = _blocking(client.Board.servo_ids)
+    servos = _blocking(client.Board.servos)
+    servo = _blocking(client.Board.servo)
+    set_servo = _blocking(client.Board.set_servo)
+    release = _blocking(client.Board.release)
+    stop = _blocking(client.Board.stop)
+    set_angle_unit = _blocking(client.Board.set_angle_unit)
+
+    def unit_of(self, servo_id: int) -> AngleUnit | None:
+        """Return the unit of a servo's angles, None if it is unknown. Does not ask the board."""
+        return self._board.unit_of(servo_id)
+
+    move = _blocking(client.Board.move)
+    follow = _iterating(client.Board.follow)
+    run_action = _blocking(client.Board.run_action)
+
+    # --- 3.3 stored records -------------------------------------------------------------------------------------
+
+    actions = _blocking(client.Board.actions)
+    action = _blocking(client.Board.action)
+    add_action = _blocking(client.Board.add_action)
+    delete_action = _blocking(client.Board.delete_action)
+    macros = _blocking(client.Board.macros)
+    macro = _blocking(client.Board.macro)
+    add_macro = _blocking(client.Board.add_macro)
+    delete_macro = _blocking(client.Board.delete_macro)
+    run_macro = _blocking(client.Board.run_macro)
+    servo_parameters = _blocking(client.Board.servo_parameters)
+    add_servo_parameters = _blocking(client.Board.add_servo_parameters)
+    write_project_id = _blocking(client.Board.write_project_id)
+    project_id = _blocking(client.Board.project_id)
+
+    # --- 3.4 joystick -------------------------------------------------------------------------------------------
+
+    joystick_tables = _blocking(client.Board.joystick_tables)
+    joystick_table = _blocking(client.Board.joystick_table)
+    add_joystick_table = _blocking(client.Board.add_joystick_table)
+    delete_joystick_table = _blocking(client.Board.delete_joystick_table)
+    set_active_joystick_table = _blocking(client.Board.set_active_joystick_table)
+    active_joystick_table = _blocking(client.Board.active_joystick_table)
+
+    def button_events(self, limit: int = 256) -> ButtonEvents:
+        """Return an iterator over button events, which subscribes when it is first used (3.4.7, 3.4.8).
+
+        Up to `limit` unread events are kept; the oldest are dropped and counted.
+        """
+        return ButtonEvents(self._thread, self._board.button_events(limit), self)
+
+    # --- 4 projects ---------------------------------------------------------------------------------------------
+
+    export_project = _blocking(client.Board.export_project)
+    plan_project = _blocking(client.Board.plan_project)
+    apply_project = _blocking(client.Board.apply_project)
+    rollback_project = _blocking(client.Board.rollback_project)
+    has_unfinished_import = _blocking(client.Board.has_unfinished_import)
+
+
+async def _close(thread: LoopThread, board: client.Board) -> None:
+    await board.close()
+    thread.at_exit.discard(board.close)

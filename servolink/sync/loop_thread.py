@@ -1,0 +1,173 @@
+"""The thread in which the event loop of `servolink.sync` runs, and calls to it from other threads."""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import os
+import sys
+import threading
+from collections.abc import Awaitable, Callable, Coroutine
+from contextlib import suppress
+from functools import partial
+from queue import Empty, SimpleQueue
+from typing import Any, Generic, ParamSpec, TypeVar
+
+from servolink.errors import ServolinkError
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+_CANCEL_LIMIT = 0.5  # seconds that Ctrl-C gives a call to end
+_EXIT_LIMIT = 3.0  # seconds that the end of the program gives all boards to close
+# On Windows, Ctrl-C does not end the wait for another thread, so waiting is done in short pieces there.
+_WAIT = 0.1 if sys.platform == "win32" else None
+
+
+class _Call(Generic[T]):
+    """One call of an async function, made in one thread and run on the loop of another."""
+
+    def __init__(self, function: Callable[[], Awaitable[T]]) -> None:
+        """Prepare to call `function`."""
+        self._function = function
+        self._task: asyncio.Task[None] | None = None
+        self._ended: SimpleQueue[None] = SimpleQueue()
+        self.result: T  # set if there is no error
+        self.error: BaseException | None = None
+
+    def start(self) -> None:
+        """Start the call. Runs on the loop."""
+        self._task = asyncio.get_running_loop().create_task(self._run())
+
+    def cancel(self) -> None:
+        """Cancel the call. Runs on the loop."""
+        if self._task is None or self._task.done():
+            self._ended.put(None)
+        else:
+            self._task.cancel()
+
+    def wait(self) -> None:
+        """Wait until the call has ended. Runs in the thread that makes the call."""
+        while True:
+            with suppress(Empty):
+                return self._ended.get(timeout=_WAIT)
+
+    def wait_after_cancel(self) -> None:
+        """Wait until a cancelled call has ended, but not for long."""
+        with suppress(Empty):
+            self._ended.get(timeout=_CANCEL_LIMIT)
+
+    async def _run(self) -> None:
+        try:
+            self.result = await self._function()
+        except BaseException as error:  # noqa: BLE001 - belongs to the caller; raised here, SystemExit ends the loop
+            self.error = error
+        finally:
+            self._ended.put(None)
+
+
+class LoopThread:
+    """A daemon thread with an event loop, which lives until the program ends."""
+
+    def __init__(self) -> None:
+        """Start the thread."""
+        self._process = os.getpid()
+        self._loop: asyncio.AbstractEventLoop
+        self._end: asyncio.Event
+        self.at_exit: set[Callable[[], Awaitable[None]]] = set()
+        """Called when the program ends; to be changed on the loop only."""
+        self.has_ended = False
+        """Whether the program is ending, so that all boards are closed."""
+        started = threading.Event()
+        self._thread = threading.Thread(target=self._own, args=[started], name="servolink.sync", daemon=True)
+        self._thread.start()
+        started.wait()
+        # A daemon is stopped wherever it is when the program ends, so the boards are closed before that.
+        atexit.register(self._end_with_program)
+
+    @property
+    def is_here(self) -> bool:
+        """Whether this process started the thread, not the one that it was forked from."""
+        return self._process == os.getpid()
+
+    def run(self, function: Callable[P, Awaitable[T]], *args: P.args, **kwargs: P.kwargs) -> T:
+        """Call an async function on the loop, wait for it, and return its result or raise its error.
+
+        Ctrl-C cancels the call. Raise RuntimeError in a callback on the loop, in a forked process, and at the end of
+        the program.
+        """
+        self._check()
+        call = _Call(partial(function, *args, **kwargs))
+        try:
+            self._loop.call_soon_threadsafe(call.start)
+            call.wait()
+        except BaseException:  # Ctrl-C, or the exception of another signal handler
+            self._loop.call_soon_threadsafe(call.cancel)
+            call.wait_after_cancel()
+            raise
+        if call.error is None:
+            return call.result
+        try:
+            raise _shortened(call.error)
+        finally:
+            del call  # or the error would keep itself alive, through its traceback
+
+    def call_soon(self, function: Callable[P, Coroutine[Any, Any, None]], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Call an async function on the loop and return at once. No effect in a forked process, or at the end."""
+        if self.is_here and not self.has_ended:
+            call = _Call(partial(function, *args, **kwargs))
+            with suppress(RuntimeError):  # the loop was closed just now
+                self._loop.call_soon_threadsafe(call.start)
+
+    def _check(self) -> None:
+        if not self.is_here:
+            raise RuntimeError(
+                "this board was connected before the process was forked, and stays with the parent process: "
+                "connect in the child process, or start it with multiprocessing's method 'spawn'"
+            )
+        if threading.current_thread() is self._thread:
+            raise RuntimeError(
+                "a callback such as on_progress cannot call servolink.sync: it runs in the thread of the event loop, "
+                "which would wait for itself"
+            )
+        if self.has_ended:
+            raise RuntimeError("the program is ending, and all boards of servolink.sync are closed")
+
+    def _own(self, started: threading.Event) -> None:
+        with asyncio.Runner() as runner:
+            runner.run(self._serve(started))
+
+    async def _serve(self, started: threading.Event) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._end = asyncio.Event()
+        started.set()
+        await self._end.wait()
+        await asyncio.gather(*(close() for close in self.at_exit), return_exceptions=True)
+
+    def _end_with_program(self) -> None:
+        """Close all boards and end the thread; give up after some seconds."""
+        if self.is_here:
+            self.has_ended = True
+            self._loop.call_soon_threadsafe(self._end.set)
+            with suppress(KeyboardInterrupt):
+                self._thread.join(_EXIT_LIMIT)
+
+
+def _shortened(error: BaseException) -> BaseException:
+    """Return an error of this library without the frames inside it, which `python -X dev` shows."""
+    if isinstance(error, ServolinkError) and not sys.flags.dev_mode:
+        return error.with_traceback(None)
+    return error
+
+
+_starting = threading.Lock()
+_thread: LoopThread | None = None
+
+
+def running_thread() -> LoopThread:
+    """Return the thread of this process, started on first use."""
+    global _thread  # noqa: PLW0603 - one for the process
+    with _starting:
+        if _thread is None or not _thread.is_here:
+            _thread = LoopThread()
+        return _thread
