@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from servolink.errors import OpenError as OpenError
     from servolink.errors import OutcomeUnknown as OutcomeUnknown
     from servolink.errors import PacketError as PacketError
+    from servolink.errors import ProfileError as ProfileError
     from servolink.errors import ProjectError as ProjectError
     from servolink.errors import Rejected as Rejected
     from servolink.errors import RequestError as RequestError
@@ -37,9 +38,11 @@ if TYPE_CHECKING:
     from servolink.errors import ServolinkError as ServolinkError
     from servolink.errors import TransportError as TransportError
     from servolink.errors import TransportUnavailable as TransportUnavailable
+    from servolink.errors import WrongBoard as WrongBoard
     from servolink.motion import Adc as Adc
     from servolink.motion import Angle as Angle
     from servolink.motion import Degrees as Degrees
+    from servolink.profiles.profile import BoardProfile as BoardProfile
     from servolink.project.adjust import rename_record as rename_record
     from servolink.project.adjust import rename_servo as rename_servo
     from servolink.project.adjust import scale_project as scale_project
@@ -80,6 +83,7 @@ else:
         "ALL_SERVOS": "servolink.protocol.servos",
         "Angle": "servolink.motion",
         "Board": "servolink.client.board",
+        "BoardProfile": "servolink.profiles.profile",
         "build_project": "servolink.project.build",
         "Button": "servolink.protocol.records",
         "ButtonEvent": "servolink.client.events",
@@ -114,6 +118,7 @@ else:
         "OutcomeUnknown": "servolink.errors",
         "PacketError": "servolink.errors",
         "preflight": "servolink.project.preflight",
+        "ProfileError": "servolink.errors",
         "Project": "servolink.project.model",
         "ProjectError": "servolink.errors",
         "reconnecting": "servolink.client.connect",
@@ -132,6 +137,7 @@ else:
         "TransportError": "servolink.errors",
         "TransportUnavailable": "servolink.errors",
         "validate_project": "servolink.project.validate",
+        "WrongBoard": "servolink.errors",
     }
     __all__ = [*_MODULES]  # noqa: PLE0604 - the keys are strings
 

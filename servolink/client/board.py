@@ -14,6 +14,7 @@ from servolink.client.session import Session
 from servolink.connection.stats import Stats
 from servolink.escaping import escape, quote
 from servolink.motion import INTERVAL_UNIT, AngleUnit, MotionLimits
+from servolink.profiles.profile import ProfileInUse
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
 from servolink.protocol.codec import Codec
@@ -47,7 +48,7 @@ R = TypeVar("R", bound=Response)
 class Board:
     """A connected board, made by `connect`, with a method for each command of the protocol's document, by chapters.
 
-    - Connection: `url`, `codec`, `connection`, `stats`, `states`, `request`, `send`, `took_effect`, `close`
+    - Connection: `url`, `codec`, `profile`, `connection`, `stats`, `states`, `request`, `send`, `took_effect`, `close`
     - 3.1 settings: `set_transmission_mode`, `clear_all_data`, `memory`, `battery`, `send_dummy_data`
     - 3.2 servos: `servo_ids`, `servos`, `servo`, `set_servo`, `release`, `stop`, `set_angle_unit`, `unit_of`, `move`,
       `follow`, `run_action`
@@ -92,6 +93,11 @@ class Board:
     def codec(self) -> Codec:
         """Byte order and caption encoding of the connection."""
         return self._session.codec
+
+    @property
+    def profile(self) -> ProfileInUse | None:
+        """Name and profile of the board; None if nothing is known of it (see `connect`)."""
+        return self._session.profile
 
     @property
     def connection(self) -> object:

@@ -8,14 +8,16 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from servolink.client.board import Board
+from servolink.client.identity import IdentityGuard
 from servolink.client.reconnect import FIRST_PAUSE, LONGEST_PAUSE
 from servolink.client.session import Session, set_mode
 from servolink.connection.connection import Connection
 from servolink.connection.options import ConnectionOptions, TransmissionMode, options_in
 from servolink.connection.stats import Stats
-from servolink.errors import ConnectionLost, OpenError, RequestError, RequestTimeout, TransportUnavailable
+from servolink.errors import ConnectionLost, OpenError, ProfileError, RequestError, RequestTimeout, TransportUnavailable
 from servolink.escaping import quote
 from servolink.motion import AngleLimits, AngleUnit, SpeedCap, motion_limits
+from servolink.profiles.profile import BoardProfile, ProfileInUse
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport
@@ -40,13 +42,18 @@ class connect:  # noqa: N801 - reads as the function it stands for
     `angle_limits` (degrees) and `speed_cap` (degrees per second) are those of all servos or mappings by servo id, and
     are checked before anything moves.
 
+    `profile` is what is known of the board (see `servolink board show`): unless given, the profile of the board's name,
+    also if the address is recognised as that of a named board. The options above and those in the address override it;
+    limits in it only tighten. With another board than that of the profile, what moves or changes it raises WrongBoard.
+
     With `reconnect`, a lost connection to the same board is restored in the background. Requests that were waiting
     have failed, and no movement is repeated (see `Board.states`).
 
     Connecting begins with a handshake: a few queries that prove that no response to an earlier program is still to
     come. With `handshake` False they are sent before the first request instead, so that a `stop` goes out before them.
 
-    Raise OpenError or TransportUnavailable, which say what to do.
+    Raise OpenError or TransportUnavailable, which say what to do. Raise ProfileError, which is one of the latter, with
+    file and line of a damaged profile.
     """
 
     def __init__(
@@ -63,6 +70,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         speed_cap: SpeedCap | None = None,
         reconnect: bool = False,
         handshake: bool = True,
+        profile: BoardProfile | str | None = None,
     ) -> None:
         """Check the arguments. Nothing is opened yet."""
         given = {
@@ -78,11 +86,14 @@ class connect:  # noqa: N801 - reads as the function it stands for
             raise ValueError(f"angle_unit must be 'degree', 'adc' or None, not {quote(angle_unit)}")
         if not (url is None or isinstance(url, str | Transport)):
             raise TypeError(f"url must be an address as text, a transport or None, not {quote(url)}")
+        if not (profile is None or isinstance(profile, str | BoardProfile)):
+            raise TypeError(f"profile must be a BoardProfile, the name of a board or None, not {quote(profile)}")
         if reconnect:
             _refuse_transport(url, "reconnect")
         self._url = url
         self._reconnect = reconnect
         self._handshake = handshake
+        self._profile = profile
         self._angle_unit: AngleUnit | None = angle_unit
         self._limits = motion_limits(angle_limits, speed_cap, source="an argument")
         self._board: Board | None = None
@@ -103,22 +114,25 @@ class connect:  # noqa: N801 - reads as the function it stands for
         if self._url is not None and not isinstance(self._url, str):
             # A transport of another package may raise anything; wrapped, it raises errors of this library.
             transport = self._url if isinstance(self._url, BaseTransport) else WrappedTransport(self._url)
-            options = ConnectionOptions(**self._options)
-            return self._board_on(Session(await self._open_connection(transport, options, Stats())))
-        address = await _resolve(self._url)
-        options = ConnectionOptions(**(options_in(address) | self._options))
+            profile = self._profile_of(None)
+            options = ConnectionOptions(**(_options_in(profile) | self._options))
+            connection = await self._open_connection(transport, options, Stats(), profile)
+            return self._board_on(Session(connection, None, profile))
+        address, name = await self._resolve()
+        profile = self._profile_of(name)
+        options = ConnectionOptions(**(_options_in(profile) | options_in(address) | self._options))
         stats = Stats()
-        connection = await self._open_connection(create(address), options, stats)
+        connection = await self._open_connection(create(address), options, stats, profile)
         if not self._reconnect:
-            return self._board_on(Session(connection))
+            return self._board_on(Session(connection, None, profile))
         from servolink.transports.serial_ports import PortTracker
 
         port = PortTracker(address)
 
         async def reopen() -> Connection:
-            return await self._open_connection(create(await port.url()), options, stats)
+            return await self._open_connection(create(await port.url()), options, stats, profile)
 
-        board = self._board_on(Session(connection, reopen))
+        board = self._board_on(Session(connection, reopen, profile))
         try:
             await port.learn()
             await board.project_id()  # by which the board is recognised after a loss
@@ -130,23 +144,56 @@ class connect:  # noqa: N801 - reads as the function it stands for
         return board
 
     def _board_on(self, session: Session) -> Board:
-        return Board(session, self._angle_unit, self._limits)
+        limits = self._limits
+        if session.profile is not None:
+            limits = limits.tightened(session.profile.limits)
+        return Board(session, self._angle_unit, limits)
 
-    async def _open_connection(self, transport: Transport, options: ConnectionOptions, stats: Stats) -> Connection:
+    async def _resolve(self) -> tuple[str, str | None]:
+        """Return address and name of the board."""
+        assert self._url is None or isinstance(self._url, str)  # noqa: S101 - narrows the type
+        from servolink.discovery.names import resolve_board  # late: most programs search for nothing
+
+        return await resolve_board(self._url)
+
+    def _profile_of(self, name: str | None) -> ProfileInUse | None:
+        """Return the profile given, or else that of the board `name`. Raise ProfileError if it cannot be used."""
+        if isinstance(self._profile, BoardProfile):
+            return ProfileInUse(name, self._profile)
+        if (wanted := self._profile or name) is None:
+            return None
+        from servolink.profiles.store import load_profile, profile_names
+
+        if (found := load_profile(wanted)) is not None:
+            return ProfileInUse(wanted, found)
+        if self._profile is None:
+            return None
+        known = ", ".join(profile_names()) or "none"
+        raise ProfileError(f"{wanted} has no profile (known: {known}); `servolink doctor {wanted} --learn` makes one")
+
+    async def _open_connection(
+        self, transport: Transport, options: ConnectionOptions, stats: Stats, profile: ProfileInUse | None
+    ) -> Connection:
         connection = Connection(
             transport,
             Codec(options.byte_order, options.caption_encoding),
             patience=options.patience,
             depth=options.depth,
             wake=options.transmission_mode != "keep",
+            unsupported=(profile and profile.profile.settings.unsupported) or (),
             stats=stats,
         )
+        guard = IdentityGuard(connection, profile) if profile and profile.profile.identity else None
+        if guard is not None:
+            connection.guard = guard.pass_packet
         try:
             await connection.open()
             if self._handshake:
                 await connection.shake_hands()
             if options.transmission_mode == 1:
                 await set_mode(connection, 1)
+            if guard is not None and self._handshake:
+                await guard.warn()
         except BaseException as error:
             await connection.close()
             if isinstance(error, RequestError):
@@ -175,13 +222,12 @@ class connect:  # noqa: N801 - reads as the function it stands for
             await self._board.close()
 
 
-async def _resolve(board: str | None) -> str:
-    """Return the address of a board, which may be given by name."""
-    if board is not None and "://" in board:
-        return board
-    from servolink.discovery.names import resolve_url  # late: most programs search for nothing
-
-    return await resolve_url(board)
+def _options_in(profile: ProfileInUse | None) -> dict[str, Any]:
+    """Return the options of the connection that a profile knows."""
+    if profile is None:
+        return {}
+    known = {name: getattr(profile.profile.settings, name, None) for name in ConnectionOptions.__struct_fields__}
+    return {name: value for name, value in known.items() if value is not None}
 
 
 def _shorten_traceback(error: OpenError) -> None:

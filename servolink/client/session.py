@@ -15,6 +15,7 @@ from servolink.connection.options import check_seconds
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, EncodeError, Rejected, ServolinkError
 from servolink.escaping import escape
+from servolink.profiles.profile import ProfileInUse
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.packet import Command, Request, Response, Result
@@ -27,10 +28,20 @@ R = TypeVar("R", bound=Response)
 class Session:
     """Sends requests to one board; holds what must be restored when a lost connection is replaced."""
 
-    def __init__(self, connection: Connection, reopen: Callable[[], Awaitable[Connection]] | None = None) -> None:
-        """Use `connection`; with `reopen`, which opens another one to the same board, replace it when it is lost."""
+    def __init__(
+        self,
+        connection: Connection,
+        reopen: Callable[[], Awaitable[Connection]] | None = None,
+        profile: ProfileInUse | None = None,
+    ) -> None:
+        """Use `connection`; with `reopen`, which opens another one to the same board, replace it when it is lost.
+
+        `profile` is what is known of the board.
+        """
         self.connection = connection
         """The present connection, replaced by another one after a loss."""
+        self.profile = profile
+        """What is known of the board; None if nothing is."""
         self.identity = BoardIdentity()
         self.on_end: Callable[[ConnectionLost], None] = lambda error: None
         """Called when the connection is lost and will not be replaced."""

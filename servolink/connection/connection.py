@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+from collections.abc import Awaitable, Callable, Collection
 from random import Random
 from typing import Any, NoReturn, TypeVar
 
@@ -20,7 +21,7 @@ from servolink.connection.stats import Stats
 from servolink.errors import ServolinkError
 from servolink.escaping import escape
 from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Command, Request, Response
+from servolink.protocol.packet import Command, Packet, Query, Request, Response
 from servolink.protocol.servos import (
     SetServoParameterRequest,
 )
@@ -47,20 +48,25 @@ class Connection:
         patience: float = PATIENCE,
         depth: int = 1,
         wake: bool = True,
+        unsupported: Collection[str] = (),
         stats: Stats | None = None,
         random: Random | None = None,
     ) -> None:
         """Give a request up after `patience` seconds, and keep `depth` of them under way.
 
-        `wake` sets transmission mode 1 during the handshake if the board is silent. `random` draws the handshake.
+        `wake` sets transmission mode 1 during the handshake if the board is silent, and `unsupported` names queries
+        that are not used for it, such as `QueryMemorySize`. `random` draws the handshake.
         """
         self.transport = transport
         self.codec = codec
         self.patience = patience
         self.stats = stats or Stats()
         """Counters of everything seen."""
+        self.guard: Callable[[Packet], Awaitable[None]] | None = None
+        """Awaited before each packet except queries; it raises for one that must not reach this board."""
         self._depth = depth
         self._wake = wake
+        self._unsupported = unsupported
         # A recorded session can be played again only if it begins with the same handshake.
         seed = b"" if getattr(transport, "is_recorded", False) else os.urandom(16)
         self._random = random or Random(seed)  # noqa: S311 - unlike in any other program, not unguessable
@@ -120,6 +126,7 @@ class Connection:
                 self.patience,
                 wake=self._wake,
                 random=self._random,
+                unsupported=self._unsupported,
             )
             self.answers.close_all()
             self._opening = self._loop.create_task(self._shake_hands(self.answers.opening))
@@ -167,6 +174,8 @@ class Connection:
             self._refuse_loop()
         frame = self.codec.encode(packet, unchecked=unchecked)
         call = self._call(packet, timeout)
+        if self.guard is not None and not isinstance(packet, Query):
+            await self._pass_guard(self.guard(packet), call, timeout)
         if not self._may_send_at_once(packet):
             await self._acquire(call, timeout, first=first)
         limit = None if timeout is None else self._limit(call, timeout)
@@ -191,6 +200,8 @@ class Connection:
         call = self._call(packet, None)
         if unless_stopped_since is not None:
             call.stops = unless_stopped_since
+        if self.guard is not None:
+            await self.guard(packet)
         if not self._may_send_at_once(packet):
             await self._acquire(call, None)
         try:
@@ -225,6 +236,15 @@ class Connection:
         if self._needs_handshake:
             self._begin_opening()
         return self._scheduler.acquire_at_once(packet)
+
+    async def _pass_guard(self, passing: Awaitable[None], call: Call, timeout: float | None) -> None:
+        try:
+            async with asyncio.timeout(timeout):
+                await passing
+        except TimeoutError as error:
+            if isinstance(error, ServolinkError):
+                raise
+            raise timed_out(call.packet, self.transport.url, 0, call.patience, self.stats) from None
 
     async def _acquire(self, call: Call, timeout: float | None, *, first: bool = False) -> None:
         """Wait for a permit, then until nothing stands in the way. After `timeout` seconds raise RequestTimeout."""

@@ -12,7 +12,7 @@ This file knows no clock, no event loop and no bytes.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from random import Random
 
 FIRST_LENGTH, SECOND_LENGTH, THIRD_LENGTH = 6, 10, 16
@@ -26,11 +26,11 @@ FIRST_SILENT = 3
 class Handshake:
     """The state of one handshake."""
 
-    def __init__(self, kinds: Sequence[int], random: Random) -> None:
-        """Draw a word from `kinds`, the packet ids of queries that may be sent."""
+    def __init__(self, kinds: Sequence[int], random: Random, unsupported: Iterable[int] = ()) -> None:
+        """Draw a word from `kinds`, the packet ids of queries that may be sent, if possible without `unsupported`."""
         self._kinds = list(kinds)
         self._random = random
-        self._silent: Counter[int] = Counter()  # times in a row
+        self._silent: Counter[int] = Counter(dict.fromkeys(unsupported, MOST_SILENT))  # times in a row
         self._unanswered: Counter[int] = Counter()  # sendings
         self._on_its_way: int | None = None
         self._heard_any = False

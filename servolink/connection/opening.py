@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection
 from random import Random
 from typing import Any
 
@@ -54,10 +54,12 @@ class Opening:
         *,
         wake: bool,
         random: Random,
+        unsupported: Collection[str] = (),
     ) -> None:
         """Send with `send`, and give up after `patience` seconds of silence.
 
         `wake` sets transmission mode 1 if the board is silent at first. `received` returns the bytes received so far.
+        `unsupported` names queries that it is known not to answer, such as `QueryMemorySize`.
         """
         self._url = url
         self._send = send
@@ -66,7 +68,10 @@ class Opening:
         self._patience = patience
         self._wake = wake
         self._random = random
-        self._handshake = Handshake(list(_BY_ID), random)
+        self._unsupported = [
+            query.packet_id for query in FENCES if type(query).__name__.removesuffix("Request") in unsupported
+        ]
+        self._handshake = Handshake(list(_BY_ID), random, self._unsupported)
         self._news = asyncio.Event()
         self._loop = asyncio.get_running_loop()
         self._timer = DeadlineTimer(self._deadline_passed, received)
@@ -93,7 +98,7 @@ class Opening:
 
     def begin_again(self) -> None:
         """Draw a new word: something was sent that the handshake does not know of."""
-        self._handshake = Handshake(list(_BY_ID), self._random)
+        self._handshake = Handshake(list(_BY_ID), self._random, self._unsupported)
         self._news.set()
 
     def end(self, error: ConnectionLost) -> None:

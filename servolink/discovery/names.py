@@ -5,15 +5,16 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
 from servolink.discovery.search import only, search
 from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
 from servolink.files import MIB, read_file, reason, user_folder, write_atomically
-from servolink.profiles.store import is_name
+from servolink.profiles.store import is_name, profile_names
 from servolink.profiles.toml_text import toml_value
-from servolink.transports.address import refusal
+from servolink.transports.address import Address, refusal
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from servolink.transports.serial_ports import identity_at, move, ports_of
 
@@ -103,24 +104,75 @@ def current_url(name: str, alias: Alias, devices: Sequence[DeviceInfo]) -> str:
     return move(alias.url, found[0])
 
 
-async def resolve_url(board: str | None) -> str:
-    """Return the address of `board`: an address, a name given by `servolink use`, or None for the only one here.
+class Resolved(NamedTuple):
+    """A board that was found."""
 
-    Raise OpenError if none or several are here, or not the one of that name; InvalidAddress for an unknown name.
+    url: str
+    name: str | None
+    """The name given for it, or that of the profile which it was recognised to have."""
+
+
+async def resolve_board(board: str | None) -> Resolved:
+    """Return address and name of `board`: an address, a name given by `servolink use`, or None for the only one here.
+
+    An address has a name if that name has a profile, and stands for the same port or, without a serial number, for the
+    same address. Raise OpenError if none or several are here, or not the one of that name; InvalidAddress for an
+    unknown name.
     """
-    if board is not None and not is_name(board):
-        return board
+    if board is not None and not is_name(board) and not profile_names():
+        return Resolved(board, None)
     return await asyncio.to_thread(_resolve, board)
 
 
-def _resolve(name: str | None) -> str:
-    if name is None:
-        return only(search())
+async def resolve_url(board: str | None) -> str:
+    """Return the address of `board`, as `resolve_board` does."""
+    if board is not None and not is_name(board):
+        return board
+    return (await resolve_board(board)).url
+
+
+def _resolve(board: str | None) -> Resolved:
+    if board is None:
+        devices = search()
+        return _recognised(only(devices), devices)
+    if not is_name(board):
+        return _recognised(board, None)
     aliases = load_aliases()
-    if (alias := aliases.get(name)) is None:
+    if (alias := aliases.get(board)) is None:
         known = f"in {aliases_path()} (known: {', '.join(sorted(aliases))})" if aliases else "(none is known)"
-        raise InvalidAddress(f"{name} is neither an address nor a name {known}; give it: servolink use {name} URL")
-    return current_url(name, alias, search() if alias.serial_number else ())
+        raise InvalidAddress(f"{board} is neither an address nor a name {known}; give it: servolink use {board} URL")
+    return Resolved(current_url(board, alias, search() if alias.serial_number else ()), board)
+
+
+def _recognised(url: str, devices: Sequence[DeviceInfo] | None) -> Resolved:
+    """Return `url` with the name whose profile is for the board there."""
+    with_profile = set(profile_names())
+    aliases = {name: alias for name, alias in load_aliases().items() if name in with_profile} if with_profile else {}
+    found = [name for name, alias in aliases.items() if not alias.serial_number and _is_same_place(alias.url, url)]
+    if by_number := {name: alias for name, alias in aliases.items() if alias.serial_number}:
+        here = identity_at(url, search() if devices is None else devices)
+        found += [name for name, alias in by_number.items() if here and alias.identity.fits(here)]
+    if len(found) > 1:
+        raise OpenError(f"{url} is {' and '.join(sorted(found))}, each with a profile of its own; use one of the names")
+    return Resolved(url, found[0] if found else None)
+
+
+def _is_same_place(one: str, other: str) -> bool:
+    """Return whether two addresses differ at most in options of the connection, such as the byte order."""
+    second = Address.parse(other)
+    try:
+        first = Address.parse(one)
+    except InvalidAddress:  # written by hand, and of no use to anybody
+        return False
+    if first.serial_device or second.serial_device:
+        return first.serial_device == second.serial_device
+    return (first.scheme, first.host, first.port, first.path, first.options) == (
+        second.scheme,
+        second.host,
+        second.port,
+        second.path,
+        second.options,
+    )
 
 
 def _write(aliases: Mapping[str, Alias]) -> None:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from servolink.errors import InvalidAddress, OpenError, TransportError
 from servolink.transports.address import Address
-from servolink.transports.device_info import DeviceInfo
+from servolink.transports.device_info import DeviceInfo, PortIdentity
 from servolink.transports.registry import DISCOVERY, PlugIn, plug_ins
 
 _KINDS = (
@@ -20,6 +20,8 @@ _KINDS = (
     "servolink.discovery.announcements",
 )
 """The modules whose `candidates` find boards, the best way to a board first."""
+_MODULE_OF = dict(zip(("serial", "hid", "usb"), _KINDS, strict=False))
+"""The first ones, by the scheme of the addresses that they find."""
 
 
 class Found(NamedTuple):
@@ -54,6 +56,21 @@ def find_devices() -> Found:
         except TransportError as error:
             found.failures.append(error)
     return found
+
+
+def identity_of(url: str) -> PortIdentity | None:
+    """Return the USB identity of the port at `url`; None for one that has none, or is not here. Blocks."""
+    address = Address.parse(url)
+    if address.scheme not in _MODULE_OF:
+        return None
+    for device in _find_kind(_MODULE_OF[address.scheme]):
+        if _place(Address.parse(device.url)) == _place(address):
+            return device.identity
+    return None
+
+
+def _place(address: Address) -> object:
+    return address.serial_device or (address.scheme, address.host, address.port, address.path)
 
 
 def _find_kind(module: str) -> list[DeviceInfo]:

@@ -9,11 +9,12 @@ import inspect
 from collections.abc import Callable
 from datetime import datetime
 from functools import cache
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 from msgspec import Meta, Struct
 
 from servolink.escaping import quote
+from servolink.motion import MotionLimits
 from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.caption import check_encoding
 from servolink.protocol.frame import ByteOrder
@@ -206,6 +207,24 @@ class BoardProfile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         dict[SettingName, Evidence],
         About("Why each setting is believed: by its name, with the confidence and the time.", "a table"),
     ] = {}
+
+
+class ProfileInUse(NamedTuple):
+    """The profile that a connection uses."""
+
+    name: str | None
+    """The name of the board, None for a profile without one."""
+    profile: BoardProfile
+
+    def __str__(self) -> str:
+        """Return what errors call it, such as `profile "rex"`."""
+        return "the profile" if self.name is None else f'profile "{self.name}"'
+
+    @property
+    def limits(self) -> MotionLimits:
+        """Its limits of movements, as all who check movements use them."""
+        limits = self.profile.limits
+        return MotionLimits(limits.angles, limits.speed_cap, limits.speed_caps, limits.soft_start, str(self))
 
 
 @cache

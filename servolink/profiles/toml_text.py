@@ -58,7 +58,7 @@ def toml_value(value: object) -> str:
     if isinstance(value, (tuple, list)):
         return f"[{', '.join(map(toml_value, value))}]"
     if isinstance(value, datetime):
-        return value.isoformat()
+        return value.isoformat().replace("+00:00", "Z")
     return repr(value).removesuffix(".0")
 
 

@@ -262,3 +262,13 @@ def test_a_user_without_a_home_has_no_profiles(monkeypatch: pytest.MonkeyPatch) 
 def test_all_queries_are_known() -> None:
     assert {"QueryMemorySize", "QueryServo", "QueryProjectID", "QueryActiveJoystickTable"} <= query_names()
     assert len(query_names()) == 13
+
+
+def test_the_documentation_shows_the_whole_file() -> None:
+    page = (Path(__file__).parents[2] / "docs/how-to/board-profiles.md").read_text(encoding="utf-8")
+    shown = page.partition("```toml\n")[2].partition("```")[0]
+    profile = parse_profile(shown)
+    assert profile.identity is not None
+    for part in (profile.identity, profile.settings, profile.limits):
+        assert None not in [getattr(part, name) for name in part.__struct_fields__]
+    assert shown == format_profile("rex", profile).partition("unknown.\n\n")[2]
