@@ -1,0 +1,144 @@
+"""Learning a board: everything that the document leaves open, measured in an order that disturbs it the least."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+from servolink.doctor.learn_captions import captions_in, encoding_finding
+from servolink.doctor.learn_contact import Contact, byte_order_finding, make_contact, mode_findings
+from servolink.doctor.learn_line import Line, Quality, SharedTransport, measure_quality
+from servolink.doctor.learn_profile import Measured
+from servolink.doctor.learn_queries import (
+    Survey,
+    depth_finding,
+    survey_board,
+    turnaround_finding,
+    unknown_ids_finding,
+    unsupported_finding,
+)
+from servolink.doctor.learn_trial import Trial, begin_trial, end_trial
+from servolink.doctor.learn_writes import (
+    clear_findings,
+    duplicate_finding,
+    memory_finding,
+    project_id_finding,
+    write_depth_finding,
+)
+from servolink.errors import ConnectionLost, ServolinkError
+from servolink.project.transfer.backups import BackupStore
+from servolink.protocol.codec import Codec
+from servolink.transports.address import Address
+
+Step = Callable[[str], None]
+"""Is told what is done next, such as "sending many queries at once"."""
+
+
+def ignore_step(step: str) -> None:
+    """Ignore what is done next."""
+
+
+@dataclass(slots=True)
+class Learnt:
+    """What was learnt of a board."""
+
+    contact: Contact
+    quality: Quality
+    survey: Survey
+    measured: list[Measured] = field(default_factory=list)
+
+    def value(self, setting: str) -> object:
+        """Return what was learnt about a setting, None if nothing."""
+        return next((each.value for each in self.measured if each.setting == setting), None)
+
+    @property
+    def codec(self) -> Codec:
+        """Byte order and caption encoding of the board, as far as they are known."""
+        return Codec(self.contact.byte_order, str(self.value("caption_encoding") or "utf-8"))
+
+
+async def learn_by_asking(
+    transport: SharedTransport,
+    *,
+    power_cycled: bool = False,
+    patience: float | None = None,
+    on_step: Step = ignore_step,
+) -> Learnt:
+    """Return what queries alone tell; nothing is changed but the transmission mode, if the board is silent without it.
+
+    `power_cycled`: the board was just switched off and on. `patience` is the time to wait for each response until it is
+    known how long they take. Raise OpenError if the board cannot be opened or does not answer.
+    """
+    on_step("looking for the board, in both byte orders and transmission modes")
+    contact = await make_contact(transport, patience)
+    async with Line(transport, Codec(contact.byte_order)) as line:
+        line.patience = patience or line.patience
+        on_step("sending single queries")
+        quality = await measure_quality(line, contact.query)
+        on_step("sending each kind of query")
+        survey = await survey_board(line, quality)
+        learnt = Learnt(contact, quality, survey)
+        learnt.measured += [
+            byte_order_finding(contact, quality),
+            *mode_findings(contact, quality, power_cycled=power_cycled),
+            encoding_finding(captions_in(survey, contact.byte_order)),
+            unsupported_finding(survey, quality),
+        ]
+        on_step("querying ids that the board does not list")
+        learnt.measured.append(await unknown_ids_finding(line, survey, quality))
+        learnt.measured.append(turnaround_finding(contact.query, survey, quality, _baudrate(transport.url)))
+        on_step("sending many queries at once")
+        learnt.measured.append(await depth_finding(line, survey, quality))
+    return learnt
+
+
+def _baudrate(url: str) -> int | None:
+    address = Address.parse(url)
+    return address.integer("baudrate", 115200, 50, 12_000_000) if address.scheme == "serial" else None
+
+
+async def learn_by_writing(
+    transport: SharedTransport,
+    learnt: Learnt,
+    store: BackupStore,
+    *,
+    clear: bool = False,
+    on_trial: Callable[[Trial], None] = lambda trial: None,
+    on_step: Step = ignore_step,
+) -> None:
+    """Add to `learnt` what only writing tells; what the board held before is saved first and restored at the end.
+
+    `clear` also deletes everything on it once. `on_trial` is called before anything is written. If it is interrupted,
+    the board has an unfinished import, which `rollback_project` undoes. Raise ProjectError if it has one already.
+    """
+    on_step("saving what is on the board")
+    trial = await begin_trial(transport, learnt.codec, store, on_trial)
+    try:
+        learnt.measured += await _write(trial, learnt, on_step, clear=clear)
+    except ConnectionLost:
+        raise
+    except ServolinkError:
+        with suppress(ServolinkError):  # the first error says more
+            await end_trial(trial)
+        raise
+    on_step("restoring what was on the board")
+    await end_trial(trial)
+
+
+async def _write(trial: Trial, learnt: Learnt, on_step: Step, *, clear: bool) -> list[Measured]:
+    measured = []
+    async with trial.board() as board:
+        on_step("writing a project id")
+        measured.append(await project_id_finding(board, trial))
+        on_step("storing records, and reading how much memory is free")
+        measured.append(await memory_finding(board, trial))
+        on_step("storing records twice")
+        measured.append(await duplicate_finding(board, trial))
+    on_step("storing many records at once")
+    measured.append(await write_depth_finding(trial, learnt.quality))
+    if clear:
+        on_step("clearing the board")
+        async with trial.board() as board:
+            measured += await clear_findings(board, trial)
+    return measured

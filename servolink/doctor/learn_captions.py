@@ -1,0 +1,134 @@
+"""In which encoding captions are stored, from the bytes of those on the board."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Callable, Iterable, Sequence
+
+from servolink.doctor.learn_profile import Measured
+from servolink.doctor.learn_queries import Survey
+from servolink.escaping import quote
+from servolink.protocol.caption import CAPTION_SIZE
+from servolink.protocol.codec import response_class
+from servolink.protocol.editing import QueryServoParameterRequest
+from servolink.protocol.frame import ByteOrder
+from servolink.protocol.layout import layout
+from servolink.protocol.record_types import RECORD_TYPES
+
+_SURE = 4  # characters outside ASCII that leave no doubt
+_EXAMPLES = 3
+
+
+def captions_in(survey: Survey, byte_order: ByteOrder) -> list[bytes]:
+    """Return the bytes of all captions in the lists of the board, each with its padding."""
+    captions = []
+    for query in (*(each.list_request for each in RECORD_TYPES), QueryServoParameterRequest()):
+        if query in survey.frames:
+            _, content = survey.frames[query]
+            rule = layout(response_class(query), byte_order).rule
+            ends = range(rule.base + rule.unit, len(content) + 1, rule.unit)
+            captions += [content[end - CAPTION_SIZE : end] for end in ends]  # of each entry it is the end
+    return captions
+
+
+def encoding_finding(captions: Iterable[bytes]) -> Measured:
+    """Return the one encoding in which all captions are text that people write."""
+    written = sorted({raw for raw in captions if any(raw)})
+    if not written:
+        return Measured("caption_encoding", None, "guess", "no caption is stored on the board")
+    if all(raw.isascii() and _unpadded(raw, 1) for raw in written):
+        text = f"{_count(written)} only ASCII, which is the same in most encodings"
+        return Measured("caption_encoding", None, "guess", text)
+    fitting = {name: texts for name in _ENCODINGS if (texts := _texts(written, name)) is not None}
+    if narrow := {name: texts for name, texts in fitting.items() if not name.startswith("utf-16")}:
+        fitting = narrow  # any two letters of ASCII are a Chinese character in UTF-16
+    if not fitting:
+        text = f"{_count(written)} no text in any of {', '.join(_ENCODINGS)}"
+        return Measured("caption_encoding", None, "guess", text)
+    if len(fitting) > 1:
+        text = f"{_count(written)} text in {' and in '.join(fitting)}: too few to tell, or choose one yourself"
+        return Measured("caption_encoding", None, "guess", text)
+    ((name, texts),) = fitting.items()
+    examples = ", ".join(quote(text) for text in sorted(texts, key=str.isascii)[:_EXAMPLES])
+    is_sure = sum(not character.isascii() for text in texts for character in text) >= _SURE
+    text = f"{_count(written)} text in {name} and in no other encoding that was tried: {examples}"
+    return Measured("caption_encoding", name, "certain" if is_sure else "likely", text)
+
+
+def _count(captions: Sequence[bytes]) -> str:
+    return "1 caption is" if len(captions) == 1 else f"{len(captions)} captions are"
+
+
+def _texts(captions: Iterable[bytes], encoding: str) -> list[str] | None:
+    """Return all captions as texts; None if one is not text, or has characters that nobody writes in `encoding`."""
+    texts = []
+    for raw in captions:
+        unpadded = _unpadded(raw, 2 if encoding.startswith("utf-16") else 1)
+        if unpadded is None:
+            return None
+        try:
+            text = unpadded.decode(encoding)
+        except UnicodeDecodeError:
+            return None
+        if not all(" " <= each <= "~" or (not each.isascii() and _ENCODINGS[encoding](each)) for each in text):
+            return None
+        texts.append(text)
+    return texts
+
+
+def _unpadded(raw: bytes, width: int) -> bytes | None:
+    """Return a caption up to its terminator, `width` zeros; None if anything but zeros follows."""
+    end = next((at for at in range(0, len(raw), width) if not any(raw[at : at + width])), len(raw))
+    return None if any(raw[end:]) else raw[:end]
+
+
+# --- which characters people write: the bytes of one encoding can be rare characters of another -------------------
+
+
+def _in_gb18030(character: str) -> bool:
+    """The 3,755 characters of GB 2312 in order of sound, punctuation and wide letters."""
+    return _is_between(character, "gb2312", (0xA1, 0xA3), (0xB0, 0xD7))
+
+
+def _in_big5(character: str) -> bool:
+    """The 5,401 characters of everyday use, and punctuation."""
+    return _is_between(character, "big5", (0xA1, 0xA2), (0xA4, 0xC6))
+
+
+def _in_shift_jis(character: str) -> bool:
+    """Kana, the 2,965 characters of everyday use, and punctuation; not the narrow kana, which are single bytes."""
+    return _is_between(character, "shift_jis", (0x81, 0x83), (0x88, 0x97))
+
+
+def _in_euc_kr(character: str) -> bool:
+    """Hangul."""
+    return "\uac00" <= character <= "\ud7a3"
+
+
+def _is_between(character: str, encoding: str, *leads: tuple[int, int]) -> bool:
+    try:
+        raw = character.encode(encoding)
+    except UnicodeEncodeError:
+        return False
+    return len(raw) == 2 and any(low <= raw[0] <= high for low, high in leads)
+
+
+def _in_unicode(character: str) -> bool:
+    """Any letter that one of the others has, those of Europe, and symbols outside the first plane, such as faces."""
+    if character >= "\U0001f300":
+        return unicodedata.category(character) == "So"
+    if "\u00a0" <= character < "\u0530":
+        return unicodedata.category(character)[0] in "LPNSZ"
+    return _in_gb18030(character) or _in_big5(character) or _in_shift_jis(character) or _in_euc_kr(character)
+
+
+_ENCODINGS: dict[str, Callable[[str], bool]] = {
+    "utf-8": _in_unicode,
+    "gb18030": _in_gb18030,
+    "big5": _in_big5,
+    "shift_jis": _in_shift_jis,
+    "euc_kr": _in_euc_kr,
+    "utf-16-le": _in_unicode,
+    "utf-16-be": _in_unicode,
+}
+"""The encodings that are tried, each with what tells which characters people write in it."""

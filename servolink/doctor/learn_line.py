@@ -1,0 +1,259 @@
+"""The line to a board that is being learnt: packets without repeats and without matching, so that losses show."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from statistics import median
+from types import TracebackType
+from typing import Self
+
+from servolink.errors import ConnectionLost, DecodeError, OpenError
+from servolink.protocol.codec import Codec
+from servolink.protocol.frame import Frame
+from servolink.protocol.packet import Packet, Request, Response
+from servolink.protocol.parser import FrameParser
+from servolink.transports.base import Receiver, Transport
+
+PATIENCE = 0.4
+"""Seconds to wait for each response until round trips are known."""
+TRIES = 6
+"""How often something is asked before its silence means anything."""
+
+_QUIET = 0.1  # seconds without a byte, after which nothing more is expected
+_LONGEST_SETTLING = 3.0  # seconds
+
+
+class SharedTransport:
+    """A transport that stays open while it is handed from one user to the next: some boards reset when it is opened."""
+
+    def __init__(self, inner: Transport) -> None:
+        """Share `inner`, which must not be opened yet."""
+        self._inner = inner
+        self._receiver: Receiver | None = None
+        self._is_open = False
+        self._lost: ConnectionLost | None = None
+
+    @property
+    def url(self) -> str:
+        """The address it leads to."""
+        return self._inner.url
+
+    async def open(self, receiver: Receiver) -> None:
+        """Pass everything to `receiver` until `close`. Raise OpenError if it cannot be opened or was lost."""
+        if self._receiver is not None:
+            raise OpenError(f"{self.url}: it is in use by another part of this program")
+        if self._lost is not None:
+            raise OpenError(f"{self.url}: it was lost before: {self._lost}") from self._lost
+        self._receiver = receiver
+        if not self._is_open:
+            try:
+                await self._inner.open(self)
+            except BaseException:
+                self._receiver = None
+                raise
+            self._is_open = True
+
+    async def send(self, data: bytes) -> None:
+        """Send all of `data`."""
+        await self._inner.send(data)
+
+    async def close(self) -> None:
+        """End the present use; the transport stays open."""
+        receiver, self._receiver = self._receiver, None
+        if receiver is not None:
+            receiver.lost(None)
+
+    async def free(self) -> None:
+        """Close the transport itself."""
+        await self.close()
+        await self._inner.close()
+
+    def data(self, chunk: bytes, /) -> None:
+        """Pass on a chunk; nobody wants what comes between two uses."""
+        if self._receiver is not None:
+            self._receiver.data(chunk)
+
+    def lost(self, error: Exception | None, /) -> None:
+        """Pass on the end of the transport."""
+        self._lost = error if isinstance(error, ConnectionLost) else ConnectionLost(f"{self.url}: it was closed")
+        receiver, self._receiver = self._receiver, None
+        if receiver is not None:
+            receiver.lost(error)
+
+
+class Line:
+    """Sends packets, each once, and collects the responses."""
+
+    def __init__(self, transport: SharedTransport, codec: Codec) -> None:
+        """Speak as `codec` does. `async with` opens the line and ends the use of `transport`."""
+        self.codec = codec
+        self.patience = PATIENCE
+        """Seconds to wait for a response, and after the last one for another."""
+        self.received = 0
+        """Bytes received so far."""
+        self._transport = transport
+        self._loop = asyncio.get_running_loop()
+        self._parser = FrameParser(codec.byte_order)
+        self._frames: list[Frame] = []
+        self._heard_at = self._loop.time()
+        self._news = asyncio.Event()
+        self._ended: Exception | None = None
+
+    async def __aenter__(self) -> Self:
+        """Open the line and wait until it is quiet."""
+        await self._transport.open(self)
+        await self.settle()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """End the use of the transport."""
+        await self._transport.close()
+
+    def data(self, chunk: bytes, /) -> None:
+        """Take bytes from the transport."""
+        self.received += len(chunk)
+        self._heard_at = self._loop.time()
+        self._frames += self._parser.feed(chunk)
+        self._news.set()
+
+    def lost(self, error: Exception | None, /) -> None:
+        """End: the transport has ended."""
+        self._ended = error or ConnectionLost(f"{self._transport.url}: it was closed")
+        self._news.set()
+
+    async def settle(self) -> None:
+        """Wait until nothing has come for a moment: what comes later belongs to what is sent later."""
+        end = self._loop.time() + _LONGEST_SETTLING
+        while await self._wait(min(end, self._loop.time() + _QUIET)):
+            pass
+        self._frames.clear()
+
+    async def send(self, packet: Packet) -> None:
+        """Send a packet."""
+        await self._transport.send(self.codec.encode(packet, unchecked=True))
+
+    async def ask(self, request: Request[Response]) -> Frame | None:
+        """Send `request` once and return the frame of its response; None if none comes in time."""
+        frames = await self.burst([request])
+        return frames[0] if frames else None
+
+    async def answer(self, request: Request[Response]) -> Response | None:
+        """Send `request` up to TRIES times and return the first response; None if none comes."""
+        for _ in range(TRIES):
+            if (frame := await self.ask(request)) is not None:
+                return self.decode(frame)
+        return None
+
+    def decode(self, frame: Frame) -> Response:
+        """Return the response in a frame that was accepted."""
+        response = self.codec.decode(*frame)
+        assert isinstance(response, Response)  # noqa: S101 - its id is that of a response
+        return response
+
+    async def burst(self, requests: Sequence[Request[Response]]) -> list[Frame]:
+        """Send all requests at once, and return the frames of their responses: at most as many.
+
+        Waiting ends with the last of them, or when nothing has come for `patience`.
+        """
+        self._frames.clear()
+        wanted = list(requests)
+        await self._transport.send(b"".join([self.codec.encode(each, unchecked=True) for each in requests]))
+        begun = self._loop.time()
+        found: list[Frame] = []
+        while len(found) < len(requests):
+            found += self._take(wanted)
+            if len(found) < len(requests) and not await self._wait(max(begun, self._heard_at) + self.patience):
+                while self._parser.partial_frame:  # its length may be damaged, and hold back the others
+                    self._frames += self._parser.abandon_frame()
+                found += self._take(wanted)
+                break
+        return found
+
+    def _take(self, wanted: list[Request[Response]]) -> list[Frame]:
+        """Return the new frames that answer one of the requests in `wanted`, each of which is removed."""
+        frames, self._frames = self._frames, []
+        taken = []
+        for frame in frames:
+            request = next((each for each in wanted if self._answers(frame, each)), None)
+            if request is not None:
+                wanted.remove(request)
+                taken.append(frame)
+        return taken
+
+    def _answers(self, frame: Frame, request: Request[Response]) -> bool:
+        if frame[0] != request.packet_id + 1:
+            return False
+        with suppress(DecodeError):
+            return request.accepts(self.decode(frame))
+        return False
+
+    async def _wait(self, until: float) -> bool:
+        """Return whether anything has come before `until` (loop time). Raise ConnectionLost if the line has ended."""
+        self._news.clear()
+        if self._ended is None:
+            with suppress(TimeoutError):
+                async with asyncio.timeout_at(until):
+                    await self._news.wait()
+        if self._ended is not None:
+            raise ConnectionLost(str(self._ended)) from self._ended
+        return self._news.is_set()
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How single queries fare on the line."""
+
+    asked: int
+    round_trips: tuple[float, ...]
+    """Seconds, of those that were answered."""
+
+    @property
+    def lost(self) -> int:
+        """How many were not answered."""
+        return self.asked - len(self.round_trips)
+
+    @property
+    def loss(self) -> float:
+        """Their share, 0..1."""
+        return self.lost / self.asked if self.asked else 1.0
+
+    @property
+    def is_clean(self) -> bool:
+        """Whether nothing was lost, so that silence comes from the board."""
+        return not self.lost
+
+    @property
+    def round_trip(self) -> float:
+        """The median, in seconds."""
+        return median(self.round_trips) if self.round_trips else PATIENCE
+
+    def __str__(self) -> str:
+        """Return the loss as people write it."""
+        return f"{self.lost} of {self.asked} single queries were lost"
+
+
+_SINGLES = 40
+_LONGEST_MEASURING = 15.0  # seconds
+_SHORTEST_PATIENCE, _LONGEST_PATIENCE = 0.1, 2.0
+
+
+async def measure_quality(line: Line, query: Request[Response]) -> Quality:
+    """Send `query` alone many times, and set the patience of `line` by the time that responses take."""
+    loop = asyncio.get_running_loop()
+    end = loop.time() + _LONGEST_MEASURING
+    round_trips = []
+    asked = 0
+    while asked < _SINGLES and loop.time() < end:
+        begun = loop.time()
+        asked += 1
+        if await line.ask(query) is not None:
+            round_trips.append(loop.time() - begun)
+    quality = Quality(asked, tuple(round_trips))
+    slowest = max(round_trips, default=PATIENCE)
+    line.patience = max(_SHORTEST_PATIENCE, min(_LONGEST_PATIENCE, 4 * slowest))
+    return quality

@@ -1,0 +1,112 @@
+"""The unit of the time of a movement, by timing one servo that the user named."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+
+from servolink.client.board import Board
+from servolink.doctor.learn_profile import Measured
+from servolink.errors import ServolinkError
+from servolink.motion import Degrees
+from servolink.profiles.profile import SafetyLimits
+from servolink.protocol.records import Step
+from servolink.protocol.servos import ExecuteActionRequest
+
+DEGREES = 10
+"""How far the servo turns, unless told otherwise."""
+
+_UNITS = (0.001, 0.01, 0.1)
+"""Seconds; the document says 0.01."""
+_INTERVAL = 100  # units: 0.1 s, 1 s or 10 s
+_LONGEST_INTERVAL = 1000
+_NEAR = 1.5  # a time fits a unit within this factor
+_PATIENCE = 15.0  # seconds for one movement
+_BEGUN = 1  # degrees from which on it moves
+_PAUSE = 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedMovement:
+    """A movement there and back."""
+
+    servo_id: int
+    start: int
+    """Degrees."""
+    goal: int
+    interval: int
+    """Units whose length is to be learnt; it takes a tenth of them, in milliseconds, if they are the shortest."""
+
+    def __str__(self) -> str:
+        """Return what will move, for the user."""
+        return (
+            f"servo {self.servo_id} will turn from {self.start}° to {self.goal}° and back, in 0.1 to 10 s each way: "
+            "how long it takes is what is measured"
+        )
+
+
+async def plan_movement(board: Board, servo_id: int, limits: SafetyLimits, degrees: int = DEGREES) -> PlannedMovement:
+    """Return a movement towards the middle, within `limits` whichever unit the board counts in.
+
+    Raise ServolinkError if the servo cannot move or the limits leave no room.
+    """
+    servo = await board.servo(servo_id)
+    if not (servo.is_start and servo.is_hold):
+        raise ServolinkError(
+            f"servo {servo_id} is stopped or released and would not move: "
+            f"`servolink move {servo_id}={servo.angle} --start` starts and holds it where it is"
+        )
+    start = int(servo.angle)
+    low, high = limits.angles.get(servo_id, (-180.0, 180.0))
+    away = degrees if start <= 0 else -degrees
+    goals = [goal for goal in (start + away, start - away) if low <= goal <= high]
+    if not goals or not low <= start <= high:
+        raise ServolinkError(
+            f"servo {servo_id} is at {start}° and may only be moved within {low:g}..{high:g}°, which leaves no room "
+            f"for {degrees}°: move it first"
+        )
+    caps = [cap for cap in (limits.speed_cap, limits.speed_caps.get(servo_id)) if cap is not None]
+    slowest = min(caps, default=degrees / (_INTERVAL * _UNITS[0]))
+    interval = max(_INTERVAL, round(degrees / slowest / _UNITS[0]))
+    if interval > _LONGEST_INTERVAL:
+        raise ServolinkError(
+            f"servo {servo_id} may not turn faster than {slowest:g}°/s, too slow to be timed while the unit is unknown"
+        )
+    return PlannedMovement(servo_id, start, goals[0], interval)
+
+
+async def interval_finding(board: Board, planned: PlannedMovement) -> Measured:
+    """Move there and back and time it. After an error or a cancellation the servo is stopped."""
+    try:
+        there = await _seconds_to(board, planned, planned.goal)
+        back = await _seconds_to(board, planned, planned.start)
+    except BaseException:
+        await asyncio.shield(board.stop())
+        raise
+    times = [seconds for seconds in (there, back) if seconds is not None]
+    shown = " and ".join(f"{seconds:.2f} s" for seconds in times)
+    text = (
+        f"servo {planned.servo_id} took {shown or 'longer than was waited'} for {abs(planned.goal - planned.start)}° "
+        f"at interval {planned.interval}"
+    )
+    units = {_unit(seconds / planned.interval) for seconds in times}
+    if len(times) < 2 or None in units or len(units) > 1:
+        return Measured("interval_unit", None, "guess", f"{text}, which is not a unit of 1, 10 or 100 ms")
+    return Measured("interval_unit", units.pop(), "certain", text)
+
+
+def _unit(seconds: float) -> float | None:
+    return next((unit for unit in _UNITS if unit / _NEAR <= seconds <= unit * _NEAR), None)
+
+
+async def _seconds_to(board: Board, planned: PlannedMovement, goal: int) -> float | None:
+    """Move to `goal` and return the seconds until the servo is there; None if it does not arrive."""
+    loop = asyncio.get_running_loop()
+    await board.send(ExecuteActionRequest((Step(planned.servo_id, goal, planned.interval),)))
+    begun = loop.time()
+    while (elapsed := loop.time() - begun) < _PATIENCE:
+        angle = (await board.servo(planned.servo_id)).angle
+        if abs(angle - Degrees(goal)) < _BEGUN:
+            return elapsed
+        await asyncio.sleep(_PAUSE)
+    return None

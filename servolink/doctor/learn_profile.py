@@ -1,0 +1,59 @@
+"""What was measured, and how it is merged into the profile that is kept of the board."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from msgspec.structs import replace
+
+from servolink.profiles.profile import BoardIdentityRecord, BoardProfile, Confidence, Evidence
+
+_RANKS: dict[Confidence, int] = {"guess": 0, "likely": 1, "certain": 2}
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """One setting of a board, as it was measured."""
+
+    setting: str
+    """Its name in the profile."""
+    value: Any
+    """None if it could not be learnt."""
+    confidence: Confidence
+    evidence: str
+    """What was seen, in one sentence with figures."""
+
+
+def merge_profile(
+    profile: BoardProfile, measured: Iterable[Measured], identity: BoardIdentityRecord, now: datetime
+) -> BoardProfile:
+    """Return `profile` with what was measured; limits, and what could not be learnt, stay.
+
+    What is kept already is replaced unless the same value is kept with better evidence, or the user has set another
+    value and the new one is not certain.
+    """
+    settings, evidence = profile.settings, dict(profile.evidence)
+    for each in measured:
+        if each.value is not None and _replaces(each, getattr(settings, each.setting), evidence.get(each.setting)):
+            settings = replace(settings, **{each.setting: each.value})
+            evidence[each.setting] = Evidence(each.confidence, each.evidence, now)
+    return replace(profile, identity=identity, settings=settings, evidence=evidence)
+
+
+def _replaces(measured: Measured, value: object, evidence: Evidence | None) -> bool:
+    if value is None:
+        return True
+    if evidence is None:  # set by the user
+        return measured.confidence == "certain" or measured.value == value
+    return measured.value != value or _RANKS[measured.confidence] >= _RANKS[evidence.confidence]
+
+
+def is_same_board(kept: BoardIdentityRecord | None, found: BoardIdentityRecord) -> bool:
+    """Return whether nothing that is known of both boards differs."""
+    return kept is None or all(
+        old is None or new is None or old == new
+        for old, new in ((getattr(kept, name), getattr(found, name)) for name in kept.__struct_fields__)
+    )

@@ -1,0 +1,207 @@
+"""What queries alone tell of a board: which it answers, how it answers unknown ids, its turnaround and its depth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import count, cycle, islice
+from math import sqrt
+from typing import Any
+
+from servolink.doctor.learn_contact import SHORT_QUERIES
+from servolink.doctor.learn_line import TRIES, Line, Quality
+from servolink.doctor.learn_profile import Measured
+from servolink.profiles.profile import Confidence
+from servolink.protocol.editing import QueryServoParameterRequest
+from servolink.protocol.frame import OVERHEAD, Frame
+from servolink.protocol.layout import content_size
+from servolink.protocol.packet import Query, Response
+from servolink.protocol.record_types import RECORD_TYPES, RecordType
+from servolink.protocol.servos import ALL_SERVOS, QueryServoListRequest, QueryServoListResponse, QueryServoRequest
+from servolink.protocol.settings import QueryMemorySizeRequest, QueryMemorySizeResponse
+
+MOST_LOSS = 0.15
+"""Above this share of lost queries, what is not answered says nothing about the board."""
+
+_LISTS: tuple[Query[Response], ...] = (
+    *(each.list_request for each in RECORD_TYPES),
+    QueryServoParameterRequest(),
+)
+_DEPTHS = (2, 4, 8, 16)
+_TRIES_ON_A_BAD_LINE = 24  # long responses are lost more often than those of the queries that measure the line
+_SHORT = 256  # bytes of a response
+_ROUNDS = 8  # bursts of each depth
+
+
+def name_of(query: Query[Any]) -> str:
+    """Return the name of a query in a profile, such as `QueryMemorySize`."""
+    return type(query).__name__.removesuffix("Request")
+
+
+def silence_confidence(quality: Quality, tries: int = TRIES) -> Confidence | None:
+    """Return how certain it is that a query left unanswered `tries` times is never answered; None: not at all."""
+    if quality.is_clean:
+        return "certain"
+    if quality.loss > MOST_LOSS:
+        return None
+    return "likely" if quality.loss**tries < 1e-4 else "guess"
+
+
+@dataclass(slots=True)
+class Survey:
+    """What a board answered to each query."""
+
+    tries: int = TRIES
+    """How often each query was sent before it counted as silent."""
+    frames: dict[Query[Any], Frame] = field(default_factory=dict)
+    """The response to each query that was answered."""
+    silent: list[Query[Any]] = field(default_factory=list)
+    """Queries that were not answered."""
+    responses: dict[Query[Any], Response] = field(default_factory=dict)
+
+    def ids(self, record_type: RecordType[Any]) -> tuple[int, ...] | None:
+        """Return the ids of all records of a type; None if they are unknown."""
+        response = self.responses.get(record_type.list_request)
+        return None if response is None else record_type.ids_in(response)
+
+    @property
+    def servo_ids(self) -> tuple[int, ...] | None:
+        """The ids of all servos, None if they are unknown."""
+        response = self.responses.get(QueryServoListRequest())
+        return response.servo_id_list if isinstance(response, QueryServoListResponse) else None
+
+    @property
+    def memory_total(self) -> int | None:
+        """The total memory in the board's own unit, None if it does not say."""
+        response = self.responses.get(QueryMemorySizeRequest())
+        return response.total_size if isinstance(response, QueryMemorySizeResponse) else None
+
+
+async def survey_board(line: Line, quality: Quality) -> Survey:
+    """Send each query until it is answered; those for one record only if one is stored."""
+    survey = Survey(TRIES if quality.is_clean else _TRIES_ON_A_BAD_LINE)
+    for query in (*SHORT_QUERIES, QueryServoRequest(ALL_SERVOS), *_LISTS):
+        await _survey_query(line, query, survey)
+    for record_type in RECORD_TYPES:
+        if ids := survey.ids(record_type):
+            await _survey_query(line, record_type.query(ids[0]), survey)
+    return survey
+
+
+async def _survey_query(line: Line, query: Query[Any], survey: Survey) -> None:
+    before: Frame | None = None
+    for _ in range(survey.tries):
+        frame = await line.ask(query)
+        if frame is None:
+            continue
+        if query not in _LISTS or frame == before:  # captions and ids must not come from a damaged frame
+            break
+        before = frame
+    else:
+        frame = None
+    if frame is None and before is None:
+        survey.silent.append(query)
+    elif (frame := frame or before) is not None:
+        survey.frames[query] = frame
+        survey.responses[query] = line.decode(frame)
+
+
+def unsupported_finding(survey: Survey, quality: Quality) -> Measured:
+    """Return the queries that the board does not answer."""
+    answered = len(survey.frames)
+    if not survey.silent:
+        return Measured("unsupported", (), "certain", f"all {answered} queries that were tried were answered")
+    names = tuple(map(name_of, survey.silent))
+    text = f"{', '.join(names)}: not answered in {survey.tries} tries each; {answered} others were answered; {quality}"
+    confidence = silence_confidence(quality, survey.tries)
+    return Measured("unsupported", None if confidence is None else names, confidence or "guess", text)
+
+
+async def unknown_ids_finding(line: Line, survey: Survey, quality: Quality) -> Measured:
+    """Query ids that the lists of the board do not contain."""
+    answered: list[Query[Any]] = []
+    silent: list[Query[Any]] = []
+    for query in _unknown(survey):
+        (silent if await line.answer(query) is None else answered).append(query)
+    seen = " and ".join(
+        f"{_queries(queries)} {how}"
+        for queries, how in ((answered, "had an empty response"), (silent, f"had none in {TRIES} tries each"))
+        if queries
+    )
+    if not seen:
+        return Measured("unknown_ids", None, "guess", "the board lists nothing, so no id is known to be unknown")
+    if not silent:
+        return Measured("unknown_ids", "empty", "certain", seen)
+    confidence = silence_confidence(quality, TRIES * len(silent))
+    if answered and confidence is not None:
+        confidence = "likely"  # programs have to expect both
+    value = None if confidence is None else "silent"
+    return Measured("unknown_ids", value, confidence or "guess", f"{seen}; {quality}")
+
+
+def _unknown(survey: Survey) -> Iterator[Query[Any]]:
+    unsupported = {type(query) for query in survey.silent}
+    for record_type in RECORD_TYPES:
+        if (ids := survey.ids(record_type)) is not None and record_type.query_class not in unsupported:
+            yield record_type.query(next(each for each in count(1) if each not in ids))
+
+
+def _queries(queries: Sequence[Query[Any]]) -> str:
+    return ", ".join(f"{name_of(each)} {getattr(each, each.__struct_fields__[0])}" for each in queries)
+
+
+def turnaround_finding(query: Query[Any], survey: Survey, quality: Quality, baudrate: int | None) -> Measured:
+    """Return the time that the board needs for a short query; `baudrate` is that of a serial port, else None."""
+    if len(quality.round_trips) < 5:
+        return Measured("turnaround", None, "guess", f"{quality}, too many to tell")
+    raw = quality.round_trip
+    text = f"{name_of(query)} took {raw * 1000:.2f} ms (median of {len(quality.round_trips)})"
+    frame = survey.frames.get(query)
+    size = 2 * OVERHEAD + content_size(type(query)) + (len(frame[1]) if frame else 0)
+    on_wire = size * 10 / baudrate if baudrate else 0.0
+    if baudrate and on_wire <= raw:
+        text += f", of which {size} bytes at {baudrate} baud take {on_wire * 1000:.2f} ms"
+    elif baudrate:
+        on_wire = 0.0
+        text += f", less than {size} bytes take at {baudrate} baud, so the port is faster than that"
+    spread = max(quality.round_trips) > 3 * raw
+    return Measured("turnaround", round(raw - on_wire, 6), "likely" if spread else "certain", text)
+
+
+async def depth_finding(line: Line, survey: Survey, quality: Quality) -> Measured:
+    """Send more and more queries at once until some are lost."""
+    queries = _cheap_queries(survey)
+    size = max(OVERHEAD + content_size(type(query)) for query in queries)
+    if quality.loss > MOST_LOSS:
+        return Measured("depth", None, "guess", f"{quality}, too many to tell what the board loses")
+    works, seen = 1, ""
+    for depth in _DEPTHS:
+        lost = 0
+        for _ in range(_ROUNDS):
+            lost += depth - len(await line.burst(list(islice(cycle(queries), depth))))
+            await line.settle()
+        if not is_line_loss(lost, depth * _ROUNDS, quality):
+            seen = f"{_bursts(depth)} lost {lost} of {depth * _ROUNDS} responses"
+            break
+        works = depth
+    else:
+        seen = "more were not tried, as they gain nothing"
+    kept = f"{_bursts(works)} of up to {size} bytes were all answered; " if works > 1 else ""
+    return Measured("depth", works, "certain" if quality.is_clean else "likely", f"{kept}{seen}; {quality}")
+
+
+def is_line_loss(lost: int, sent: int, quality: Quality) -> bool:
+    """Return whether a loss is no more than single queries suffer, so that the line explains it."""
+    expected = quality.loss * sent
+    return lost <= (expected + 2 * sqrt(expected) + 1 if expected else 0)
+
+
+def _bursts(depth: int) -> str:
+    return f"{_ROUNDS} bursts of {depth} queries"
+
+
+def _cheap_queries(survey: Survey) -> list[Query[Any]]:
+    """Return queries with short responses, those with the longest requests: a board may queue bytes, not requests."""
+    by_id = {each.query_class for each in RECORD_TYPES}
+    stored = [query for query, (_, content) in survey.frames.items() if type(query) in by_id and len(content) < _SHORT]
+    return stored or [query for query in SHORT_QUERIES if query in survey.frames]

@@ -1,0 +1,205 @@
+"""What only writing tells of a board: its memory unit, what adding and clearing do, and how many writes it queues."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from contextlib import suppress
+
+from msgspec.structs import replace
+
+from servolink.client.board import Board
+from servolink.doctor.learn_line import Line, Quality
+from servolink.doctor.learn_profile import Measured
+from servolink.doctor.learn_queries import is_line_loss
+from servolink.doctor.learn_trial import Trial, write_marker
+from servolink.errors import OutcomeUnknown, Rejected, RequestTimeout
+from servolink.profiles.profile import Confidence
+from servolink.project.model import without_neutral
+from servolink.protocol.editing import QueryProjectIDRequest
+from servolink.protocol.frame import OVERHEAD
+from servolink.protocol.record_types import ACTION, RECORD_TYPES
+from servolink.protocol.records import Action, ServoParameter
+from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
+
+_TRIES = 3
+_DEPTHS = (2, 4, 8)
+_ROUNDS = 3  # bursts of each depth
+_MOST_RECORDS = 128
+_ENOUGH_BYTES = 5 * 1024  # written to see a unit of 1,024 bytes in spite of rounding
+_FEWEST_UNITS = 3
+_NEAR = (0.5, 2.0)  # a unit fits if it explains the bytes written within these factors
+
+
+async def project_id_finding(board: Board, trial: Trial) -> Measured:
+    """Write the marker of an unfinished import, an id of 32 bits, and read back how much of it the board keeps."""
+    marker, before = trial.journal.marker, trial.content.project_id
+    found = await write_marker(board, marker)
+    text = f"{marker:#x} was written and {found:#x} read back"
+    for bits, kept in ((32, marker), (16, marker & 0xFFFF), (0, 0), (0, before)):
+        if found in (kept, kept - 0x10000 if bits == 16 else kept):
+            is_sure = found == (await board.request(QueryProjectIDRequest())).project_id
+            return Measured("project_id_bits", bits, "certain" if is_sure else "likely", text)
+    return Measured("project_id_bits", None, "guess", f"{text}, which is neither of 32, 16 nor 0 bits")
+
+
+async def memory_finding(board: Board, trial: Trial) -> Measured:
+    """Store records of known size until the free memory has changed enough, and compare."""
+    try:
+        before = free = (await board.request(QueryMemorySizeRequest())).size
+    except RequestTimeout:
+        return Measured("memory_unit", None, "guess", "the board does not say how much memory is free")
+    written = 0
+    for action in trial.scratch_actions(_MOST_RECORDS):
+        if not await _store(board, action):
+            break
+        written += ACTION.size(action)
+        free = (await board.request(QueryMemorySizeRequest())).size
+        if written >= _ENOUGH_BYTES or (before - free >= _FEWEST_UNITS and _fits(1, before - free, written)):
+            break
+    await _delete_scratch(board, trial)
+    used = before - free
+    text = f"records of {written:,} bytes in all took {used:,} of {before:,} free units"
+    fitting = [unit for unit in (1, 1024) if _fits(unit, used, written)]
+    if len(fitting) == 1 and used >= _FEWEST_UNITS:
+        return Measured("memory_unit", fitting[0], "certain", text)
+    if fitting:
+        return Measured("memory_unit", fitting[0], "likely", f"{text}; the memory was too full for more")
+    return Measured("memory_unit", None, "guess", f"{text}, which is neither bytes nor KiB")
+
+
+def _fits(unit: int, used: int, written: int) -> bool:
+    return used > 0 and _NEAR[0] <= used * unit / written <= _NEAR[1]
+
+
+async def duplicate_finding(board: Board, trial: Trial) -> Measured:
+    """Add records whose ids are stored, and see what is stored then."""
+    seen = [await _added_twice(board, action) for action in trial.scratch_actions(2)]
+    await _delete_scratch(board, trial)
+    value, text = seen[0]
+    if value is None or seen[1][0] != value:
+        texts = text if seen[1][1] == text else f"{text}; another time {seen[1][1]}"
+        return Measured("on_duplicate", None, "guess", f"two records were each added twice: {texts}")
+    return Measured("on_duplicate", value, "certain", f"two records were each added twice: {text}")
+
+
+async def _store(board: Board, action: Action) -> bool:
+    """Store an action and return whether it is stored; what a bad line left open is looked up."""
+    for _ in range(_TRIES):
+        try:
+            return bool((await board.request(ACTION.add(action))).result)
+        except OutcomeUnknown:
+            if action.action_id in [entry.action_id for entry in await board.actions()]:
+                return True
+    return False
+
+
+async def _delete_scratch(board: Board, trial: Trial) -> None:
+    """Delete scratch records, to make room for others; what is left is deleted at the end of the trial."""
+    kept = {action.action_id for action in trial.content.actions}
+    for entry in await board.actions():
+        if entry.action_id not in kept:
+            with suppress(OutcomeUnknown, Rejected):
+                await board.delete_action(entry.action_id)
+
+
+async def _added_twice(board: Board, action: Action) -> tuple[str | None, str]:
+    """Return what adding an action again does, and what was seen."""
+    if not await _store(board, action):
+        return None, "the first was not stored"
+    again = replace(action, action_caption="servolink scratch 2")
+    said_yes: bool | None = None
+    with suppress(OutcomeUnknown):
+        said_yes = bool((await board.request(ACTION.add(again))).result)
+    listed = [entry.action_id for entry in await board.actions()].count(action.action_id)
+    caption = (await board.action(action.action_id)).action_caption
+    is_new = caption == again.action_caption
+    answer = "no answer" if said_yes is None else "yes" if said_yes else "no"
+    text = f"the board said {answer}, lists the id {listed} times and returns the {'new' if is_new else 'old'} record"
+    if listed > 1:
+        return "append", text
+    if is_new:
+        return "replace", text
+    return ("reject" if said_yes is False else None), text
+
+
+async def write_depth_finding(trial: Trial, quality: Quality) -> Measured:
+    """Store more and more records at once until some are lost."""
+    works, seen = 1, ""
+    size = max(OVERHEAD + ACTION.size(action) for action in trial.scratch_actions(1))
+    async with Line(trial.transport, trial.codec) as line:
+        line.patience = max(line.patience, 4 * quality.round_trip)
+        for depth in _DEPTHS:
+            lost = 0
+            for _ in range(_ROUNDS):
+                missing = await _missing_of(line, trial.scratch_actions(depth))
+                if missing is None:
+                    seen = f"in a burst of {depth} the board refused a record, or did not list them"
+                    text = f"{_works(works, size)}{seen}; {quality}"
+                    return Measured("write_depth", works if works > 1 else None, "guess", text)
+                lost += missing
+            if not is_line_loss(lost, depth * _ROUNDS, quality):
+                seen = f"{_ROUNDS} bursts of {depth} lost {lost} of {depth * _ROUNDS}; "
+                break
+            works = depth
+    confidence: Confidence = "certain" if quality.is_clean else "likely"
+    return Measured("write_depth", works, confidence, f"{_works(works, size)}{seen}{quality}")
+
+
+def _works(depth: int, size: int) -> str:
+    return f"{_ROUNDS} bursts of {depth} records of {size} bytes were all stored; " if depth > 1 else ""
+
+
+async def _missing_of(line: Line, actions: Sequence[Action]) -> int | None:
+    """Store `actions` at once and return how many are not listed then; None if the board refuses one or lists none."""
+    frames = await line.burst([ACTION.add(action) for action in actions])
+    if any(not getattr(line.decode(frame), "result", 0) for frame in frames):
+        return None
+    await line.settle()
+    response = await line.answer(ACTION.list_request)
+    if response is None:
+        return None
+    return len({action.action_id for action in actions} - set(ACTION.ids_in(response)))
+
+
+async def clear_findings(board: Board, trial: Trial) -> list[Measured]:
+    """Clear the board, and see what it kept and how long that took. The caller has consent."""
+    loop = asyncio.get_running_loop()
+    if not await _store(board, trial.scratch_actions(1)[0]):
+        return [Measured("clear", None, "guess", "no record could be stored first, so nothing would show")]
+    kept_id = (await board.request(QueryProjectIDRequest())).project_id
+    await trial.note("clearing")
+    begun = loop.time()
+    try:
+        said_yes: bool | None = bool((await board.request(ClearAllDataRequest())).result)
+    except OutcomeUnknown:
+        said_yes = None
+    seconds = loop.time() - begun
+    found = (await board.request(QueryProjectIDRequest())).project_id
+    parameters = await board.servo_parameters()
+    left = sum([len(each.ids_in(await board.request(each.list_request))) for each in RECORD_TYPES])
+    await write_marker(board, trial.journal.marker)
+    await trial.note("writing")
+    if left or said_yes is False:
+        seen = f"the board said {'no' if said_yes is False else 'yes'} and lists {left} records"
+        return [Measured("clear", None, "guess", f"after clearing {seen}")]
+    return [_clear_finding(trial, kept_id, found, parameters), _clear_time(seconds, said_yes)]
+
+
+def _clear_finding(trial: Trial, before: int, after: int, parameters: Sequence[ServoParameter]) -> Measured:
+    had = len(without_neutral(trial.content.servo_parameters))
+    has = len(without_neutral(parameters))
+    seen = [f"project id {'kept' if after == before else 'deleted'}" if before else "no project id to see"]
+    seen.append(f"{has} of {had} servo parameters kept" if had else "no servo parameters to see")
+    kept = [after == before] * bool(before) + [has == had] * bool(had)
+    text = f"all records deleted, {', '.join(seen)}"
+    if not kept or len({*kept}) > 1 or (not kept[0] and (has or after)):
+        return Measured("clear", None, "guess", text)
+    return Measured("clear", "records" if kept[0] else "all", "certain" if len(kept) == 2 else "likely", text)
+
+
+def _clear_time(seconds: float, said_yes: object) -> Measured:
+    if said_yes is None:
+        return Measured("clear_seconds", None, "guess", f"it cleared, but did not say so within {seconds:.1f} s")
+    text = f"the response to clearing came after {seconds:.2f} s"
+    return Measured("clear_seconds", round(seconds, 3), "likely", text)

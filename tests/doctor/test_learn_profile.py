@@ -1,0 +1,84 @@
+"""What was measured is merged into what is kept."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any
+
+import pytest
+
+from servolink.doctor.learn_captions import encoding_finding
+from servolink.doctor.learn_profile import Measured, is_same_board, merge_profile
+from servolink.profiles.profile import (
+    BoardIdentityRecord,
+    BoardProfile,
+    BoardSettings,
+    Confidence,
+    Evidence,
+    SafetyLimits,
+)
+
+NOW, BEFORE = datetime(2026, 2, 1, tzinfo=UTC), datetime(2026, 1, 1, tzinfo=UTC)
+REX = BoardIdentityRecord(servo_ids=(1, 2), memory_total=65536)
+
+
+@pytest.mark.parametrize(
+    ("kept", "evidence", "found", "confidence", "result"),
+    [
+        (None, None, 4, "guess", 4),
+        (8, "likely", 4, "certain", 4),
+        (8, "certain", 4, "guess", 4),  # the board does not do what it did
+        (8, "certain", 8, "guess", 8),
+        (8, "certain", None, "guess", 8),
+        (8, None, 4, "likely", 8),  # the user has set it
+        (8, None, 4, "certain", 4),
+    ],
+)
+def test_which_finding_is_kept(
+    kept: int | None, evidence: Confidence | None, found: int | None, confidence: Confidence, result: int
+) -> None:
+    old = {"depth": Evidence(evidence, "old", BEFORE)} if evidence else {}
+    profile = BoardProfile(settings=BoardSettings(depth=kept, clear="all"), evidence=old)
+    merged = merge_profile(profile, [Measured("depth", found, confidence, "new")], REX, NOW)
+    assert merged.settings == BoardSettings(depth=result, clear="all")
+    is_new = found is not None and (result != kept or evidence is None)
+    assert merged.evidence == ({"depth": Evidence(confidence, "new", NOW)} if is_new and result == found else old)
+    assert merged.identity == REX
+
+
+def test_equal_evidence_is_renewed_and_limits_stay() -> None:
+    limits = SafetyLimits(speed_cap=90, angles={1: (0, 90)})
+    profile = BoardProfile(
+        settings=BoardSettings(depth=8), limits=limits, evidence={"depth": Evidence("certain", "old", BEFORE)}
+    )
+    merged = merge_profile(profile, [Measured("depth", 8, "certain", "new")], REX, NOW)
+    assert merged.evidence == {"depth": Evidence("certain", "new", NOW)}
+    assert merged.limits == limits
+
+
+def test_boards_differ_where_both_are_known() -> None:
+    assert is_same_board(None, REX)
+    assert is_same_board(BoardIdentityRecord(servo_ids=(1, 2)), REX)
+    assert is_same_board(REX, BoardIdentityRecord(memory_total=65536, serial_number="A1"))
+    assert not is_same_board(REX, BoardIdentityRecord(servo_ids=(1, 2, 3), memory_total=65536))
+
+
+@pytest.mark.parametrize(
+    ("captions", "encoding", "found"),
+    [
+        (["挥手", "左手"], "gbk", ("gb18030", "certain")),
+        (["走"], "gbk", ("gb18030", "likely")),
+        (["揮手"], "big5", ("big5", "likely")),
+        (["Grüße", "Füße"], "utf-8", ("utf-8", "certain")),
+        (["👋 hi"], "utf-8", ("utf-8", "likely")),
+        (["挥手", "wave"], "utf-16-be", ("utf-16-be", "likely")),
+        (["挥手"], "utf-16-le", (None, "guess")),  # the same bytes as "%cKb"
+        (["손 흔들기", "왼손"], "euc_kr", (None, "guess")),  # Chinese just as well
+        (["Grüße"], "latin-1", (None, "guess")),
+        (["wave", ""], "utf-8", (None, "guess")),
+        ([], "utf-8", (None, "guess")),
+    ],
+)
+def test_encodings_of_captions(captions: list[str], encoding: str, found: Any) -> None:
+    measured = encoding_finding([caption.encode(encoding).ljust(32, b"\0") for caption in captions])
+    assert (measured.value, measured.confidence) == found

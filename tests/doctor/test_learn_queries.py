@@ -1,0 +1,133 @@
+"""Queries alone tell what kind of board it is, and a bad line makes no finding both wrong and certain."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from servolink.errors import OpenError
+from servolink.protocol.codec import Codec
+from servolink.transports.faults import Faults
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
+from tests.doctor.learning import CHINESE, FULL, board_of, described, learn
+
+BUSY = 0.005  # seconds for each request, so that others have to wait
+
+
+def test_a_board_as_the_document_describes_it() -> None:
+    found = learn(board_of())
+    assert {name: each.value for name, each in found.items()} == {
+        "byte_order": "little",
+        "power_up_mode": 1,
+        "transmission_mode": "auto",
+        "caption_encoding": None,  # nothing but ASCII is stored
+        "unsupported": (),
+        "unknown_ids": "empty",
+        "turnaround": 0.0,
+        "depth": 16,
+    }
+    assert {each.confidence for each in found.values() if each.value is not None} == {"certain"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "codec", "captions", "setting", "value"),
+    [
+        (FULL, Codec("big"), ("wave",), "byte_order", "big"),
+        (BoardKind(mode=0), None, ("wave",), "power_up_mode", 0),
+        (BoardKind(mode=0), None, ("wave",), "transmission_mode", 1),
+        (BoardKind(mode=0), Codec("big"), ("wave",), "byte_order", "big"),
+        (FULL, Codec(caption_encoding="gbk"), CHINESE, "caption_encoding", "gb18030"),
+        (FULL, Codec(caption_encoding="big5"), ("揮手", "抬起右腿", "前進"), "caption_encoding", "big5"),
+        (FULL, Codec("big", "utf-8"), CHINESE, "caption_encoding", "utf-8"),
+        (FULL, Codec("big", "utf-16-le"), (*CHINESE, "ok"), "caption_encoding", "utf-16-le"),
+        (FULL, Codec(caption_encoding="shift_jis"), ("手を振る", "左手"), "caption_encoding", "shift_jis"),
+        (BoardKind(unknown_ids="silent"), None, ("wave",), "unknown_ids", "silent"),
+        (BoardKind(unsupported=("QueryMemorySize",)), None, ("wave",), "unsupported", ("QueryMemorySize",)),
+        (BoardKind(unsupported=("QueryProjectID",)), None, ("wave",), "unsupported", ("QueryProjectID",)),
+        (
+            BoardKind(unsupported=("QueryServoParameter", "QueryRemainPower")),
+            Codec("big"),
+            ("wave",),
+            "unsupported",
+            ("QueryRemainPower", "QueryServoParameter"),
+        ),
+        (BoardKind(unsupported=("QueryMacro",)), None, ("wave",), "unsupported", ("QueryMacro",)),
+        (BoardKind(turnaround=BUSY), None, ("wave",), "turnaround", BUSY),
+        (BoardKind(turnaround=BUSY), None, ("wave",), "depth", 16),
+        (BoardKind(turnaround=BUSY, queue=0), None, ("wave",), "depth", 1),
+        (BoardKind(turnaround=BUSY, queue=1), None, ("wave",), "depth", 2),
+        (BoardKind(turnaround=BUSY, queue=4), None, ("wave",), "depth", 4),
+        (BoardKind(turnaround=BUSY, queue=4), Codec("big"), ("wave",), "depth", 4),
+        (BoardKind(turnaround=BUSY, queue_bytes=13 * 7), None, ("wave",), "depth", 8),
+        (BoardKind(turnaround=BUSY, queue_bytes=13 * 6), None, ("wave",), "depth", 4),
+        (BoardKind(turnaround=0.3, queue=0), None, ("wave",), "depth", 1),
+    ],
+    ids=described,
+)
+def test_each_kind_is_learnt(
+    kind: BoardKind, codec: Codec | None, captions: tuple[str, ...], setting: str, value: Any
+) -> None:
+    board = board_of(kind, codec, captions)
+    before = board.storage.contents
+    found = learn(board)
+    assert found[setting].value == (pytest.approx(value, abs=1e-4) if isinstance(value, float) else value)
+    assert found[setting].confidence == "certain"
+    assert board.storage.contents is before, "queries change nothing"
+
+
+def test_the_mode_at_power_up_is_not_learnt_of_a_board_that_was_on() -> None:
+    found = learn(board_of(BoardKind(mode=0)), power_cycled=False)
+    assert (found["power_up_mode"].value, found["transmission_mode"].value) == (None, 1)
+    assert found["transmission_mode"].confidence == "likely"
+    found = learn(board_of(), power_cycled=False)
+    assert found["power_up_mode"].value is None
+    assert "transmission_mode" not in found
+
+
+def test_an_empty_board_tells_less() -> None:
+    found = learn(VirtualBoard(servos=0))
+    assert found["caption_encoding"].value is None
+    assert found["caption_encoding"].evidence == "no caption is stored on the board"
+    assert found["unknown_ids"].value == "empty"
+    assert found["depth"].value == 16
+
+
+def test_nothing_is_learnt_where_no_board_answers() -> None:
+    everything = tuple(
+        f"Query{name}" for name in ("ProjectID", "MemorySize", "RemainPower", "ActiveJoystickTable", "ServoList")
+    )
+    with pytest.raises(OpenError, match="does not answer in either byte order or transmission mode"):
+        learn(board_of(BoardKind(unsupported=everything)))
+
+
+TRUTH = {
+    "byte_order": ("big",),
+    "power_up_mode": (1,),
+    "transmission_mode": ("auto",),
+    "caption_encoding": ("gb18030",),
+    "unsupported": (("QueryRemainPower",),),
+    "unknown_ids": ("silent",),
+    "depth": (1, 2, 4),
+}
+"""What may be said with certainty of the board that is learnt over bad lines."""
+
+
+@pytest.mark.parametrize(
+    "faults", [Faults(drop=0.05), Faults(drop=0.005), Faults(flip=0.005, insert=0.002)], ids=["05", "005", "noise"]
+)
+@pytest.mark.parametrize("seed", range(8))
+def test_a_bad_line_makes_nothing_wrong_certain(faults: Faults, seed: int) -> None:
+    kind = BoardKind(turnaround=BUSY, queue=4, unknown_ids="silent", unsupported=("QueryRemainPower",))
+    board = board_of(kind, Codec("big", "gbk"), CHINESE)
+    try:
+        found = learn(board, faults=faults, seed=seed)
+    except OpenError:
+        return  # too bad to find the board at all
+    wrong = {
+        name: each
+        for name, each in found.items()
+        if each.confidence == "certain" and each.value is not None and each.value not in TRUTH.get(name, (each.value,))
+    }
+    assert not wrong
