@@ -21,7 +21,7 @@ from servolink.protocol.editing import (
     QueryMacroRequest,
     QueryProjectIDRequest,
 )
-from servolink.protocol.frame import ByteOrder, encode_frame
+from servolink.protocol.frame import MAX_CONTENT, OVERHEAD, ByteOrder, encode_frame
 from servolink.protocol.joystick import QueryJoystickTableRequest, SubscribeButtonEventRequest
 from servolink.protocol.packet import Packet, Request
 from servolink.protocol.parser import FrameParser
@@ -198,11 +198,7 @@ def command(data: bytes) -> None:
     options = cursor.byte()
     order: ByteOrder = "big" if options & 1 else "little"
     said: list[bytes] = []
-    board = VirtualBoard(
-        3,
-        codec=Codec(order),
-        kind=BoardKind(memory=_MEMORY, partial_writes=bool(options & 2), bus_powered=bool(options & 4)),
-    )
+    board = VirtualBoard(3, codec=Codec(order), kind=_kind(options))
     session = board.attach(said.append)
     now = 1.0
     for piece in _pieces(cursor, order, raw=bool(options & 8)):
@@ -211,6 +207,7 @@ def command(data: bytes) -> None:
         session.receive(piece, now)
         board.advance(now)
         _check_board(board)
+        assert 0 <= session.waiting <= board.kind.queue_bytes + MAX_CONTENT + OVERHEAD
         if pause % 32 == 31:
             board.power_cycle(now)
         if pause % 16 == 15:
@@ -225,6 +222,21 @@ def command(data: bytes) -> None:
     assert b"".join(encode_frame(*frame, order) for frame in frames) == answers, "the board said what is no frame"
     for frame in frames:
         board.codec.decode(*frame)
+
+
+def _kind(options: int) -> BoardKind:
+    takes_time, has_little_room = bool(options & 16), bool(options & 32)
+    return BoardKind(
+        memory=_MEMORY,
+        partial_writes=bool(options & 2),
+        bus_powered=bool(options & 4),
+        turnaround=0.1 * takes_time,
+        write_seconds=5.0 * takes_time,
+        queue=3 if has_little_room else 1000,
+        queue_bytes=40 if has_little_room else 2**20,
+        unknown_ids="silent" if options & 64 else "empty",
+        mode=0 if options & 128 else 1,
+    )
 
 
 def _pieces(cursor: Cursor, order: ByteOrder, *, raw: bool) -> Iterator[bytes]:

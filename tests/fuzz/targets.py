@@ -64,6 +64,7 @@ _ADDRESSES = (
     b"\6name",
     b"\7tmp/a.jsonl?timing=0",
     b"\x08servos=4&seed=1&memory=1000&on_duplicate=reject&clear=records&partial_writes=1&drop=0.01&state=/tmp/x%20y",
+    b"\x08mode=0&memory_unit=1024&project_id_bits=16&unsupported=QueryServo,AddMacro&turnaround=.01&queue=0&queue_bytes=64",
     b"\x09ttyUSB0?rts=1",
 )
 _FAULTS = (b"drop=0.01,flip=0.001,insert=1e-3,delay=.1,delay_time=2,duplicate=1,cut=0.5,unplug=100", b"127.0.0.1:80")
