@@ -14,6 +14,7 @@ from servolink.cli import virtual as command
 from servolink.errors import InvalidAddress, NotFound, RequestTimeout
 from servolink.protocol.editing import (
     AddActionRequest,
+    ExecuteMacroRequest,
     QueryActionRequest,
     QueryActionResponse,
     QueryMacroRequest,
@@ -22,7 +23,7 @@ from servolink.protocol.editing import (
 )
 from servolink.protocol.joystick import QueryJoystickTableRequest
 from servolink.protocol.record_types import ACTION
-from servolink.protocol.records import Action, Step
+from servolink.protocol.records import Action, MacroCommand, Step
 from servolink.protocol.servos import (
     ExecuteActionExRequest,
     ExecuteActionRequest,
@@ -196,6 +197,10 @@ def test_intervals_can_be_in_milliseconds() -> None:
     board.tell(ExecuteActionExRequest(1), START)
     assert board.angle(1, START + 0.9) < 90
     assert (board.angle(1, START + 1.0), board.angle(2, START + 1.0)) == (90, 90)
+    board.store_action(2, (2, 0, 1000))
+    board.store_macro(1, *[MacroCommand(action_id) for action_id in (2, 1)])
+    board.ask(ExecuteMacroRequest(1), START + 2)
+    assert (board.angle(2, START + 3.0), board.angle(2, START + 4.0)) == (0, 90)
 
 
 def test_a_client_meets_several_kinds_at_once() -> None:
