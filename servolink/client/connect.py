@@ -152,8 +152,10 @@ class connect:  # noqa: N801 - reads as the function it stands for
     async def _resolve(self) -> tuple[str, str | None]:
         """Return address and name of the board."""
         assert self._url is None or isinstance(self._url, str)  # noqa: S101 - narrows the type
-        from servolink.discovery.names import resolve_board  # late: most programs search for nothing
+        from servolink.discovery.names import resolve_board, resolve_url  # late: most programs search for nothing
 
+        if self._profile is not None:  # the board need not be recognised
+            return await resolve_url(self._url), None
         return await resolve_board(self._url)
 
     def _profile_of(self, name: str | None) -> ProfileInUse | None:

@@ -12,6 +12,7 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 from servolink.client import board as client
 from servolink.connection.stats import Stats
 from servolink.motion import AngleUnit
+from servolink.profiles.profile import ProfileInUse
 from servolink.protocol.codec import Codec
 from servolink.sync.iterator import BlockingIterator, ButtonEvents
 from servolink.sync.loop_thread import LoopThread
@@ -89,6 +90,11 @@ class Board:
     def codec(self) -> Codec:
         """Byte order and caption encoding of the connection."""
         return self._board.codec
+
+    @property
+    def profile(self) -> ProfileInUse | None:
+        """Name and profile of the board; None if nothing is known of it (see `connect`)."""
+        return self._board.profile
 
     @property
     def connection(self) -> object:
