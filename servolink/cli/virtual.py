@@ -26,7 +26,7 @@ from servolink.transports.faults import Faults
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.hardware import MAX_SERVOS
 from servolink.virtual.kind import OPTIONS, BoardKind, KindOption
-from servolink.virtual.script import HELP, Event, Keys, Push, parse_script
+from servolink.virtual.script import HELP, ButtonChange, Event, Keys, Push, parse_script
 from servolink.virtual.serve import serve
 from servolink.virtual.state_file import load_state, save_state
 from servolink.virtual.transport import StateSaver
@@ -150,6 +150,8 @@ def _apply(board: VirtualBoard, event: Event) -> None:
         if board.servos[event.servo_id].is_hold:
             print(f"servolink: servo {event.servo_id} is held and is not pushed at {event.at:g} s", file=sys.stderr)
         board.push_servo(event.servo_id, event.degree, now)
+    elif not isinstance(event, ButtonChange):
+        board.power_cycle(now)
     elif event.down:
         board.press_button(event.button_id, now)
     else:
@@ -158,12 +160,12 @@ def _apply(board: VirtualBoard, event: Event) -> None:
 
 @contextmanager
 def _keyboard(board: VirtualBoard) -> Iterator[None]:
-    """Press buttons with keys, if standard input is a terminal."""
+    """Press buttons and the power switch with keys, if standard input is a terminal."""
     keys = Keys()
 
     def typed(text: str) -> None:
-        for change in keys.typed(text):
-            asyncio.get_running_loop().call_later(change.at, _apply, board, change)
+        for event in keys.typed(text):
+            asyncio.get_running_loop().call_later(event.at, _apply, board, event)
 
     with single_keys(typed) as there:
         if there:

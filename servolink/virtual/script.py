@@ -2,6 +2,7 @@
 
 `1.5 press 3` presses button 3 for a moment, 1.5 seconds after the start. `long` keeps it down long enough for a long
 press; `down` and `up` are one half each. `2.0 push 1 45` turns servo 1, which must be released, to 45 degrees by hand.
+`3.0 power` switches the board off and on.
 Empty lines and anything behind a `#` are skipped.
 """
 
@@ -40,7 +41,13 @@ class Push(NamedTuple):
     degree: int
 
 
-Event: TypeAlias = ButtonChange | Push
+class PowerCycle(NamedTuple):
+    """The board is switched off and on; `at` is in seconds."""
+
+    at: float
+
+
+Event: TypeAlias = ButtonChange | Push | PowerCycle
 
 
 def presses(at: float, word: str, button_id: int) -> list[ButtonChange]:
@@ -66,10 +73,10 @@ def _line(number: int, words: list[str]) -> Sequence[Event]:
         events, highest = _events(words)
     except (ValueError, KeyError):
         raise ValueError(
-            f"line {number}: {quote(' '.join(words))} must be like '1.5 press 3' ({', '.join(_WORDS)}) "
-            "or '2.0 push 1 45'"
+            f"line {number}: {quote(' '.join(words))} must be like '1.5 press 3' ({', '.join(_WORDS)}), "
+            "'2.0 push 1 45' or '3.0 power'"
         ) from None
-    if not (0 <= events[0].at <= _MAX_SECONDS and 0 <= events[0][1] <= highest):
+    if not (0 <= events[0].at <= _MAX_SECONDS and all(0 <= each <= highest for each in events[0][1:2])):
         limits = f"the time must be 0..{_MAX_SECONDS:.0f} s, the id 0..{highest}"
         raise ValueError(f"line {number}: {quote(' '.join(words))} is out of range; {limits}")
     return events
@@ -77,6 +84,8 @@ def _line(number: int, words: list[str]) -> Sequence[Event]:
 
 def _events(words: list[str]) -> tuple[Sequence[Event], int]:
     """Return the events of a line, and the highest id that it may name."""
+    if words[1:] == ["power"]:
+        return [PowerCycle(float(words[0]))], 0
     if len(words) > 1 and words[1] == "push":
         at, _, servo_id, degree = words
         return [Push(float(at), int(servo_id), int(degree))], MAX_SERVOS
@@ -84,21 +93,23 @@ def _events(words: list[str]) -> tuple[Sequence[Event], int]:
     return presses(float(at), word, int(button)), _MAX_BUTTON_ID
 
 
-HELP = "keys: 0-9 press that button, l then 0-9 hold it for a long press, Ctrl-C ends"
+HELP = "keys: 0-9 press that button, l then 0-9 hold it for a long press, p switches off and on, Ctrl-C ends"
 
 
 class Keys:
-    """Turns typed characters into button changes."""
+    """Turns typed characters into events."""
 
     def __init__(self) -> None:
         """Start with no `l` typed."""
         self._word = "press"
 
-    def typed(self, text: str) -> list[ButtonChange]:
-        """Return the changes that `text` causes, in seconds from now; other keys have no effect."""
-        changes: list[ButtonChange] = []
+    def typed(self, text: str) -> list[Event]:
+        """Return the events that `text` causes, in seconds from now; other keys have no effect."""
+        events: list[Event] = []
         for key in text:
             if key in "0123456789":
-                changes += presses(0.0, self._word, int(key))
+                events += presses(0.0, self._word, int(key))
+            elif key == "p":
+                events.append(PowerCycle(0.0))
             self._word = "long" if key == "l" else "press"
-        return changes
+        return events

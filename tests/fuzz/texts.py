@@ -82,7 +82,7 @@ def script(data: bytes) -> None:
         check(error)
     else:
         assert [deed.at for deed in deeds] == sorted(deed.at for deed in deeds)
-        assert all(0 <= deed[0] <= 2e6 and 0 <= deed[1] < 2**32 for deed in deeds)
+        assert all(0 <= deed.at <= 2e6 and all(0 <= number < 2**32 for number in deed[1:2]) for deed in deeds)
 
 
 def project(data: bytes) -> None:

@@ -33,7 +33,7 @@ from servolink.protocol.settings import ClearAllDataRequest
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
-from servolink.virtual.script import Push
+from servolink.virtual.script import PowerCycle, Push
 from servolink.virtual.state_file import load_state, save_state
 from tests import processes
 from tests.virtual.receiving import GUARD, Heard, ask
@@ -310,6 +310,16 @@ def test_a_push_that_a_servo_does_not_give_way_to_is_told(capsys: pytest.Capture
     asyncio.run(pushed(board))
     assert capsys.readouterr().err == ""
     assert round(board.servos[1].angle) == 40
+
+
+def test_the_power_switch_puts_a_board_back_into_its_first_mode() -> None:
+    async def switched(board: VirtualBoard) -> None:
+        virtual._apply(board, PowerCycle(0.0))
+
+    board = VirtualBoard(2, kind=BoardKind(mode=0))
+    board.mode = 1
+    asyncio.run(switched(board))
+    assert (board.mode, board.powered) == (0, True)
 
 
 def test_a_push_of_a_servo_that_is_not_there_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from servolink.virtual.buttons import LONG_PRESS_AFTER
-from servolink.virtual.script import ButtonChange, Push, parse_script
+from servolink.virtual.script import ButtonChange, PowerCycle, Push, parse_script, presses
 
 
 def test_words_become_changes_in_order_of_time() -> None:
@@ -32,7 +32,7 @@ def test_press_is_short_and_long_is_long() -> None:
 
 def test_up_comes_before_down_at_the_same_time() -> None:
     changes = parse_script("1 down 3\n2 down 3\n2 up 3")
-    assert [change[2] for change in changes] == [True, False, True]
+    assert [isinstance(change, ButtonChange) and change.down for change in changes] == [True, False, True]
 
 
 @pytest.mark.parametrize(
@@ -61,6 +61,16 @@ def test_a_servo_is_pushed() -> None:
         ButtonChange(1.1, 3, down=False),
         Push(2.0, 1, -45),
     ]
+
+
+def test_the_power_is_switched_off_and_on() -> None:
+    assert parse_script("3 power\n1 press 3") == [*presses(1.0, "press", 3), PowerCycle(3.0)]
+
+
+@pytest.mark.parametrize("line", ["-1 power", "1 power 3", "x power", "nan power", "1 powers"])
+def test_a_power_cycle_that_is_none_is_named(line: str) -> None:
+    with pytest.raises(ValueError, match="line 1: "):
+        parse_script(line)
 
 
 @pytest.mark.parametrize("line", ["1 push 1", "1 push 255 3", "1 push 1 2.5", "-1 push 1 2", "1 push x 2"])
