@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     from servolink.protocol.records import ServoParameter as ServoParameter
     from servolink.protocol.records import Step as Step
     from servolink.protocol.servos import ALL_SERVOS as ALL_SERVOS
+    from servolink.script import run as run
     from servolink.transports.device_info import DeviceInfo as DeviceInfo
 else:
     # A module is imported when its first name is used: the command line starts without most of them.
@@ -127,6 +128,7 @@ else:
         "rename_servo": "servolink.project.adjust",
         "RequestError": "servolink.errors",
         "RequestTimeout": "servolink.errors",
+        "run": "servolink.script",
         "save_project": "servolink.project.project_file",
         "scale_project": "servolink.project.adjust",
         "Servo": "servolink.client.servos",

@@ -87,15 +87,17 @@ class Reader:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        command = folder / "bin" / "servolink"
-        command.parent.mkdir()
-        command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -W error -m servolink "$@"\n', encoding="utf-8")
-        command.chmod(0o755)
+        commands = folder / "bin"
+        commands.mkdir()
+        for name, options in (("servolink", "-W error -m servolink"), ("python", "-W error")):
+            command = commands / name
+            command.write_text(f'#!/bin/sh\nexec "{sys.executable}" {options} "$@"\n', encoding="utf-8")
+            command.chmod(0o755)
         self.environment = {
             name: value for name, value in os.environ.items() if name not in {"SERVOLINK_BOARD", "SERVOLINK_URL"}
         } | {
             "XDG_DATA_HOME": str(folder / "data"),
-            "PATH": f"{command.parent}{os.pathsep}{os.environ['PATH']}",
+            "PATH": f"{commands}{os.pathsep}{os.environ['PATH']}",
             "PYTHONPATH": str(ROOT),
             "PYTHONUNBUFFERED": "1",
         }

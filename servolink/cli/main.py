@@ -11,10 +11,11 @@ from typing import NoReturn
 
 from servolink.cli.output import flush_stdout, logged, lost_output, open_missing_stderr, print_error, silence
 from servolink.cli.parser import build_parser
-from servolink.errors import InvalidAddress, ServolinkError, TransportError
+from servolink.errors import ServolinkError
 from servolink.escaping import escape
+from servolink.script import FAILED, INTERRUPTED, NO_BOARD, OK, USAGE, exit_code
 
-OK, FAILED, USAGE, NO_BOARD, INTERRUPTED = 0, 1, 2, 3, 130
+__all__ = ["FAILED", "INTERRUPTED", "NO_BOARD", "OK", "USAGE", "fail", "run", "usage_error"]
 
 _TRACEBACK = 2  # so many -v print the traceback of an error
 
@@ -71,12 +72,8 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
 
 def _explained(error: Exception) -> tuple[Exception | str, int]:
     """Return what to say about an error, and the exit code."""
-    if isinstance(error, InvalidAddress):
-        return error, USAGE
-    if isinstance(error, TransportError):
-        return error, NO_BOARD
     if isinstance(error, ServolinkError):
-        return error, FAILED
+        return error, exit_code(error)
     if isinstance(error, OSError):
         return lost_output(error) or error, FAILED
     name = type(error).__name__

@@ -79,8 +79,9 @@ class Board:
         self._reported_unfinished = False
 
     def __repr__(self) -> str:
-        """Return address and state, such as `<Board virtual:// connected>`."""
-        return f"<Board {escape(self.url)} {self._session.state}>"
+        """Return name, address and state, such as `<Board "rex" virtual:// connected>`."""
+        name = f'"{self.profile.name}" ' if self.profile is not None and self.profile.name else ""
+        return escape(f"<Board {name}{self.url} {self._session.state}>")
 
     # --- the connection -----------------------------------------------------------------------------------------
 

@@ -15,7 +15,7 @@ from servolink.connection.connection import Connection
 from servolink.connection.options import ConnectionOptions, TransmissionMode, options_in
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, OpenError, ProfileError, RequestError, RequestTimeout, TransportUnavailable
-from servolink.escaping import quote
+from servolink.escaping import escape, quote
 from servolink.motion import AngleLimits, AngleUnit, SpeedCap, motion_limits
 from servolink.profiles.profile import BoardProfile, ProfileInUse
 from servolink.protocol.codec import Codec
@@ -23,6 +23,11 @@ from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport
 from servolink.transports.lifecycle import BaseTransport, WrappedTransport
 from servolink.transports.registry import create
+
+_HOW = (
+    "use `async with servolink.connect(...) as board:` or `board = await servolink.connect(...)`, or servolink.sync "
+    "without async"
+)
 
 
 class connect:  # noqa: N801 - reads as the function it stands for
@@ -103,11 +108,20 @@ class connect:  # noqa: N801 - reads as the function it stands for
         def __getattr__(self, name: str) -> NoReturn:
             """Raise AttributeError; for what a board has, explain how to get one."""
             if not name.startswith("_") and hasattr(Board, name):
-                raise AttributeError(
-                    f"{name!r} belongs to a connected board, and nothing is connected yet: use `async with "
-                    "servolink.connect(...) as board:` or `board = await servolink.connect(...)`"
-                )
+                raise AttributeError(f"{name!r} belongs to a connected board, and nothing is connected yet: {_HOW}")
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+        def __enter__(self) -> NoReturn:
+            """Raise TypeError, which says how to open a board."""
+            raise TypeError(f"servolink.connect cannot be used with `with` alone: {_HOW}")
+
+        def __exit__(self, *error: object) -> None:
+            """Exist, so that `with` calls `__enter__`."""
+
+    def __repr__(self) -> str:
+        """Return the address, and how to open it: Python shows this where a board was meant."""
+        url = self._url if self._url is None or isinstance(self._url, str) else self._url.url
+        return f"<connect{escape(f' {url}' if url else '')}, nothing is connected yet: {_HOW}>"
 
     async def open(self) -> Board:
         """Open the board, as `await connect(...)` does."""

@@ -93,7 +93,7 @@ class Board:
 
     @property
     def profile(self) -> ProfileInUse | None:
-        """Name and profile of the board; None if nothing is known of it (see `connect`)."""
+        """Name and profile of the board; None if nothing is known of it (see `servolink.connect`)."""
         return self._board.profile
 
     @property

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import inspect
 import re
+import sys
+from typing import Any
 
 import pytest
 
@@ -12,6 +14,8 @@ import servolink
 from docs.api_tables import PAGE
 from servolink import Board, connect
 from servolink.protocol.codec import PACKETS
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.transport import VirtualTransport
 from tests.virtual_time import run
 
 PUBLIC = [name for name in vars(Board) if not name.startswith("_")]
@@ -70,13 +74,33 @@ def test_a_forgotten_await_is_explained(name: str) -> None:
         getattr(connect("virtual://"), name)
 
 
+def test_a_forgotten_async_is_explained() -> None:
+    connecting: Any = connect("virtual://")
+    with pytest.raises(TypeError, match=r"`with` alone.*async with .*servolink\.sync"), connecting:
+        pass
+
+
+def test_what_connect_returns_says_how_to_use_it() -> None:
+    assert repr(connect("virtual://")).startswith("<connect virtual://, nothing is connected yet: use `async with ")
+    assert repr(connect()).startswith("<connect, nothing is connected yet: ")
+    assert repr(connect("tcp://\x1b[2J")).startswith("<connect tcp://\\x1b[2J, ")
+    assert repr(connect(VirtualTransport(VirtualBoard()))).startswith("<connect virtual://, ")
+
+
+@pytest.mark.skipif(sys.version_info >= (3, 14), reason="asyncio.run accepts it there, and closes its loop")
+def test_asyncio_run_of_connect_is_explained() -> None:
+    connecting: Any = connect("virtual://")
+    with pytest.raises(ValueError, match=r"a coroutine was expected, got <connect.*use `async with "):
+        asyncio.run(connecting)
+
+
 def test_what_no_board_has_is_simply_missing() -> None:
     with pytest.raises(AttributeError, match="'connect' object has no attribute 'servoes'"):
         connect("virtual://").servoes  # type: ignore[attr-defined]  # noqa: B018
 
 
 def test_the_package_lists_its_public_names_and_tells_its_version() -> None:
-    assert set(dir(servolink)) == {*servolink.__all__, "__version__"}
+    assert set(dir(servolink)) == {*servolink.__all__, "__version__", "sync"}
     assert re.fullmatch(r"\d+\.\d+.*", servolink.__version__)
     assert all(hasattr(servolink, name) for name in dir(servolink))
 

@@ -166,6 +166,7 @@ def test_a_profile_can_be_given() -> None:
         async with connect("virtual://", profile=given) as board:
             assert board.profile == (None, given)
         async with connect("virtual://", profile="rex", byte_order="little") as board:
+            assert repr(board) == '<Board "rex" virtual:// connected>'
             assert board.profile == ("rex", BoardProfile(settings=BIG))
         with pytest.raises(ProfileError, match=r"max has no profile \(known: rex\); `servolink doctor max --learn`"):
             await connect("virtual://", profile="max")

@@ -37,8 +37,9 @@ def is_async(thing: object) -> bool:
 def test_every_method_is_there_with_the_same_signature(name: str) -> None:
     method = inspect.getattr_static(Board, name)
     here = inspect.getattr_static(servolink.sync.Board, name, None)
-    kind = "_blocking" if is_async(method) else "_iterating"
-    assert here is not None, f"add `{name} = {kind}(client.Board.{name})` to servolink/sync/board.py"
+    line = f"{name} = {'_blocking' if is_async(method) else '_iterating'}(client.Board.{name})"
+    missing = f"the property {name}" if isinstance(method, property) else f"`{line}`"
+    assert here is not None, f"add {missing} to servolink/sync/board.py"
     assert inspect.getdoc(here)
     if isinstance(method, property):
         assert isinstance(here, property)
