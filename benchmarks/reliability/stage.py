@@ -129,7 +129,8 @@ class Stage:
         """Open a connection. Raise OpenError if the board is silent."""
         scene = self._scene
         cable = Cable(self._transport(self.board), self.board, scene.codec, self._wire, self.checker)
-        link = Connection(cable, scene.codec, depth=scene.depth, random=self._random)
+        depth = scene.depth
+        link = Connection(cable, scene.codec, depth=depth, write_depth=depth, learn=False, random=self._random)
         cable.link = self.link = link
         parser = WitnessedParser(scene.codec.byte_order, self._believes)
         parser.skipped = link.stats.skipped

@@ -36,12 +36,13 @@ class connect:  # noqa: N801 - reads as the function it stands for
     `url` is an address (`serial:///dev/ttyACM0`, `tcp://host:port`, `virtual://`), a device path, a name given by
     `servolink use`, or a transport; without it, the only board that `discover` finds.
 
-    The first five options can also be given in the address (`serial:///dev/ttyACM0?byte_order=big`); the arguments
+    The first six options can also be given in the address (`serial:///dev/ttyACM0?byte_order=big`); the arguments
     override it. `byte_order` is "little" unless given, `caption_encoding` "utf-8". `transmission_mode` says when mode 1
     (3.1.1), which this protocol needs, is set on connecting: "auto", if the board does not answer; 1, always; "keep",
     never. `patience` (0.001..3600 seconds, 3 unless given) is the time to ask for one response, repeats included,
-    counted from the first time that the request is sent. `depth` (1..64) is how many requests may be under way at once:
-    1 unless the board queues them.
+    counted from the first time that the request is sent. `depth` (1..64) is how many queries may be under way at once,
+    and `write_depth` how many requests while something is changed: both 1 unless the board queues them. They are upper
+    bounds; as many are used as make the responses come faster.
 
     `angle_unit` is set on all servos before the first command with an angle; None leaves them as they are.
     `angle_limits` (degrees) and `speed_cap` (degrees per second) are those of all servos or mappings by servo id, and
@@ -70,6 +71,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         transmission_mode: TransmissionMode | None = None,
         patience: float | None = None,
         depth: int | None = None,
+        write_depth: int | None = None,
         angle_unit: AngleUnit | None = "degree",
         angle_limits: AngleLimits | None = None,
         speed_cap: SpeedCap | None = None,
@@ -84,6 +86,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
             "transmission_mode": transmission_mode,
             "patience": patience,
             "depth": depth,
+            "write_depth": write_depth,
         }
         self._options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
         ConnectionOptions(**self._options)  # checks them; those in the address are known only when it is
@@ -195,6 +198,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
             Codec(options.byte_order, options.caption_encoding),
             patience=options.patience,
             depth=options.depth,
+            write_depth=options.write_depth,
             wake=options.transmission_mode != "keep",
             unsupported=(profile and profile.profile.settings.unsupported) or (),
             stats=stats,

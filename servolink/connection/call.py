@@ -16,6 +16,10 @@ Content: TypeAlias = "Response | DecodeError"
 """A response, or why the content of an intact frame could not be read."""
 
 
+UNKNOWN_SIZE = 1 << 40
+"""Bytes of a response of a kind that was never heard: a list can be long, so nothing is sent beside the first one."""
+
+
 @dataclass(slots=True, eq=False)
 class Lane:
     """One response id: its open slots in the order sent, and the responses that are kept."""
@@ -30,6 +34,20 @@ class Lane:
     """Responses that may belong to several slots, in their order."""
     stopped: bool = False
     """A stop was sent on this lane and is not settled: no response on the lane can be assigned to a slot."""
+    request_size: int = 0
+    """Bytes of the latest frame that was sent."""
+    response_size: int = UNKNOWN_SIZE
+    """Bytes that a response may have: those of a recent long one."""
+
+    @property
+    def size(self) -> int:
+        """Bytes that a request takes on the line, in the direction in which it takes more."""
+        return max(self.request_size, self.response_size)
+
+    def heard(self, size: int) -> None:
+        """Learn from a frame of `size` bytes."""
+        known = self.response_size
+        self.response_size = size if size > known or known == UNKNOWN_SIZE else known - (known - size) // 8
 
 
 class Slot(Struct, eq=False):
@@ -47,8 +65,8 @@ class Slot(Struct, eq=False):
     open: bool = True
     """Its response may still come."""
     overdue: bool = False
-    holds_permit: bool = False
-    """It keeps a place in the window although its call has ended."""
+    holds_permit_of: Request[Any] | Command | None = None
+    """The packet of a call that has ended, and still counts as under way until this slot is over or overdue."""
 
 
 Settled: TypeAlias = "tuple[Slot, Content | None]"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import Awaitable, Callable, Collection
+from contextlib import AbstractContextManager
 from random import Random
 from typing import Any, NoReturn, TypeVar
 
@@ -18,6 +19,7 @@ from servolink.connection.scheduler import RequestScheduler
 from servolink.connection.sender import RequestSender
 from servolink.connection.slots import Slots
 from servolink.connection.stats import Stats
+from servolink.connection.window import Window
 from servolink.errors import ServolinkError
 from servolink.escaping import escape
 from servolink.protocol.codec import Codec
@@ -47,15 +49,20 @@ class Connection:
         *,
         patience: float = PATIENCE,
         depth: int = 1,
+        write_depth: int = 1,
+        learn: bool = True,
         wake: bool = True,
         unsupported: Collection[str] = (),
         stats: Stats | None = None,
         random: Random | None = None,
     ) -> None:
-        """Give a request up after `patience` seconds, and keep `depth` of them under way.
+        """Give a request up after `patience` seconds. Have at most `depth` under way, or `write_depth`.
 
         `wake` sets transmission mode 1 during the handshake if the board is silent, and `unsupported` names queries
         that are not used for it, such as `QueryMemorySize`. `random` draws the handshake.
+        `write_depth` holds while one of them is a change. How many pay is learnt, unless `learn` is False: then as many
+        as allowed are sent from the beginning.
+        `wake` sets transmission mode 1 during the handshake if the board is silent. `random` draws the handshake.
         """
         self.transport = transport
         self.codec = codec
@@ -64,7 +71,6 @@ class Connection:
         """Counters of everything seen."""
         self.guard: Callable[[Packet], Awaitable[None]] | None = None
         """Awaited before each packet except queries; it raises for one that must not reach this board."""
-        self._depth = depth
         self._wake = wake
         self._unsupported = unsupported
         # A recorded session can be played again only if it begins with the same handshake.
@@ -72,14 +78,16 @@ class Connection:
         self._random = random or Random(seed)  # noqa: S311 - unlike in any other program, not unguessable
         self._loop = asyncio.get_running_loop()
         self._slots = Slots()
-        self._scheduler = RequestScheduler(depth, self._slots)
+        pace = getattr(transport, "bytes_per_second", 0.0)
+        self._window = Window(depth, write_depth, learn=learn, bytes_per_second=pace)
+        self._scheduler = RequestScheduler(self._window, self._slots)
         self._opening: asyncio.Task[None] | None = None
         self._needs_handshake = False
         self._reopened_at = -_REOPEN_PAUSE
         self.answers = ResponseDispatcher(
             transport.url, codec, self._slots, self._scheduler, patience, self._loop.time, self.stats
         )
-        self._sender = RequestSender(transport, codec, self._slots, self._scheduler, self.answers, depth)
+        self._sender = RequestSender(transport, codec, self._slots, self._scheduler, self.answers)
 
     @property
     def stops(self) -> int:
@@ -90,6 +98,15 @@ class Connection:
     def units_sent(self) -> int:
         """How many times an angle unit was sent; an angle from before one means something else after it."""
         return self._sender.units_sent
+
+    @property
+    def depth(self) -> int:
+        """How many queries may be under way now: as many as were found to pay."""
+        return self._window.queries.depth
+
+    def bulk(self) -> AbstractContextManager[None]:
+        """Return a context in which much is transferred: a stop may then take 0.1 s instead of 0.05 s."""
+        return self._window.bulk()
 
     # --- opening and closing ------------------------------------------------------------------------------------
 
@@ -173,6 +190,8 @@ class Connection:
         if asyncio.get_running_loop() is not self._loop:
             self._refuse_loop()
         frame = self.codec.encode(packet, unchecked=unchecked)
+        if self._window.learns:
+            self._slots.lanes[packet.packet_id + 1].request_size = len(frame)
         call = self._call(packet, timeout)
         if self.guard is not None and not isinstance(packet, Query):
             await self._pass_guard(self.guard(packet), call, timeout)

@@ -12,12 +12,12 @@ from servolink.connection.explain import lost, overtaken, same
 from servolink.connection.frame_log import FrameLog, frame_logger
 from servolink.connection.nested_frames import NestedFrameFilter
 from servolink.connection.opening import Opening
-from servolink.connection.scheduler import RequestScheduler
+from servolink.connection.scheduler import Load, RequestScheduler
 from servolink.connection.slots import FENCES_ONLY, Slots
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, DecodeError
 from servolink.protocol.codec import Codec
-from servolink.protocol.frame import MAGIC, Frame
+from servolink.protocol.frame import MAGIC, OVERHEAD, Frame
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Response
 from servolink.protocol.parser import FrameParser
@@ -61,6 +61,9 @@ class ResponseDispatcher:
         self._codec = codec
         self._slots = slots
         self._scheduler = scheduler
+        self._window = scheduler.window
+        self._load: Load | None = None  # when the present chunk came
+        self._expired = False  # whether a slot has become overdue since the latest response
         self._patience = patience
         self._now = now
         self._heard_at = 0.0  # when the latest bytes came
@@ -83,6 +86,7 @@ class ResponseDispatcher:
         """Take bytes from the transport."""
         self.stats.bytes_received += len(chunk)
         self._heard_at = self._now()
+        self._load = None
         for frame in self._parser.feed(chunk):
             if (MAGIC in frame[1] or self._nested.inside) and self._nested.hides(frame):
                 self.stats.hidden += 1
@@ -112,11 +116,11 @@ class ResponseDispatcher:
         slot, call.latest = call.latest, None  # they refer to each other, and would be garbage only for the collector
         if slot is not None and slot.open and not slot.overdue:
             if call.response is None:
-                slot.holds_permit = True
+                slot.holds_permit_of = call.packet
                 return
             # An older slot got the response, which is most likely the one to this slot: nothing more will come.
             self._slots.expire(slot)
-        self._scheduler.release()
+        self._scheduler.release(call.packet)
 
     def open_stop(self, slot: Slot) -> None:
         """Open the slot of a stop. The response to a call that waits on its lane can no longer be told from its own."""
@@ -154,6 +158,8 @@ class ResponseDispatcher:
         if frame_logger.isEnabledFor(logging.DEBUG):
             self.frame_log.received(frame)
         packet_id, content = frame
+        if self._window.learns and (lane := self._slots.lanes.get(packet_id)) is not None:
+            lane.heard(len(content) + OVERHEAD)
         if packet_id == ButtonEventResponse.packet_id:
             self.stats.events_received += 1
             if self.opening is not None:
@@ -177,6 +183,8 @@ class ResponseDispatcher:
         except DecodeError as error:
             self.stats.undecodable += 1
             decoded = error
+        if self._window.learns and self._load is None:
+            self._load = self._scheduler.load()
         settled = self._slots.settle(packet_id, decoded)
         if settled is None:
             self.stats.mismatched += 1
@@ -184,6 +192,8 @@ class ResponseDispatcher:
         asked_at = self._restarted_at
         if settled:
             self._restart(self._heard_at)
+            if self._load is not None:
+                self._learn(self._load, settled, len(content) + OVERHEAD, asked_at)
         self._report(settled, asked_at)
 
     def _report(self, settled: list[Settled], asked_at: float = 0.0) -> None:
@@ -192,9 +202,7 @@ class ResponseDispatcher:
         `asked_at` is when the slot that was answered became the oldest one.
         """
         for slot, content in settled:
-            if slot.holds_permit:
-                slot.holds_permit = False
-                self._scheduler.release()
+            self._release_held(slot)
             if content is not None and not slot.overdue:  # else it may be the response to another sending
                 sent_at = slot.sent_at
                 seconds = self._heard_at - (max(asked_at, sent_at))
@@ -219,6 +227,17 @@ class ResponseDispatcher:
                     call.wake()
         if self._scheduler.waiting:
             self._scheduler.grant()
+
+    def _learn(self, load: Load, settled: list[Settled], size: int, asked_at: float) -> None:
+        """Learn from slots that are over with a response of `size` bytes; the one before it came at `asked_at`."""
+        if settled[-1][0].sent_at < asked_at and not self._expired:
+            self._window.heard(size, self._heard_at - asked_at)
+        self._expired = False
+        for slot, content in settled:
+            if content is not None and not slot.is_fence:
+                load.climb.answered(self._heard_at, full=load.is_full, wanted=load.wants_more)
+            elif content is None and not slot.overdue:  # else it was counted then
+                load.climb.lost()
 
     # --- deadlines ----------------------------------------------------------------------------------------------
 
@@ -247,14 +266,20 @@ class ResponseDispatcher:
     def _mark_overdue(self, slot: Slot) -> None:
         if not slot.overdue:
             self._slots.expire(slot)
-        if slot.holds_permit:
-            slot.holds_permit = False
-            self._scheduler.release()
+        self._release_held(slot)
+
+    def _release_held(self, slot: Slot) -> None:
+        packet, slot.holds_permit_of = slot.holds_permit_of, None
+        if packet is not None:
+            self._scheduler.release(packet)
 
     def _expire(self, slot: Slot, now: float) -> None:
         self.stats.timeouts += 1
         self._mark_overdue(slot)
         self._restart(now)
+        if self._window.learns:
+            self._expired = True
+            self._scheduler.load().climb.lost()
         call = slot.call
         if call is not None and not call.is_over:
             if call.since is None and not slot.is_fence:

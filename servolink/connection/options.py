@@ -33,7 +33,9 @@ class ConnectionOptions(Struct, frozen=True):
     patience: float = PATIENCE
     """Seconds to ask for one response, repeats included, from the first time that the request is sent."""
     depth: int = 1
-    """How many requests may be under way at once."""
+    """How many queries may be under way at once, at most."""
+    write_depth: int = 1
+    """The same for requests while something is changed."""
 
     def __post_init__(self) -> None:
         """Check all options."""
@@ -43,10 +45,11 @@ class ConnectionOptions(Struct, frozen=True):
         if self.transmission_mode not in ("auto", "keep", 1) or isinstance(self.transmission_mode, bool):
             raise ValueError(f"transmission_mode must be 'auto', 'keep' or 1, not {quote(self.transmission_mode)}")
         check_seconds("patience", self.patience)
-        if not isinstance(self.depth, int) or isinstance(self.depth, bool):
-            raise TypeError(f"depth must be an integer, not {quote(self.depth)}")
-        if not 1 <= self.depth <= MOST_DEPTH:
-            raise ValueError(f"depth must be 1..{MOST_DEPTH}, not {quote(self.depth)}")
+        for name, depth in (("depth", self.depth), ("write_depth", self.write_depth)):
+            if not isinstance(depth, int) or isinstance(depth, bool):
+                raise TypeError(f"{name} must be an integer, not {quote(depth)}")
+            if not 1 <= depth <= MOST_DEPTH:
+                raise ValueError(f"{name} must be 1..{MOST_DEPTH}, not {quote(depth)}")
 
 
 def check_seconds(name: str, value: object) -> None:
@@ -72,5 +75,6 @@ def options_in(url: str) -> dict[str, Any]:
         "transmission_mode": 1 if mode == "1" else mode,
         "patience": address.number("patience", default.patience, LEAST_PATIENCE, MOST_PATIENCE),
         "depth": address.integer("depth", default.depth, 1, MOST_DEPTH),
+        "write_depth": address.integer("write_depth", default.write_depth, 1, MOST_DEPTH),
     }
     return {name: options[name] for name in address.connection_options}

@@ -1,20 +1,23 @@
-"""Permits: which request may be sent next, and how many may be under way."""
+"""Permits: which request may be sent next, and when."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
 from msgspec import Struct
 
+from servolink.connection.call import Lane
+from servolink.connection.climb import DepthClimb
 from servolink.connection.slots import Obstacle, Slots
+from servolink.connection.window import Window
 from servolink.errors import ConnectionLost
 from servolink.escaping import escape
-from servolink.protocol.packet import Command, Request
+from servolink.protocol.packet import Command, Query, Request
 from servolink.transports.base import Transport
 
 
@@ -23,17 +26,29 @@ class _Waiting(Struct, eq=False):
     granted: asyncio.Future[None]
 
 
+class Load(Struct, frozen=True):
+    """How far the window is used."""
+
+    climb: DepthClimb
+    """The depth that holds for what is under way."""
+    is_full: bool
+    wants_more: bool
+    """Whether somebody waits because of the depth."""
+
+
 class RequestScheduler:
-    """Grants at most `depth` permits at a time, strictly in order of arrival; a stop's read-back comes first.
+    """Grants as many permits as there is room for, strictly in order of arrival; a stop's read-back comes first.
 
     Only the first in the queue is ever looked at, so the cost does not grow with their number.
     """
 
-    def __init__(self, depth: int, slots: Slots) -> None:
-        """Allow `depth` requests under way (1 for a board that does not queue) beside the open `slots`."""
-        self._depth = depth
+    def __init__(self, window: Window, slots: Slots) -> None:
+        """Allow as many requests as fit into `window` beside the open `slots`."""
+        self.window = window
         self._slots = slots
         self._permits = 0
+        self._changes = 0  # permits of packets that change something
+        self._of_lane: Counter[Lane] = Counter()  # permits
         self._paused = False
         self.waiting: deque[_Waiting] = deque()
         """Those who wait for a permit."""
@@ -44,12 +59,12 @@ class RequestScheduler:
         if (
             self.waiting
             or self._paused
-            or self._permits >= self._depth
             or self._granted
+            or (self._permits and not self._has_room(packet))
             or self._slots.obstacle(packet) is not Obstacle.NONE
         ):
             return False
-        self._permits += 1
+        self._take(packet)
         return True
 
     async def acquire(self, packet: Request[Any] | Command, *, first: bool = False) -> None:
@@ -65,7 +80,7 @@ class RequestScheduler:
         except asyncio.CancelledError:
             if not waiting.granted.cancelled() and waiting.granted.exception() is None:
                 self.sent(packet)
-                self.release()
+                self.release(packet)
             elif self.waiting and self.waiting[0] is waiting:
                 self.grant()  # it held back those behind it
             raise
@@ -76,8 +91,15 @@ class RequestScheduler:
         if self.waiting:
             self.grant()
 
-    def release(self) -> None:
-        """Give a permit back."""
+    def release(self, packet: Request[Any] | Command) -> None:
+        """Give the permit of `packet` back."""
+        if not isinstance(packet, Query):
+            self._changes -= 1
+        if self.window.learns and isinstance(packet, Request):
+            self._of_lane[self._lane(packet)] -= 1
+        self._give_back()
+
+    def _give_back(self) -> None:
         self._permits -= 1
         if self.waiting:
             self.grant()
@@ -85,6 +107,10 @@ class RequestScheduler:
     def take_extra(self) -> None:
         """Take a permit at once, whoever has the others; nobody gets another one before there is room again."""
         self._permits += 1
+
+    def give_back_extra(self) -> None:
+        """Give such a permit back."""
+        self._give_back()
 
     def pause(self) -> None:
         """Grant nothing until `resume`: the connection is being opened."""
@@ -110,20 +136,46 @@ class RequestScheduler:
                 if not self._may(head.packet):
                     return
                 self._take(head.packet)
+                self._granted.append(head.packet)
                 head.granted.set_result(None)
             self.waiting.popleft()  # granted, or cancelled before
 
     def _may(self, packet: Request[Any] | Command) -> bool:
         return (
             not self._paused
-            # The board is done with a request whose response is kept.
-            and self._permits < self._depth + self._slots.kept
+            and self._has_room(packet)
             and self._slots.obstacle(packet, self._granted) is not Obstacle.WAIT
         )
 
+    def _has_room(self, packet: Request[Any] | Command) -> bool:
+        owed = 0
+        if self.window.learns:
+            # By permits, not by slots: a caller whose slot is overdue sends again without asking.
+            owed = sum(lane.size * count for lane, count in self._of_lane.items())
+            if isinstance(packet, Request):
+                owed += self._lane(packet).size
+        # The board is done with a request whose response is kept.
+        return self.window.has_room(packet, self._permits - self._slots.kept, self._changes, owed)
+
     def _take(self, packet: Request[Any] | Command) -> None:
         self._permits += 1
-        self._granted.append(packet)
+        if not isinstance(packet, Query):
+            self._changes += 1
+        if self.window.learns and isinstance(packet, Request):
+            self._of_lane[self._lane(packet)] += 1
+
+    def _lane(self, request: Request[Any]) -> Lane:
+        return self._slots.lanes[request.packet_id + 1]
+
+    def load(self) -> Load:
+        """Return what is under way now, beside what may be."""
+        head = next((each.packet for each in self.waiting if not each.granted.done()), None)
+        under_way = self._permits - self._slots.kept
+        if head is None:
+            climb = self.window.writes if self._changes else self.window.queries
+            return Load(climb, under_way >= climb.depth, wants_more=False)
+        climb = self.window.climb(head, self._changes)
+        return Load(climb, not self._has_room(head), wants_more=under_way >= climb.depth)
 
 
 class PendingDrain:
@@ -159,7 +211,7 @@ class PendingDrain:
 
     def _give_back(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
-        self._scheduler.release()
+        self._scheduler.give_back_extra()
         if not task.cancelled() and (error := task.exception()) is not None:
             logging.getLogger(__name__).error(
                 "%s cannot tell when all is sent: %s", escape(self._transport.url), escape(str(error))

@@ -45,9 +45,8 @@ class RequestSender:
         slots: Slots,
         scheduler: RequestScheduler,
         answers: ResponseDispatcher,
-        depth: int,
     ) -> None:
-        """Send on `transport` requests, of which `depth` may be under way at once."""
+        """Send on `transport`, and get what comes back from `answers`."""
         self.stops = 0
         """How many times everything was stopped; a movement asked for before a stop is not sent after it."""
         self.units_sent = 0
@@ -64,7 +63,7 @@ class RequestSender:
         self._slots = slots
         self._scheduler = scheduler
         self._answers = answers
-        self._depth = depth
+        self._window = scheduler.window
         self._stats = answers.stats
         self._loop = asyncio.get_running_loop()
         self._drain = PendingDrain(transport, scheduler)
@@ -90,7 +89,7 @@ class RequestSender:
             if call.queued:
                 self.leave_queue(call)
             await self.write(data)
-            if self._depth > 1:
+            if self._window.depth > 1:
                 await self._mark(packet)
             await woken
             if call.response is None:
@@ -139,7 +138,7 @@ class RequestSender:
         """Send fences until nothing stands in the way of a packet that was not sent yet."""
         begun = self._loop.time()
         while (obstacle := self._slots.obstacle(call.packet)) is not Obstacle.NONE:
-            if obstacle is Obstacle.FENCE_BESIDE and self._depth > 1:
+            if obstacle is Obstacle.FENCE_BESIDE and self._window.depth > 1:
                 await self._send_fence(call.packet)
                 break
             call.since = begun
@@ -193,7 +192,7 @@ class RequestSender:
     async def _mark(self, packet: Request[Any]) -> None:
         """Send a fence behind many slots that prove nothing of each other: equal queries, or kept responses."""
         kept, unproved = self._slots.kept, self._slots.unproved
-        if not packet.alone and (unproved >= _MARK_EVERY or min(kept, unproved) * 2 >= self._depth):
+        if not packet.alone and (unproved >= _MARK_EVERY or min(kept, unproved) * 2 >= self._window.depth):
             await self._send_fence(packet)
 
     async def _send_fence(self, packet: Packet) -> Slot:

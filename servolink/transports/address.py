@@ -20,7 +20,7 @@ _HEXADECIMAL = re.compile(r"0x[0-9a-f]{1,15}", re.ASCII | re.IGNORECASE)
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?", re.ASCII | re.IGNORECASE)
 _FORMS = "write it as serial:///dev/ttyACM0, serial://COM3, tcp://host:port or virtual://"
 _LONGEST = 200  # characters of an address in an error text
-CONNECTION_OPTIONS = ("byte_order", "caption_encoding", "transmission_mode", "patience", "depth")
+CONNECTION_OPTIONS = ("byte_order", "caption_encoding", "transmission_mode", "patience", "depth", "write_depth")
 """Options that every address can have; they are not for the transport (see `servolink.connection.options`)."""
 
 

@@ -89,6 +89,8 @@ class SerialTransport(StreamTransport):
     def __init__(self, url: str, device: str, *, baudrate: int = 115200, dtr: bool = False, rts: bool = False) -> None:
         """Lead to `device`; `dtr` and `rts` are the levels of the two control lines, which reset some boards."""
         super().__init__(url)
+        self.bytes_per_second = baudrate / 10
+        """What the line carries at least; USB does not care about the baud rate."""
         self._device = device
         self._port = _Port(baudrate=baudrate, exclusive=True)
         self._port.dtr = dtr

@@ -175,7 +175,8 @@ class FakeBoard:
 
 @asynccontextmanager
 async def connected(board: FakeBoard, *, handshake: bool = False, **options: Any) -> AsyncIterator[Connection]:
-    """Open a connection to `board`, and close it."""
+    """Open a connection to `board`, and close it. It works at its whole depth, unless the options say otherwise."""
+    options = {"write_depth": options.get("depth", 1), "learn": False} | options
     connection = Connection(board, Codec(), **options)
     await connection.open(handshake=handshake)
     try:
@@ -186,12 +187,26 @@ async def connected(board: FakeBoard, *, handshake: bool = False, **options: Any
 
 @asynccontextmanager
 async def opened(fake: FakeBoard, **options: Any) -> AsyncIterator[Board]:
-    """Connect to `fake`, which forgets the handshake: what it was sent, and what was planned, begins behind it."""
+    """Connect to `fake`, which forgets the handshake: what it was sent, and what was planned, begins behind it.
+
+    The connection works at its whole depth.
+    """
     fake.greeting = True
     async with connect(fake, **options) as board:
         fake.greeting = False
         forget(board)
+        if "depth" in options:
+            work_at(board, options["depth"])
         yield board
+
+
+def work_at(board: Board, depth: int) -> None:
+    """Let a board be asked `depth` requests at once from now on, whatever pays."""
+    connection = board.connection
+    assert isinstance(connection, Connection)
+    window = connection._window
+    window.learns = False
+    window.queries.depth = window.writes.depth = depth
 
 
 def forget(board: Board) -> None:

@@ -12,6 +12,7 @@ import pytest
 from servolink.connection.call import Slot
 from servolink.connection.scheduler import RequestScheduler
 from servolink.connection.slots import Obstacle, Slots
+from servolink.connection.window import Window
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.editing import (
     AddActionRequest,
@@ -42,10 +43,11 @@ class Line:
 
     def __init__(self, depth: int = 1) -> None:
         self.slots = Slots()
-        self.scheduler = RequestScheduler(depth, self.slots)
+        self.scheduler = RequestScheduler(Window(depth, depth, learn=False), self.slots)
         self.granted: list[str] = []
         self.tasks: dict[str, asyncio.Task[None]] = {}
         self._open: dict[str, Slot] = {}
+        self._packets: dict[str, Request[Any] | Command] = {}
 
     def ask(self, name: str, packet: Request[Any] | Command, *, first: bool = False) -> None:
         self.tasks[name] = asyncio.create_task(self._send(name, packet, first=first))
@@ -64,11 +66,12 @@ class Line:
         slot = self._open.pop(name, None)
         if slot is not None:
             close(self.slots, slot)
-        self.scheduler.release()
+        self.scheduler.release(self._packets.pop(name))
 
     async def _send(self, name: str, packet: Request[Any] | Command, *, first: bool) -> None:
         await self.scheduler.acquire(packet, first=first)
         self.granted.append(name)
+        self._packets[name] = packet
         if isinstance(packet, Request):
             self._open[name] = Slot(packet, self.slots.lanes[packet.packet_id + 1], None)
             self.slots.open(self._open[name])
@@ -207,7 +210,7 @@ def test_a_permit_is_taken_at_once_only_if_nothing_at_all_stands_in_the_way() ->
         assert await line.got() == ["waits"]
         assert scheduler.acquire_at_once(A)
         assert not scheduler.acquire_at_once(C)
-        scheduler.release()
+        scheduler.release(A)
         assert scheduler.acquire_at_once(C)
 
     run(main())
@@ -352,7 +355,7 @@ def test_an_extra_permit_waits_for_nobody_and_keeps_others_waiting() -> None:
         line.ask("b", B)
         line.answer("a")
         assert await line.got() == []
-        line.scheduler.release()
+        line.scheduler.give_back_extra()
         assert await line.got() == ["b"]
 
     run(main())
@@ -438,7 +441,7 @@ def test_in_any_mixture_with_cancels_the_rules_hold_and_nobody_is_forgotten(seed
     random = Random(seed)
     depth = random.choice((1, 2, 3))
     slots = Slots()
-    scheduler = RequestScheduler(depth, slots)
+    scheduler = RequestScheduler(Window(depth, depth, learn=False), slots)
     active: list[Request[Any] | Command] = []
     done: list[int] = []
 
@@ -462,7 +465,7 @@ def test_in_any_mixture_with_cancels_the_rules_hold_and_nobody_is_forgotten(seed
                 scheduler.sent(packet)
             else:
                 close(slots, slot)
-            scheduler.release()
+            scheduler.release(packet)
         done.append(number)
 
     async def main() -> None:

@@ -30,6 +30,7 @@ from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequ
 from servolink.transports.base import Receiver
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
+from tests.client.fake_board import work_at
 from tests.fuzz.errors import check
 from tests.fuzz.recipes import RESPONSE_IDS, Cursor, content_for, made
 from tests.hostile.calls import Call, calls
@@ -73,6 +74,7 @@ async def _talk(chosen: list[Call], cursor: Cursor, *, depth: int, together: boo
     board = LyingBoard(lambda packet, answer: _said(cursor, packet, answer))
     try:
         client = await connect(board, depth=depth)
+        work_at(client, depth)
     except OpenError as error:  # its lies keep the handshake from ending
         check(error)
         return
@@ -139,7 +141,8 @@ def answer(data: bytes) -> None:
 async def _answer(cursor: Cursor) -> None:
     options = cursor.byte()
     wire = _Wire()
-    link = Connection(wire, Codec(), patience=1 + 2 * (options & 1), depth=1 + (options >> 1 & 3))
+    depth = 1 + (options >> 1 & 3)
+    link = Connection(wire, Codec(), patience=1 + 2 * (options & 1), depth=depth, write_depth=depth, learn=False)
     await link.open(handshake=False)
     requests = [_REQUESTS[cursor.byte() % len(_REQUESTS)] for _ in range(1 + (options >> 3 & 3))]
     tasks = [asyncio.ensure_future(link.request(request)) for request in requests]

@@ -1,0 +1,154 @@
+"""How many requests to have under way at once: found by trying, the smallest number that fills the line.
+
+No response tells how full the queue of a board is, and a loss does not tell either: a bad line loses as much at depth
+1. So a depth is judged by what it brings. Measured are *epochs*: a number of responses, all of them while as many
+requests were under way as the depth allows. The depth is doubled for an epoch, and stays if responses come faster and
+hardly more is lost (docs/design/depth.md has the figures).
+
+This file knows no clock, no event loop and no bytes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+LEAST_RESPONSES = 32
+"""An epoch has at least so many responses, and at least four times the depth."""
+RISE = 1.1
+"""So many times as fast must responses come at the greater depth."""
+CLEAN_RISE = 1.03
+"""The same if nothing was lost in either epoch: then nothing but the depth makes a difference."""
+MORE_LOSS = 0.05
+"""So much more may be lost at the greater depth, as a share of what is sent."""
+FIRST_WAIT, LONGEST_WAIT = 8, 256
+"""Epochs until a depth that did not pay is tried again; twice as many each time."""
+
+_MOST_EPOCHS = 4  # in one trial that is decided by losses: in 32 requests they are mostly chance
+_HOPELESS_LOSSES, _HOPELESS_LOSS = 4, 0.25  # so many, and so much more than before, end a trial at once
+
+
+@dataclass(slots=True)
+class Epoch:
+    """A measurement at one depth."""
+
+    depth: int
+    responses: int = 0
+    lost: int = 0
+    seconds: float = 0.0
+
+    @property
+    def length(self) -> int:
+        """How many responses it must have: more if something was lost, as a loss costs the time of many."""
+        return max(LEAST_RESPONSES, 4 * self.depth) * (4 if self.lost else 1)
+
+    @property
+    def rate(self) -> float:
+        """Responses per second."""
+        return self.responses / max(self.seconds, 1e-9)
+
+    @property
+    def loss(self) -> float:
+        """The share of requests without a response."""
+        return self.lost / max(self.responses + self.lost, 1)
+
+    def is_faster_than(self, other: Epoch) -> bool:
+        """Return whether responses came faster, by more than chance or a busy machine makes them."""
+        return self.rate > other.rate * (RISE if self.lost or other.lost else CLEAN_RISE)
+
+    def loses_more_than(self, other: Epoch) -> bool:
+        """Return whether clearly more was lost."""
+        return self.loss > other.loss + MORE_LOSS
+
+
+class DepthClimb:
+    """The depth to work with."""
+
+    def __init__(self, bound: int) -> None:
+        """Start at depth 1, and never exceed `bound`."""
+        self.bound = bound
+        self.depth = 1
+        """How many requests may be under way now."""
+        self._epoch = Epoch(1)
+        self._settling = 0  # responses that are still due to requests sent at another depth
+        self._answered_at: float | None = None
+        self._rival: Epoch | None = None  # during a trial: the epoch at the depth before
+        self._loss = self._usual_loss = 0.0  # at this depth: smoothed, and when it was found
+        self._wait = self._epochs_left = 0  # until a greater depth is tried
+
+    def answered(self, now: float, *, full: bool, wanted: bool) -> None:
+        """Count a response that came at `now`, in seconds.
+
+        `full`: as many requests were under way as the depth allows; `wanted`: more of them wait.
+        """
+        since, self._answered_at = self._answered_at, now if full else None
+        epoch = self._epoch
+        if self._settling:
+            self._settling -= 1
+        elif full and since is not None:
+            epoch.responses += 1
+            epoch.seconds += now - since
+            if epoch.responses % epoch.length == 0:
+                self._judge(epoch, wanted=wanted)
+
+    def lost(self) -> None:
+        """Count a request whose response did not come."""
+        epoch, rival = self._epoch, self._rival
+        if not self._settling:
+            epoch.lost += 1
+            if rival is not None and rival.depth < epoch.depth and _is_hopeless(rival, epoch):
+                self._return_to(rival)
+
+    def _judge(self, epoch: Epoch, *, wanted: bool) -> None:
+        """End an epoch: go on, try another depth, or end a trial."""
+        rival = self._rival
+        if rival is None:
+            self._look_around(epoch, wanted=wanted)
+            return
+        less, more = sorted((rival, epoch), key=lambda each: each.depth)
+        faster, loses_more = more.is_faster_than(less), more.loses_more_than(less)
+        if faster and loses_more and epoch.responses < _MOST_EPOCHS * epoch.length:
+            return  # measure on
+        if (more if faster and not loses_more else less) is rival:
+            self._return_to(rival)
+            return
+        self._rival = None
+        self._wait = 0
+        self._loss = epoch.loss
+        if epoch is more:
+            self._usual_loss, self._epochs_left = epoch.loss, 0
+        else:
+            self._epochs_left = FIRST_WAIT
+        self._look_around(epoch, wanted=wanted)
+
+    def _look_around(self, epoch: Epoch, *, wanted: bool) -> None:
+        """Try another depth after an epoch if it is time for that."""
+        self._loss += (epoch.loss - self._loss) / 4
+        if self._loss > self._usual_loss + MORE_LOSS and epoch.depth > 1:
+            self._try((epoch.depth + 1) // 2)
+        elif wanted and self._epochs_left <= 0 and epoch.depth < self.bound:
+            self._try(min(2 * epoch.depth, self.bound))
+        else:
+            self._epochs_left -= 1
+            self._epoch = Epoch(epoch.depth)
+
+    def _try(self, depth: int) -> None:
+        self._rival = self._epoch
+        self._go_to(depth)
+
+    def _return_to(self, rival: Epoch) -> None:
+        """End a trial that did not pay."""
+        if rival.depth < self.depth:
+            self._wait = min(max(FIRST_WAIT, 2 * self._wait), LONGEST_WAIT)
+            self._epochs_left = self._wait
+        self._usual_loss = self._loss
+        self._rival = None
+        self._go_to(rival.depth)
+
+    def _go_to(self, depth: int) -> None:
+        self._settling = max(depth, self.depth)
+        self.depth = depth
+        self._epoch = Epoch(depth)
+
+
+def _is_hopeless(less: Epoch, more: Epoch) -> bool:
+    return more.lost >= _HOPELESS_LOSSES and more.loss > less.loss + _HOPELESS_LOSS
