@@ -218,10 +218,13 @@ class MotionLimits:
         cap = self.cap_of(servo_id)
         return softest if softest is None or cap is None else min(softest, cap)
 
+    def limit_speed_of(self, servo_id: int) -> bool:
+        """Return whether the speed of a servo is limited, so that a movement can be checked only from where it is."""
+        return self.cap_of(servo_id) is not None or self.soft_speed_of(servo_id) is not None
+
     def apply_to(self, servo_id: int) -> bool:
         """Return whether anything about a servo is limited."""
-        softest = self.soft_speed_of(servo_id)
-        return softest is not None or self.of(servo_id) is not None or self.cap_of(servo_id) is not None
+        return self.of(servo_id) is not None or self.limit_speed_of(servo_id)
 
     def exceeded_angles(self, servo_id: int, degrees: float) -> str:
         """Return the limits that an angle is outside of, such as `-80..80 (from profile "rex")`; empty if none."""
@@ -233,11 +236,17 @@ class MotionLimits:
 
     def exceeded_cap(self, servo_id: int, degrees: float, seconds: float) -> str:
         """Return the speed cap that turning by `degrees` in `seconds` exceeds, with its source; empty if none."""
-        asked = degrees_per_second(degrees, seconds)
         for limits in self._each():
             for cap in limits._caps_of(servo_id):  # noqa: SLF001 - of its own class
-                if asked > cap and not math.isclose(asked, cap):  # 29 degrees in 0.29 s are 100/s
+                if _is_above(cap, degrees, seconds):
                     return f"{_shown(cap)}{limits._origin}"  # noqa: SLF001 - of its own class
+        return ""
+
+    def exceeded_soft_start(self, degrees: float, seconds: float) -> str:
+        """Return the soft start that turning by `degrees` in `seconds` exceeds, with its source; empty if none."""
+        for limits in self._each():
+            if limits.soft_start is not None and _is_above(limits.soft_start, degrees, seconds):
+                return f"{_shown(limits.soft_start)}{limits._origin}"  # noqa: SLF001 - of its own class
         return ""
 
     def _each(self) -> Iterator[MotionLimits]:
@@ -275,6 +284,11 @@ def degrees_per_second(degrees: float, seconds: float) -> float:
     if not degrees:
         return 0.0
     return abs(degrees) / seconds if seconds > 0 else math.inf
+
+
+def _is_above(limit: float, degrees: float, seconds: float) -> bool:
+    asked = degrees_per_second(degrees, seconds)
+    return asked > limit and not math.isclose(asked, limit)  # 29 degrees in 0.29 s are 100/s
 
 
 def _shown(limit: float) -> str:

@@ -7,10 +7,12 @@ from collections.abc import AsyncIterator, Iterable, Mapping
 from typing import TYPE_CHECKING, TypeVar
 
 from servolink.client.events import ButtonEvents, ButtonSubscription
+from servolink.client.raw_packets import RawPackets
 from servolink.client.reconnect import ConnectionState
 from servolink.client.records import RecordStore
 from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
+from servolink.client.stored_runs import StoredRuns
 from servolink.connection.stats import Stats
 from servolink.escaping import escape, quote
 from servolink.motion import INTERVAL_UNIT, AngleUnit, MotionLimits
@@ -18,7 +20,7 @@ from servolink.profiles.profile import ProfileInUse
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddServoParameterRequest, ExecuteMacroRequest, QueryServoParameterRequest
+from servolink.protocol.editing import AddServoParameterRequest, QueryServoParameterRequest
 from servolink.protocol.joystick import QueryActiveJoystickTableRequest, SetActiveJoystickTableRequest
 from servolink.protocol.packet import Command, Packet, Request, Response
 from servolink.protocol.record_types import ACTION, MACRO, TABLE
@@ -75,6 +77,8 @@ class Board:
         self._session = session
         self._servos = ServoController(session, angle_unit, limits, interval_unit)
         self._records = RecordStore(session)
+        self._runs = StoredRuns(session, self._servos, self._records, limits, interval_unit)
+        self._packets = RawPackets(session, self._servos, self._runs, limits)
         self._buttons = ButtonSubscription(session)
         self._reported_unfinished = False
 
@@ -119,13 +123,18 @@ class Board:
 
         `timeout` (0.001..3600 seconds) limits the whole call, waiting for other requests included; None leaves it to
         the `patience` of the connection. `unchecked` allows values that only a board sends, such as control characters
-        in captions, to give back what was read from it.
+        in captions, to give back what was read from it. If movements are limited, an ExecuteMacroRequest is treated as
+        by `run_macro`; `timeout` then counts from when it is sent.
         """
-        return await self._session.request(packet, timeout=timeout, unchecked=unchecked)
+        return await self._packets.request(packet, timeout=timeout, unchecked=unchecked)
 
     async def send(self, packet: Command) -> None:
-        """Send any packet that the board does not answer. Raise EncodeError if a movement has a servo twice."""
-        await self._session.send(packet)
+        """Send any packet that the board does not answer. Raise EncodeError if a movement has a servo twice.
+
+        If movements are limited, an ExecuteActionRequest beyond a limit is refused with MotionRefused, not changed; its
+        angles are in the unit that is set for each servo. An ExecuteActionExRequest is treated as by `run_action`.
+        """
+        await self._packets.send(packet)
 
     async def took_effect(self, request: Packet) -> bool | None:
         """Return whether the board is now as `request` would have made it, to follow up on OutcomeUnknown.
@@ -224,6 +233,7 @@ class Board:
         duration: float | None = None,
         speed: float | None = None,
         wait: bool = False,
+        dry_run: bool = False,
     ) -> float:
         """Move servos together to angles in degrees (or `Adc`) and return the duration in seconds (3.2.5).
 
@@ -232,11 +242,16 @@ class Board:
         `angle_limits` or a speed above `speed_cap`. Without `angle_limits` any angle is sent, as the protocol gives no
         range.
 
+        With `soft_start`, the first movement of a servo is no faster than that: if need be, the whole movement takes
+        longer, for all of its servos alike, and so does the returned duration. The first movement is that on a new
+        connection, or after the servo was stopped or released; it lasts until its planned end, whatever is sent until
+        then. With `dry_run`, everything is checked and nothing moves.
+
         Returns when the movement was sent, which says nothing about the servos: the board reports no errors, and a
         servo turns only as far as it can. With `wait`, returns when all have arrived, and raises RequestTimeout for
         one that is not within 2 degrees of its target a second after the planned end.
         """
-        return await self._servos.move(targets, duration=duration, speed=speed, wait=wait)
+        return await self._servos.move(targets, duration=duration, speed=speed, wait=wait, dry_run=dry_run)
 
     def follow(
         self, targets: Mapping[int, float], seconds: float, *, settle: bool = False
@@ -248,12 +263,18 @@ class Board:
         """
         return self._servos.follow(targets, seconds, settle=settle)
 
-    async def run_action(self, action_id: int) -> None:
-        """Run a stored action (3.2.6). Raise NotFound, with nothing moved, if there is none.
+    async def run_action(self, action_id: int, *, dry_run: bool = False) -> float:
+        """Run a stored action (3.2.6) and return its duration in seconds. Raise NotFound if there is none.
 
-        Return when the command is sent: the board does not answer it.
+        Returns when the command is sent: the board does not answer it.
+
+        If movements are limited, the action and the servos are read first. Raise MotionRefused, with nothing moved, for
+        a step beyond a servo's limits, or too fast from where the servo is now. With `soft_start`, servos whose first
+        movement this would be (see `move`) then go to their angles in the action no faster than that. When they have
+        arrived, everything is checked again, and the action is run. A stop in between ends this with RequestError, a
+        servo that does not arrive with RequestTimeout. With `dry_run`, everything is checked and nothing moves.
         """
-        await self._servos.run_action(action_id)
+        return await self._runs.run_action(action_id, dry_run=dry_run)
 
     # --- 3.3 stored records -------------------------------------------------------------------------------------
 
@@ -296,10 +317,15 @@ class Board:
         """Delete a stored macro (3.3.8). Raise Rejected if there is none."""
         await self._records.delete(MACRO, macro_id)
 
-    async def run_macro(self, macro_id: int) -> None:
-        """Start a stored macro (3.3.9) and return at once. Raise Rejected if it does not start."""
-        request = ExecuteMacroRequest(macro_id)
-        await self._session.command(request, "it may have no such macro, or the macro runs itself")
+    async def run_macro(self, macro_id: int, *, dry_run: bool = False) -> None:
+        """Start a stored macro (3.3.9) and return at once. Raise Rejected if it does not start.
+
+        If movements are limited, everything that the macro runs is read and checked as by `run_action`: each step from
+        where the steps before it end, and at the speed that ratios give it. With `soft_start`, servos whose first
+        movement this would be first go to the first angle that the macro has for them. Raise NotFound if a record is
+        missing, MotionRefused also for a macro that runs itself. Without limits nothing is read.
+        """
+        await self._runs.run_macro(macro_id, dry_run=dry_run)
 
     async def servo_parameters(self) -> tuple[ServoParameter, ...]:
         """Return caption and angle correction of each servo (3.3.10); empty also after an error on the board."""

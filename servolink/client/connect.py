@@ -16,7 +16,7 @@ from servolink.connection.options import ConnectionOptions, TransmissionMode, op
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, OpenError, ProfileError, RequestError, RequestTimeout, TransportUnavailable
 from servolink.escaping import escape, quote
-from servolink.motion import AngleLimits, AngleUnit, SpeedCap, motion_limits
+from servolink.motion import INTERVAL_UNIT, AngleLimits, AngleUnit, SpeedCap, motion_limits
 from servolink.profiles.profile import BoardProfile, ProfileInUse
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
@@ -46,7 +46,8 @@ class connect:  # noqa: N801 - reads as the function it stands for
 
     `angle_unit` is set on all servos before the first command with an angle; None leaves them as they are.
     `angle_limits` (degrees) and `speed_cap` (degrees per second) are those of all servos or mappings by servo id, and
-    are checked before anything moves.
+    are checked before anything moves, by itself or by a stored record. `soft_start` (degrees per second) is the highest
+    speed of the first movement of each servo (see `Board.move`).
 
     `profile` is what is known of the board (see `servolink board show`): unless given, the profile of the board's name,
     also if the address is recognised as that of a named board. The options above and those in the address override it;
@@ -75,6 +76,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         angle_unit: AngleUnit | None = "degree",
         angle_limits: AngleLimits | None = None,
         speed_cap: SpeedCap | None = None,
+        soft_start: float | None = None,
         reconnect: bool = False,
         handshake: bool = True,
         profile: BoardProfile | str | None = None,
@@ -103,7 +105,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         self._handshake = handshake
         self._profile = profile
         self._angle_unit: AngleUnit | None = angle_unit
-        self._limits = motion_limits(angle_limits, speed_cap, source="an argument")
+        self._limits = motion_limits(angle_limits, speed_cap, soft_start, "an argument")
         self._board: Board | None = None
 
     if not TYPE_CHECKING:  # a type checker would take it as a promise that every attribute exists
@@ -161,10 +163,11 @@ class connect:  # noqa: N801 - reads as the function it stands for
         return board
 
     def _board_on(self, session: Session) -> Board:
-        limits = self._limits
-        if session.profile is not None:
-            limits = limits.tightened(session.profile.limits)
-        return Board(session, self._angle_unit, limits)
+        if session.profile is None:
+            return Board(session, self._angle_unit, self._limits)
+        limits = self._limits.tightened(session.profile.limits)
+        interval_unit = session.profile.profile.settings.interval_unit or INTERVAL_UNIT
+        return Board(session, self._angle_unit, limits, interval_unit)
 
     async def _resolve(self) -> tuple[str, str | None]:
         """Return address and name of the board."""

@@ -1,140 +1,48 @@
-"""Servos (3.2): their angle units, reading, moving and stopping them."""
+"""Servos (3.2): reading, moving, stopping and releasing them."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Iterable, Mapping
+from collections.abc import AsyncGenerator, AsyncIterator, Iterable, Mapping
 
 from msgspec import Struct
 
 from servolink.client.session import Session
-from servolink.connection.connection import Connection
+from servolink.client.soft_start import SoftStart
+from servolink.client.units import AngleUnits
 from servolink.errors import (
     ConnectionLost,
     DecodeError,
-    EncodeError,
+    MotionRefused,
     NotFound,
     OutcomeUnknown,
     Rejected,
     RequestTimeout,
     TransportError,
 )
-from servolink.escaping import quote
 from servolink.motion import (
     INTERVAL_UNIT,
     AngleUnit,
     MotionLimits,
     check_limits,
     checked_targets,
+    degrees_per_second,
     flag,
     in_unit,
     intervals_for,
     seconds_for,
     wire_angles,
 )
-from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ALL_SERVOS,
-    ExecuteActionExRequest,
     ExecuteActionRequest,
     QueryServoListRequest,
     QueryServoRequest,
     ServoState,
-    SetAngleUnitRequest,
     SetServoParameterRequest,
+    SetServoParameterResponse,
 )
-
-
-class AngleUnits:
-    """Tracks the unit of each servo, and sets the one that the program asked for.
-
-    A board keeps its units when the program ends, and a query does not say in which unit it is answered. So the unit
-    of all servos is set before the first command with an angle. An angle that was computed or read before a unit was
-    sent (`Connection.units_sent`) must not be used after it.
-    """
-
-    def __init__(self, session: Session, angle_unit: AngleUnit | None) -> None:
-        """Set all servos to `angle_unit` before the first command with an angle; None leaves them as they are."""
-        self._session = session
-        self._unit: AngleUnit | None = angle_unit
-        self._units: dict[int, AngleUnit] = {}  # of servos that were set to one of their own
-        self._is_set = angle_unit is None
-        self._setting = asyncio.Lock()
-        session.restore_with(self._restore)
-
-    @property
-    def is_changing(self) -> bool:
-        """Whether a unit is being set, so that `of` may be outdated in a moment."""
-        return self._setting.locked()
-
-    def of(self, servo_id: int) -> AngleUnit | None:
-        """Return the unit of a servo, None if it is unknown."""
-        return self._units.get(servo_id) or self._unit
-
-    async def set(self, unit: AngleUnit, servo_id: int = ALL_SERVOS) -> None:
-        """Set the unit of a servo (255: all). Raise Rejected if the board refuses."""
-        if unit not in ("degree", "adc"):
-            raise EncodeError(f"unit must be 'degree' or 'adc', not {quote(unit)}")
-        async with self._setting:
-            if servo_id != ALL_SERVOS:
-                await self._set_first()  # or a later command would set all servos over this one
-            await self._set(unit, servo_id)
-
-    async def ensure(self) -> None:
-        """Wait until units are known: for a change under way, and for the first one of this session."""
-        if self._is_set and not self._setting.locked():
-            return
-        async with self._setting:
-            await self._set_first()
-
-    async def _set_first(self) -> None:
-        """Set the unit of all servos unless it is known to be set. The caller holds the lock."""
-        if not self._is_set and self._unit is not None:
-            await self._set(self._unit, ALL_SERVOS)
-
-    async def _set(self, unit: AngleUnit, servo_id: int) -> None:
-        """Set a unit. The caller holds the lock."""
-        connection = self._session.connection
-        sent = connection.units_sent
-        try:
-            await _set_unit(connection, unit, servo_id)
-        except Rejected:
-            raise
-        except BaseException:
-            # Sent, and the response is missing: the board may be in either unit. Forget what is known, so that all
-            # servos are set again before the next angle.
-            if connection.units_sent != sent:
-                self._units.clear()
-                self._is_set = self._unit is None
-            raise
-        if servo_id == ALL_SERVOS:
-            self._units.clear()
-            self._unit, self._is_set = unit, True
-        else:
-            self._units[servo_id] = unit
-
-    async def _restore(self, connection: Connection) -> None:
-        """Set the same units on a new connection: the board may have been switched off and on."""
-        if not self._is_set:
-            return
-        units: dict[int, AngleUnit] = {} if self._unit is None else {ALL_SERVOS: self._unit}
-        units |= self._units
-        for servo_id, unit in units.items():
-            await _set_unit(connection, unit, servo_id)
-
-
-async def _set_unit(connection: Connection, unit: AngleUnit, servo_id: int) -> None:
-    """Set the unit of a servo. Raise Rejected if the board reports another servo or unit."""
-    request = SetAngleUnitRequest(servo_id, int(unit == "adc"))
-    response = await connection.request(request)
-    if (response.servo_id, response.unit_type) != (servo_id, request.unit_type):
-        raise Rejected(
-            f"servo {servo_id} was asked for angle unit {request.unit_type}; the board answered "
-            f"servo {response.servo_id}, unit {response.unit_type}",
-            request,
-        )
-
 
 _ARRIVED = 2  # within this many degrees (or ADC steps) of the target
 _GRACE = 1.0  # seconds that a movement may take longer than planned
@@ -174,6 +82,7 @@ class ServoController:
         An interval of 1 (3.2.5) stands for `interval_unit` seconds.
         """
         self.units = AngleUnits(session, angle_unit)
+        self.soft_start = SoftStart(session, limits)
         self._session = session
         self._limits = limits
         self._interval_unit = interval_unit
@@ -197,13 +106,22 @@ class ServoController:
     async def set_servo(self, servo_id: int, *, start: bool, hold: bool) -> None:
         """Start or stop, hold or release a servo (3.2.3). Raise Rejected if the board reports another state."""
         request = SetServoParameterRequest(servo_id, flag("start", start), flag("hold", hold))
-        response = await self._session.request(request)
+        response = await self.request(request)
         if (response.servo_id, response.is_start, response.is_hold) != (servo_id, request.is_start, request.is_hold):
             raise Rejected(
                 f"servo {servo_id} was asked for start {request.is_start}, hold {request.is_hold}; the board answered "
                 f"servo {response.servo_id}, start {response.is_start}, hold {response.is_hold}",
                 request,
             )
+
+    async def request(
+        self, packet: SetServoParameterRequest, *, timeout: float | None = None, unchecked: bool = False
+    ) -> SetServoParameterResponse:
+        """Send a packet that starts, stops, holds or releases, and return the response, whatever it says."""
+        try:
+            return await self._session.request(packet, timeout=timeout, unchecked=unchecked)
+        finally:
+            self.soft_start.set(packet)  # whether or not it was answered: it may have been done
 
     async def move(
         self,
@@ -212,26 +130,30 @@ class ServoController:
         duration: float | None = None,
         speed: float | None = None,
         wait: bool = False,
+        dry_run: bool = False,
     ) -> float:
         """Move servos together (see `Board.move`)."""
-        stops = self._session.connection.stops
+        connection = self._session.connection
+        stops = connection.stops
         seconds_for(0, duration, speed, self._interval_unit)  # refuse an impossible pace before anything is sent
         targets = checked_targets(targets)  # a copy, because the caller may change the original meanwhile
         if not self.units.is_changing:  # while they change, only `_planned` can say what is possible
             self._goals(targets, speed)
         while True:
-            goals, intervals = await self._planned(targets, duration, speed)
-            connection = self._session.connection
+            goals, intervals, moving = await self._planned(targets, duration, speed)
             steps = tuple(Step(servo_id, int(goal), intervals[servo_id]) for servo_id, goal in goals.items())
             request = ExecuteActionRequest(steps)
+            longest = round(max(intervals.values()) * self._interval_unit, 9)  # 0.07 s, not 0.07000000000000001
+            if dry_run:
+                return longest
             # The movement may wait for its turn. If a unit is sent meanwhile, its numbers mean other angles.
             units_sent = connection.units_sent
             if await connection.send(request, unless_stopped_since=stops, unless_units_since=units_sent):
                 break
-        longest = round(max(intervals.values()) * self._interval_unit, 9)  # 0.07 s, not 0.07000000000000001
+        self.soft_start.moved(moving, longest)
         if wait:
             await asyncio.sleep(longest)
-            async for _ in self._until_arrived(goals, 0.0, settle=False):
+            async for _ in self.until_arrived(goals, 0.0):
                 pass
         return longest
 
@@ -241,17 +163,51 @@ class ServoController:
         """Yield what the servos report until they have arrived (see `Board.follow`)."""
         await self.units.ensure()
         goals = self._in_units(wire_angles(checked_targets(targets), self.units.of))
-        async for servos in self._until_arrived(goals, seconds, settle=settle):
+        async for servos in self.until_arrived(goals, seconds, settle=settle):
             yield servos
 
-    async def run_action(self, action_id: int) -> None:
-        """Run a stored action. Raise NotFound, with nothing moved, if the board has none with this id."""
+    async def until_arrived(
+        self, goals: Mapping[int, int], seconds: float, *, settle: bool = False
+    ) -> AsyncGenerator[tuple[Servo, ...], None]:
+        """Yield readings for `seconds` and until all are at `goals`; with `settle`, until two readings agree too."""
+        loop = asyncio.get_running_loop()
+        start = loop.time()
+        before: dict[int, int] = {}
+        while True:
+            servos = await self.servos()
+            elapsed = loop.time() - start
+            yield servos
+            here = _angles(goals, servos)
+            away = [servo_id for servo_id in goals if _distance(servo_id, here[servo_id], goals[servo_id]) > _ARRIVED]
+            too_late = elapsed >= seconds + _GRACE
+            if elapsed >= seconds and not away and (too_late or not settle or here == before):
+                return
+            if too_late:
+                where, goal = here[away[0]], goals[away[0]]
+                raise RequestTimeout(
+                    f"servo {away[0]} is at {where}, not at {goal}, {_GRACE:.0f} s after it should have arrived: "
+                    "it may be stopped or released (then start and hold it first), blocked, overloaded or unable to "
+                    "turn that far"
+                )
+            before = here
+            await asyncio.sleep(_PAUSE)
+
+    async def send(self, packet: ExecuteActionRequest) -> None:
+        """Send a movement as it is. Raise MotionRefused if it exceeds the limits (see `Board.send`)."""
         connection = self._session.connection
         stops = connection.stops
-        request = ACTION.query(action_id)  # the board does not answer the command itself, and ignores unknown ids
-        if ACTION.record_in(await self._session.request(request)) is None:
-            raise NotFound(f"the board has no action {action_id}", request)
-        await connection.send(ExecuteActionExRequest(action_id), unless_stopped_since=stops)
+        angles = {step.servo_id: step.degree for step in packet.steps}
+        while True:
+            await self.units.ensure()
+            here, moving = await self._start(angles, needed=self._needs_pose(angles))
+            units_sent = connection.units_sent
+            check_limits(angles, self.units.of, self._limits)
+            first = self.soft_start.first_moves(moving)
+            for step in packet.steps if here else ():
+                self._check_speed(step, abs(step.degree - here[step.servo_id]), is_first=step.servo_id in first)
+            if await connection.send(packet, unless_stopped_since=stops, unless_units_since=units_sent):
+                break
+        self.soft_start.moved(moving, max((step.interval for step in packet.steps), default=0) * self._interval_unit)
 
     async def stop(self) -> None:
         """Stop and hold all servos, ahead of everything that waits to be sent (see `Board.stop`)."""
@@ -311,41 +267,46 @@ class ServoController:
 
     async def _planned(
         self, targets: Mapping[int, float], duration: float | None, speed: float | None
-    ) -> tuple[dict[int, int], dict[int, int]]:
-        """Return the goals and each servo's time in units of 10 ms, for the units set when this returns."""
+    ) -> tuple[dict[int, int], dict[int, int], set[int]]:
+        """Return the goals, each servo's time in intervals and the servos that will move, for the units set now."""
         await self.units.ensure()
-        here: dict[int, int] = {}
-        if speed is not None or any(self._limits.cap_of(servo_id) is not None for servo_id in targets):
-            here = _angles(targets, await self.servos())
+        here, moving = await self._start(targets, needed=speed is not None or self._needs_pose(targets))
         goals = self._goals(targets, speed)
-        unit = self._interval_unit
-        return goals, intervals_for(goals, here, self._limits, duration=duration, speed=speed, unit=unit)
+        first = self.soft_start.first_moves(moving)
+        intervals = intervals_for(
+            goals, here, self._limits, duration=duration, speed=speed, unit=self._interval_unit, soft=first
+        )
+        return goals, intervals, moving
 
-    async def _until_arrived(
-        self, goals: Mapping[int, int], seconds: float, *, settle: bool
-    ) -> AsyncIterator[tuple[Servo, ...]]:
-        """Yield readings for `seconds` and until all are at `goals`; with `settle`, until two readings agree too."""
-        loop = asyncio.get_running_loop()
-        start = loop.time()
-        before: dict[int, int] = {}
-        while True:
-            servos = await self.servos()
-            elapsed = loop.time() - start
-            yield servos
-            here = _angles(goals, servos)
-            away = [servo_id for servo_id in goals if _distance(servo_id, here[servo_id], goals[servo_id]) > _ARRIVED]
-            too_late = elapsed >= seconds + _GRACE
-            if elapsed >= seconds and not away and (too_late or not settle or here == before):
-                return
-            if too_late:
-                where, goal = here[away[0]], goals[away[0]]
-                raise RequestTimeout(
-                    f"servo {away[0]} is at {where}, not at {goal}, {_GRACE:.0f} s after it should have arrived: "
-                    "it may be stopped or released (then start and hold it first), blocked, overloaded or unable to "
-                    "turn that far"
-                )
-            before = here
-            await asyncio.sleep(_PAUSE)
+    def _needs_pose(self, servo_ids: Iterable[int]) -> bool:
+        """Return whether a movement of these servos can be checked only from where they are."""
+        has_cap = any(self._limits.cap_of(servo_id) is not None for servo_id in servo_ids)
+        return has_cap or bool(self.soft_start.first_moves(servo_ids))
+
+    async def _start(self, servo_ids: Iterable[int], *, needed: bool) -> tuple[dict[int, int], set[int]]:
+        """Return the present angles of servos if they are needed, and which of them would move.
+
+        Servos that are stopped or released would not.
+        """
+        if not needed:
+            return {}, set(servo_ids)
+        servos = await self.servos()
+        here = _angles(servo_ids, servos)
+        return here, {servo.servo_id for servo in servos if servo.servo_id in here and servo.is_start and servo.is_hold}
+
+    def _check_speed(self, step: Step, degrees: int, *, is_first: bool) -> None:
+        """Raise MotionRefused for a step that turns its servo by `degrees` and is too fast."""
+        seconds = step.interval * self._interval_unit
+        exceeded = self._limits.exceeded_cap(step.servo_id, degrees, seconds)
+        why = f"its cap is {exceeded}"
+        if not exceeded and is_first:
+            exceeded = self._limits.exceeded_soft_start(degrees, seconds)
+            why = f"from an unknown pose its soft start allows {exceeded}, to which `move` keeps by itself"
+        if exceeded:
+            asked = degrees_per_second(degrees, seconds)
+            raise MotionRefused(
+                f"servo {step.servo_id}: {degrees} degrees in {seconds:g} s is {asked:.0f} degrees/s; {why}"
+            )
 
 
 def _angles(wanted: Iterable[int], servos: Iterable[Servo]) -> dict[int, int]:

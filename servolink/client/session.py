@@ -13,13 +13,12 @@ from servolink.connection.connection import Connection
 from servolink.connection.explain import described, lost, same
 from servolink.connection.options import check_seconds
 from servolink.connection.stats import Stats
-from servolink.errors import ConnectionLost, EncodeError, Rejected, ServolinkError
+from servolink.errors import ConnectionLost, Rejected, ServolinkError
 from servolink.escaping import escape
 from servolink.profiles.profile import ProfileInUse
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.packet import Command, Request, Response, Result
-from servolink.protocol.servos import ExecuteActionRequest
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 
 R = TypeVar("R", bound=Response)
@@ -96,10 +95,6 @@ class Session:
         """Send a packet that the board does not answer (see `Board.send`)."""
         if not isinstance(packet, Command):
             raise TypeError(f"the board answers {type(packet).__name__}; use request")
-        if isinstance(packet, ExecuteActionRequest):
-            servo_ids = [step.servo_id for step in packet.steps]
-            if twice := {servo_id for servo_id in servo_ids if servo_ids.count(servo_id) > 1}:
-                raise EncodeError(f"ExecuteActionRequest.steps: servo {min(twice)} is there twice")
         await self.connection.send(packet)
 
     async def command(self, packet: Request[Result], likely_cause: str) -> None:

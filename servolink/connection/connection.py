@@ -179,13 +179,21 @@ class Connection:
     # --- requests -----------------------------------------------------------------------------------------------
 
     async def request(
-        self, packet: Request[R], *, timeout: float | None = None, first: bool = False, unchecked: bool = False
+        self,
+        packet: Request[R],
+        *,
+        timeout: float | None = None,
+        first: bool = False,
+        unchecked: bool = False,
+        unless_stopped_since: int | None = None,
+        unless_units_since: int | None = None,
     ) -> R:
         """Send `packet` and return its response.
 
         What may be repeated is repeated until `patience` ends, and raises RequestTimeout. What changes the board
         otherwise is sent once, and raises OutcomeUnknown. `timeout` limits the whole call, waiting included. `first`
-        goes before all who wait; `unchecked` sends back what was read from a board (see Codec.encode).
+        goes before all who wait; `unchecked` sends back what was read from a board (see Codec.encode). If `stops` is no
+        longer `unless_stopped_since`, or `units_sent` no longer `unless_units_since`, a movement raises RequestError.
         """
         if asyncio.get_running_loop() is not self._loop:
             self._refuse_loop()
@@ -193,6 +201,9 @@ class Connection:
         if self._window.learns:
             self._slots.lanes[packet.packet_id + 1].request_size = len(frame)
         call = self._call(packet, timeout)
+        call.units = unless_units_since
+        if unless_stopped_since is not None:
+            call.stops = unless_stopped_since
         if self.guard is not None and not isinstance(packet, Query):
             await self._pass_guard(self.guard(packet), call, timeout)
         if not self._may_send_at_once(packet):

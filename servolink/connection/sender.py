@@ -281,7 +281,11 @@ class RequestSender:
         )
 
     def refuse_if_stopped(self, call: Call) -> None:
-        """Raise RequestError for a movement that was asked for before a stop."""
+        """Raise RequestError for a movement that was asked for before a stop, or checked before a unit was sent."""
+        if call.units not in {None, self.units_sent}:
+            raise RequestError(
+                f"{type(call.packet).__name__} was not sent: an angle unit was set while it was checked", call.packet
+            )
         if call.stops == self.stops:
             return
         packet = call.packet

@@ -6,9 +6,11 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from servolink.motion import AngleLimits, MotionLimits, SpeedCap, motion_limits
 from servolink.project.model import Project
-from servolink.project.records import with_dependencies
-from servolink.project.validate import Diagnostic, too_fast
+from servolink.project.records import dependency_order, name_of, with_dependencies
+from servolink.project.speed import Run
+from servolink.project.validate import Diagnostic, duplicates, too_fast
 from servolink.protocol.record_types import ACTION, MACRO, Record
+from servolink.protocol.records import Action, MacroCommandType
 
 
 def preflight(
@@ -41,12 +43,43 @@ def preflight(
     return [one for one in found if one.path.partition(".")[0] in places]
 
 
+def uncheckable(stored: Project) -> Iterator[str]:
+    """Yield what in the records that a board runs leaves open how it moves: the document says nothing about it."""
+    for action in stored.actions:
+        for twice in duplicates(action.steps):
+            servo_id = action.steps[twice.at].servo_id
+            yield f"{name_of(action)} moves servo {servo_id} twice, and boards differ in which step counts"
+    for macro in stored.macros:
+        for number, command in enumerate(macro.commands, 1):
+            if command.type not in set(MacroCommandType):
+                yield f"{name_of(macro)}, command {number} is of type {command.type}, which the document does not name"
+            elif command.type != MacroCommandType.DELAY and not 1 <= command.ratio <= 100:
+                yield f"{name_of(macro)}, command {number} has the ratio {command.ratio}, which is outside 1..100"
+    ending = dependency_order(MACRO.by_id(stored))
+    if endless := [macro for macro in stored.macros if macro.macro_id not in ending]:
+        yield f"{name_of(endless[0])} never ends, because it runs itself or a macro that does"
+
+
+def preflight_run(run: Run, stored: Project, limits: MotionLimits, start: Mapping[int, int]) -> Iterator[str]:
+    """Yield where a run of the records in `stored` exceeds `limits`, from the pose `start`, degrees by servo id."""
+    for action in stored.actions:
+        for _, text in _steps_too_far(action, limits):
+            yield f"{name_of(action)}, {text}"
+    for move in run.moves(start):
+        if exceeded := limits.exceeded_cap(move.step.servo_id, move.degrees, move.seconds):
+            place = f"{move.path}: " if move.path else ""
+            yield f"{place}{move}; its cap is {exceeded}"
+
+
 def _too_far(project: Project, limits: MotionLimits) -> Iterator[Diagnostic]:
     for at, action in enumerate(project.actions):
-        for number, step in enumerate(action.steps):
-            if exceeded := limits.exceeded_angles(step.servo_id, step.degree):
-                text = (
-                    f"step {number + 1} asks servo {step.servo_id} to go to {step.degree} degrees; "
-                    f"its limits are {exceeded}"
-                )
-                yield Diagnostic(f"actions[{at}].steps[{number}]", text, "warning")
+        for number, text in _steps_too_far(action, limits):
+            yield Diagnostic(f"actions[{at}].steps[{number}]", text, "warning")
+
+
+def _steps_too_far(action: Action, limits: MotionLimits) -> Iterator[tuple[int, str]]:
+    """Yield the index of each step that goes beyond the limits, with a text that says so."""
+    for at, step in enumerate(action.steps):
+        if exceeded := limits.exceeded_angles(step.servo_id, step.degree):
+            text = f"step {at + 1} asks servo {step.servo_id} to go to {step.degree} degrees; its limits are {exceeded}"
+            yield at, text

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from msgspec import Struct
+from msgspec.structs import replace
 
-from servolink.motion import degrees_per_second
+from servolink.motion import INTERVAL_UNIT, degrees_per_second
 from servolink.project.model import Project
 from servolink.project.records import dependency_order, name_of
 from servolink.protocol.record_types import ACTION, MACRO
@@ -22,7 +23,10 @@ class ServoMove(Struct, frozen=True):
     """
 
     path: str
-    """The place of the step, such as `actions[3].steps[6]`, or of the macro command that leads to it."""
+    """The place of the step, such as `actions[3].steps[6]`, or of the macro command that leads to it.
+
+    Empty for the step of an action that is run by itself.
+    """
     action: Action
     at: int
     """Index of the step in the action."""
@@ -53,7 +57,7 @@ class ServoMove(Struct, frozen=True):
         return text if self.path.startswith(ACTION.field) else f"{name_of(self.action)}, {text}"
 
 
-@dataclass
+@dataclass(slots=True)
 class _Effect:
     """The effect of an action or a macro on the pose before it."""
 
@@ -81,13 +85,75 @@ def servo_moves(project: Project, start: Mapping[int, int] | None = None) -> Ite
     for macro_id in dependency_order(macros):
         macro_effects[macro_id] = _Effect()
         called = [_called(command, effects, macro_effects) for command in macros[macro_id].commands]
-        yield from _moves_of_macro(places[macro_id], macros[macro_id], called, before, macro_effects[macro_id])
+        place = f"{places[macro_id]}.commands[{{}}]".format
+        yield from _moves_of_macro(place, macros[macro_id], called, before, macro_effects[macro_id])
 
 
-def _effect_of(action: Action) -> _Effect:
+class Run:
+    """What happens when an action or a macro is run, with all that it runs.
+
+    `stored` holds these records, each once, and no macro that runs itself. An interval of 1 stands for `interval_unit`
+    seconds.
+    """
+
+    def __init__(self, stored: Project, record: Action | Macro, interval_unit: float = INTERVAL_UNIT) -> None:
+        """Start with the run of `record`."""
+        self._record = record
+        self._macros = MACRO.by_id(stored)
+        self._order = dependency_order(self._macros)
+        self._actions = {one.action_id: _effect_of(one, interval_unit) for one in stored.actions}
+        self._effects: dict[int, _Effect] = {}
+        self._turns: dict[int, list[ServoMove]] = {}  # within each macro, from an unknown pose
+        for macro_id in self._order:
+            self._turns[macro_id], self._effects[macro_id] = self._play(macro_id, {})
+
+    def first_pose(self) -> dict[int, int]:
+        """Return, by servo id, the first angle that each servo is moved to."""
+        record = self._record
+        effect = self._actions[record.action_id] if isinstance(record, Action) else self._effects[record.macro_id]
+        return {servo_id: action.steps[at].degree for servo_id, (action, at, _) in effect.first.items()}
+
+    def moves(self, start: Mapping[int, int]) -> Iterator[ServoMove]:
+        """Yield each turn, at the highest speed at which it happens, from the pose `start`, degrees by servo id.
+
+        The place of a turn is the name of the macro and the number of the command that leads to it.
+        """
+        if isinstance(self._record, Action):
+            for servo_id, (action, at, seconds) in self._actions[self._record.action_id].first.items():
+                if servo_id in start:
+                    yield ServoMove("", action, at, start[servo_id], seconds)
+            return
+        yield from self._play(self._record.macro_id, start)[0]
+        for macro_id, speed in self._speeds(self._record.macro_id).items():
+            if macro_id != self._record.macro_id:
+                yield from (replace(move, seconds=move.seconds / speed) for move in self._turns[macro_id])
+
+    def _play(self, macro_id: int, start: Mapping[int, int]) -> tuple[list[ServoMove], _Effect]:
+        """Return the turns of a macro at full speed, without those inside the macros that it runs, and its effect."""
+        macro, effect = self._macros[macro_id], _Effect()
+        called = [_called(command, self._actions, self._effects) for command in macro.commands]
+        name = name_of(macro)
+        turns = _moves_of_macro(lambda at: f"{name}, command {at + 1}", macro, called, start, effect)
+        return list(turns), effect
+
+    def _speeds(self, macro_id: int) -> dict[int, float]:
+        """Return the highest speed, 1 or less, at which a macro and all that it runs are run, by macro id."""
+        speeds = {macro_id: 1.0}
+        for caller in reversed(self._order):
+            for command in self._macros[caller].commands if caller in speeds else ():
+                if command.type == MacroCommandType.MACRO and command.loop > 0 and command.ratio > 0:
+                    speed = speeds[caller] * command.ratio / 100
+                    speeds[command.command_id] = max(speeds.get(command.command_id, 0.0), speed)
+        return speeds
+
+
+def _effect_of(action: Action, interval_unit: float = INTERVAL_UNIT) -> _Effect:
     """Return the effect of an action. Of several steps for one servo, the last one counts."""
     return _Effect(
-        {step.servo_id: (action, at, max(step.seconds, 0)) for at, step in enumerate(action.steps)},
+        {
+            step.servo_id: (action, at, max(round(step.interval * interval_unit, 9), 0))
+            for at, step in enumerate(action.steps)
+        },
         {step.servo_id: step.degree for step in action.steps},
     )
 
@@ -100,9 +166,12 @@ def _called(command: MacroCommand, actions: Mapping[int, _Effect], macros: Mappi
 
 
 def _moves_of_macro(
-    place: str, macro: Macro, called: list[_Effect], before: Mapping[int, int], whole: _Effect
+    place: Callable[[int], str], macro: Macro, called: list[_Effect], before: Mapping[int, int], whole: _Effect
 ) -> Iterator[ServoMove]:
-    """Yield the turns where the commands of a macro meet, and store the effect of all of them in `whole`."""
+    """Yield the turns where the commands of a macro meet, and store the effect of all of them in `whole`.
+
+    `place` names the place of a command by its index.
+    """
     for at, (command, effect) in enumerate(zip(macro.commands, called, strict=True)):
         for _ in range(min(command.loop, 2)):  # every later loop starts from the same pose as the second
             for servo_id, (action, step, seconds) in effect.first.items():
@@ -110,5 +179,5 @@ def _moves_of_macro(
                 whole.first.setdefault(servo_id, (action, step, slowed))
                 start = whole.last.get(servo_id, before.get(servo_id))
                 if start is not None:
-                    yield ServoMove(f"{place}.commands[{at}]", action, step, start, slowed)
+                    yield ServoMove(place(at), action, step, start, slowed)
             whole.last |= effect.last

@@ -1,0 +1,66 @@
+"""RawPackets: packets that a program makes itself, kept within the same limits as the methods of a board."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+from servolink.client.servos import ServoController
+from servolink.client.session import Session
+from servolink.client.stored_runs import StoredRuns
+from servolink.errors import EncodeError
+from servolink.motion import MotionLimits
+from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.packet import Command, Request, Response
+from servolink.protocol.servos import (
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    SetAngleUnitRequest,
+    SetServoParameterRequest,
+)
+
+R = TypeVar("R", bound=Response)
+
+
+class RawPackets:
+    """Sends any packet. What the library remembers of the servos is kept up to date, and limits hold."""
+
+    def __init__(self, session: Session, servos: ServoController, runs: StoredRuns, limits: MotionLimits) -> None:
+        """Send through `session`, movements through `servos` and `runs` if there are limits."""
+        self._session = session
+        self._servos = servos
+        self._runs = runs
+        self._limits = limits
+
+    async def request(self, packet: Request[R], *, timeout: float | None, unchecked: bool) -> R:
+        """Send a packet that the board answers (see `Board.request`)."""
+        request: Any = self._session.request
+        match packet:
+            case SetAngleUnitRequest():
+                request = self._servos.units.request
+            case SetServoParameterRequest():
+                request = self._servos.request
+            case ExecuteMacroRequest() if self._limits:
+                request = self._runs.request
+            case _:
+                pass
+        response: R = await request(packet, timeout=timeout, unchecked=unchecked)
+        return response
+
+    async def send(self, packet: Command) -> None:
+        """Send a packet that the board does not answer (see `Board.send`)."""
+        if isinstance(packet, ExecuteActionRequest):
+            _check_each_once(packet)
+        if not self._limits or not isinstance(packet, ExecuteActionRequest | ExecuteActionExRequest):
+            await self._session.send(packet)
+            return
+        self._session.codec.encode(packet)  # refuses values that cannot be sent, before they are compared
+        if isinstance(packet, ExecuteActionRequest):
+            await self._servos.send(packet)
+        else:
+            await self._runs.run_action(packet.action_id)
+
+
+def _check_each_once(packet: ExecuteActionRequest) -> None:
+    servo_ids = [step.servo_id for step in packet.steps]
+    if twice := {servo_id for servo_id in servo_ids if servo_ids.count(servo_id) > 1}:
+        raise EncodeError(f"ExecuteActionRequest.steps: servo {min(twice)} is there twice")

@@ -1,0 +1,62 @@
+"""SoftStart: which servos are in an unknown pose, so that their next movement must be slow."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Iterable
+
+from servolink.client.session import Session
+from servolink.motion import MotionLimits
+from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
+
+
+class SoftStart:
+    """Remembers which servos have made their first movement.
+
+    A servo is in an unknown pose until its first movement on this connection has had its time, and again after it was
+    stopped or released: somebody may have turned it since. Without `soft_start` all poses count as known.
+    """
+
+    def __init__(self, session: Session, limits: MotionLimits) -> None:
+        """Start with all poses unknown."""
+        self._session = session
+        self._limits = limits
+        self._known_at: dict[int, float] = {}
+        """When the first movement of a servo ends, in seconds of the event loop's clock; no entry before it begins."""
+        self._epoch = self._now()
+
+    def first_moves(self, servo_ids: Iterable[int]) -> set[int]:
+        """Return those of `servo_ids` whose next movement must be slow."""
+        self._forget_old()
+        now = asyncio.get_running_loop().time()
+        return {
+            servo_id
+            for servo_id in servo_ids
+            if self._limits.soft_speed_of(servo_id) is not None and now < self._known_at.get(servo_id, math.inf)
+        }
+
+    def moved(self, servo_ids: Iterable[int], seconds: float) -> None:
+        """Count a movement that was just sent and takes `seconds` as the first one of servos that had none."""
+        self._forget_old()
+        end = asyncio.get_running_loop().time() + seconds
+        for servo_id in servo_ids:
+            self._known_at.setdefault(servo_id, end)
+
+    def set(self, request: SetServoParameterRequest) -> None:
+        """Forget the pose of a servo that `request` stops or releases, or of all servos."""
+        if request.is_start and request.is_hold:
+            return
+        if request.servo_id == ALL_SERVOS:
+            self._known_at.clear()
+        else:
+            self._known_at.pop(request.servo_id, None)
+
+    def _forget_old(self) -> None:
+        """Forget everything if all servos were stopped, or if the connection was replaced."""
+        if self._epoch != (epoch := self._now()):
+            self._epoch = epoch
+            self._known_at.clear()
+
+    def _now(self) -> tuple[object, int]:
+        return self._session.connection, self._session.connection.stops

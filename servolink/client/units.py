@@ -1,0 +1,127 @@
+"""AngleUnits: in which unit the angles of each servo are sent and reported (3.2.4)."""
+
+from __future__ import annotations
+
+import asyncio
+
+from servolink.client.session import Session
+from servolink.connection.connection import Connection
+from servolink.errors import EncodeError, Rejected
+from servolink.escaping import quote
+from servolink.motion import AngleUnit
+from servolink.protocol.servos import ALL_SERVOS, SetAngleUnitRequest, SetAngleUnitResponse
+
+
+class AngleUnits:
+    """Tracks the unit of each servo, and sets the one that the program asked for.
+
+    A board keeps its units when the program ends, and a query does not say in which unit it is answered. So the unit
+    of all servos is set before the first command with an angle. An angle that was computed or read before a unit was
+    sent (`Connection.units_sent`) must not be used after it.
+    """
+
+    def __init__(self, session: Session, angle_unit: AngleUnit | None) -> None:
+        """Set all servos to `angle_unit` before the first command with an angle; None leaves them as they are."""
+        self._session = session
+        self._unit: AngleUnit | None = angle_unit
+        self._units: dict[int, AngleUnit] = {}  # of servos that were set to one of their own
+        self._is_set = angle_unit is None
+        self._setting = asyncio.Lock()
+        session.restore_with(self._restore)
+
+    @property
+    def is_changing(self) -> bool:
+        """Whether a unit is being set, so that `of` may be outdated in a moment."""
+        return self._setting.locked()
+
+    def of(self, servo_id: int) -> AngleUnit | None:
+        """Return the unit of a servo, None if it is unknown."""
+        return self._units.get(servo_id) or self._unit
+
+    async def set(self, unit: AngleUnit, servo_id: int = ALL_SERVOS) -> None:
+        """Set the unit of a servo (255: all). Raise Rejected if the board refuses."""
+        if unit not in ("degree", "adc"):
+            raise EncodeError(f"unit must be 'degree' or 'adc', not {quote(unit)}")
+        async with self._setting:
+            if servo_id != ALL_SERVOS:
+                await self._set_first()  # or a later command would set all servos over this one
+            await self._set(unit, servo_id)
+
+    async def ensure(self) -> None:
+        """Wait until units are known: for a change under way, and for the first one of this session."""
+        if self._is_set and not self._setting.locked():
+            return
+        async with self._setting:
+            await self._set_first()
+
+    async def _set_first(self) -> None:
+        """Set the unit of all servos unless it is known to be set. The caller holds the lock."""
+        if not self._is_set and self._unit is not None:
+            await self._set(self._unit, ALL_SERVOS)
+
+    async def _set(self, unit: AngleUnit, servo_id: int) -> None:
+        """Set a unit. The caller holds the lock."""
+        request = _request(unit, servo_id)
+        _check_response(request, await self._sent(request))
+        self._learn(request)
+
+    async def request(
+        self, packet: SetAngleUnitRequest, *, timeout: float | None = None, unchecked: bool = False
+    ) -> SetAngleUnitResponse:
+        """Send a packet that sets a unit, and return the response, whatever it says (see `Board.request`)."""
+        async with self._setting:
+            response = await self._sent(packet, timeout=timeout, unchecked=unchecked)
+            if _is_accepted(packet, response):
+                self._learn(packet)
+            return response
+
+    async def _sent(
+        self, packet: SetAngleUnitRequest, *, timeout: float | None = None, unchecked: bool = False
+    ) -> SetAngleUnitResponse:
+        connection = self._session.connection
+        sent = connection.units_sent
+        try:
+            return await self._session.request(packet, timeout=timeout, unchecked=unchecked)
+        except BaseException:
+            # Sent, and the response is missing: the board may be in either unit. Forget what is known, so that all
+            # servos are set again before the next angle.
+            if connection.units_sent != sent:
+                self._units.clear()
+                self._is_set = self._unit is None
+            raise
+
+    def _learn(self, accepted: SetAngleUnitRequest) -> None:
+        unit: AngleUnit = "adc" if accepted.unit_type else "degree"
+        if accepted.servo_id == ALL_SERVOS:
+            self._units.clear()
+            self._unit, self._is_set = unit, True
+        else:
+            self._units[accepted.servo_id] = unit
+
+    async def _restore(self, connection: Connection) -> None:
+        """Set the same units on a new connection: the board may have been switched off and on."""
+        if not self._is_set:
+            return
+        units: dict[int, AngleUnit] = {} if self._unit is None else {ALL_SERVOS: self._unit}
+        units |= self._units
+        for servo_id, unit in units.items():
+            request = _request(unit, servo_id)
+            _check_response(request, await connection.request(request))
+
+
+def _request(unit: AngleUnit, servo_id: int) -> SetAngleUnitRequest:
+    return SetAngleUnitRequest(servo_id, int(unit == "adc"))
+
+
+def _is_accepted(request: SetAngleUnitRequest, response: SetAngleUnitResponse) -> bool:
+    return (response.servo_id, response.unit_type) == (request.servo_id, request.unit_type)
+
+
+def _check_response(request: SetAngleUnitRequest, response: SetAngleUnitResponse) -> None:
+    """Raise Rejected if the board reports another servo or unit than it was asked for."""
+    if not _is_accepted(request, response):
+        raise Rejected(
+            f"servo {request.servo_id} was asked for angle unit {request.unit_type}; the board answered "
+            f"servo {response.servo_id}, unit {response.unit_type}",
+            request,
+        )
