@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar, overload
 
-from servolink.errors import InvalidAddress, ServolinkError, TransportError
+from servolink.errors import InvalidAddress, ProfileError, ServolinkError, TransportError
 from servolink.escaping import escape, quote
 
 T = TypeVar("T")
@@ -19,7 +19,8 @@ def exit_code(error: ServolinkError) -> int:
     """Return the exit code of a program that ends with `error`."""
     if isinstance(error, InvalidAddress):
         return USAGE
-    return NO_BOARD if isinstance(error, TransportError) else FAILED
+    is_absent = isinstance(error, TransportError) and not isinstance(error, ProfileError)
+    return NO_BOARD if is_absent else FAILED
 
 
 @overload

@@ -26,7 +26,7 @@ from servolink.discovery.names import (
 )
 from servolink.discovery.search import NONE_HERE, discover, search
 from servolink.errors import InvalidAddress, OpenError, TransportError
-from servolink.profiles.store import is_name
+from servolink.profiles.store import is_name, profile_names
 from servolink.protocol.servos import ALL_SERVOS
 from servolink.transports.device_info import DeviceInfo
 from servolink.transports.registry import create
@@ -176,6 +176,8 @@ def _forget_name(args: argparse.Namespace) -> int:
         print_json({"removed": args.remove})
     else:
         print_text(f"{args.remove} is forgotten")
+        if args.remove in profile_names():
+            print_text(f"what was learnt of it is kept; to forget that too: servolink board forget {args.remove}")
     return OK
 
 

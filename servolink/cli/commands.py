@@ -117,6 +117,13 @@ COMMANDS = {
         ("tables", "tables 1"),
         needs_records=True,
     ),
+    "board": Command(
+        STORED,
+        "board:configure",
+        "show and set what is known of a board, and its limits",
+        ("board", "board show rex"),
+        takes_board=False,
+    ),
     "export": Command(
         PROJECTS,
         "export:configure_export",

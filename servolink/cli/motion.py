@@ -6,7 +6,7 @@ import argparse
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import LAST_SERVO, RECORD_ID, SERVO_ID, SPEED, number
 from servolink.cli.live import Draw, follow, live_bars
@@ -15,7 +15,7 @@ from servolink.cli.output import Table, is_terminal, print_error, print_json, pr
 from servolink.cli.servos import are, listed, print_servos, reported
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.terminal import can_ask, confirm
-from servolink.errors import NotFound, RequestError, ServolinkError
+from servolink.errors import NotFound, ProfileError, RequestError, ServolinkError
 from servolink.motion import Adc, Degrees, MotionLimits, check_limits, intervals_for
 
 if TYPE_CHECKING:
@@ -177,7 +177,14 @@ def run_stop(args: argparse.Namespace) -> int:
         print_servos(servos, as_json=args.json)
         return OK
 
-    return run_with_board(args, talk, greet=False, handshake=False)  # the handshake comes after the stop
+    options: dict[str, Any] = {"greet": False, "handshake": False}  # the handshake comes after the stop
+    try:
+        return run_with_board(args, talk, **options)
+    except ProfileError as error:
+        from servolink.profiles.profile import BoardProfile
+
+        print_error(f"servolink: {error}; stopping without it")
+        return run_with_board(args, talk, profile=BoardProfile(), **options)
 
 
 def configure_release(parser: argparse.ArgumentParser) -> None:

@@ -30,10 +30,10 @@ class Parser(argparse.ArgumentParser):
         self.place = ""
         self.commands: argparse._SubParsersAction[Any] | None = None
 
-    def add_commands(self, table: Mapping[str, Command], dest: str, **options: Any) -> None:
+    def add_commands(self, table: Mapping[str, Command], dest: str, *, required: bool = True, **options: Any) -> None:
         """Add a parser for each command, and keep the name of the given one as `dest`."""
         self.commands = commands = self.add_subparsers(
-            dest=dest, required=True, metavar="COMMAND", prog=self.prog, **options
+            dest=dest, required=required, metavar="COMMAND", prog=self.prog, **options
         )
         for name, command in table.items():
             parser = commands.add_parser(

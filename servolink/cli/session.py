@@ -110,7 +110,7 @@ def run_with_board(
         async with connection as board:
             try:
                 with interruption.watched():
-                    if greet and await board.has_unfinished_import():
+                    if greet and _answers_project_id(board) and await board.has_unfinished_import():
                         print_error(UNFINISHED_IMPORT)
                     return await talk(board, interruption)
             except (RequestTimeout, OutcomeUnknown, ConnectionLost) as error:
@@ -119,6 +119,11 @@ def run_with_board(
                 return fail(error, NO_BOARD)
 
     return run_interruptible(main, state)
+
+
+def _answers_project_id(board: Board) -> bool:
+    known = board.profile and board.profile.profile.settings.unsupported
+    return "QueryProjectID" not in (known or ())
 
 
 def choose_board(args: argparse.Namespace) -> str:

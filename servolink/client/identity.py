@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
-from itertools import groupby
 
 from msgspec.structs import replace
 
 from servolink.connection.connection import Connection
 from servolink.errors import DecodeError, EncodeError, NotFound, Rejected, RequestTimeout, WrongBoard
-from servolink.escaping import escape, quote
+from servolink.escaping import escape
 from servolink.profiles.profile import BoardIdentityRecord, ProfileInUse
 from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.joystick import SubscribeButtonEventRequest
@@ -166,24 +165,9 @@ class IdentityGuard:
 
 
 def _described(identity: BoardIdentityRecord) -> str:
-    """Return what tells a board from others, such as `servos 1..16 with memory total 65536`."""
-    facts = []
-    if identity.servo_ids is not None:
-        facts.append(f"servos {_ranges(identity.servo_ids)}" if identity.servo_ids else "no servos")
-    if identity.memory_total is not None:
-        facts.append(f"memory total {identity.memory_total}")
-    if identity.vendor_id is not None or identity.product_id is not None:
-        facts.append(f"USB {identity.vendor_id or 0:04x}:{identity.product_id or 0:04x}")
-    if identity.serial_number:
-        facts.append(f"serial number {quote(identity.serial_number)}")
-    return ", ".join(facts) or "unknown"
+    """Return what tells a board from others, such as `servos 1..16, memory total 65536`."""
+    return ", ".join(map(" ".join, identity.facts())) or "unknown"
 
 
 def _in_order(numbers: Collection[int] | None) -> tuple[int, ...] | None:
     return None if numbers is None else tuple(sorted(set(numbers)))
-
-
-def _ranges(ordered: Sequence[int]) -> str:
-    """Return numbers in ascending order as text, such as `1..3, 7`."""
-    runs = [[number for _, number in run] for _, run in groupby(enumerate(ordered), lambda each: each[1] - each[0])]
-    return ", ".join(f"{run[0]}..{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)

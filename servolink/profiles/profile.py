@@ -6,9 +6,10 @@ None means unknown. The names are those of the file; `About` says what each of t
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from functools import cache
+from itertools import groupby
 from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 from msgspec import Meta, Struct
@@ -90,6 +91,25 @@ class BoardIdentityRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     vendor_id: Annotated[_U16 | None, About("USB vendor id of its port", "0x0000..0xffff")] = None
     product_id: Annotated[_U16 | None, About("USB product id of its port", "0x0000..0xffff")] = None
     serial_number: Annotated[str | None, About("USB serial number of its port", "text")] = None
+
+    def facts(self) -> list[tuple[str, str]]:
+        """Return what is known, in words such as `servos`, `1..16`."""
+        facts = []
+        if self.servo_ids is not None:
+            facts.append(("servos", _ranges(sorted(set(self.servo_ids))) or "none"))
+        if self.memory_total is not None:
+            facts.append(("memory total", str(self.memory_total)))
+        if self.vendor_id is not None or self.product_id is not None:
+            facts.append(("USB", f"{self.vendor_id or 0:04x}:{self.product_id or 0:04x}"))
+        if self.serial_number:
+            facts.append(("serial number", quote(self.serial_number)))
+        return facts
+
+
+def _ranges(ordered: Sequence[int]) -> str:
+    """Return numbers in ascending order as text, such as `1..3, 7`."""
+    runs = [[number for _, number in run] for _, run in groupby(enumerate(ordered), lambda each: each[1] - each[0])]
+    return ", ".join(f"{run[0]}..{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
 
 
 class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -15,7 +15,7 @@ from msgspec.structs import asdict
 from servolink.errors import ProfileError
 from servolink.escaping import escape, quote
 from servolink.files import read_file, reason, user_folder, write_atomically
-from servolink.profiles.profile import BoardProfile, about, fields_of
+from servolink.profiles.profile import BoardProfile, BoardSettings, about, fields_of
 from servolink.profiles.toml_text import TextError, line_of, read_toml, toml_lines, toml_value
 
 S = TypeVar("S", bound=Struct)
@@ -116,6 +116,21 @@ def parse_profile(text: str) -> BoardProfile:
         return _struct(BoardProfile, read_toml(text), ())
     except _Fault as fault:
         raise TextError(fault.text, line_of(text, fault.path)) from None
+
+
+def setting_from_text(name: str, text: str) -> Any:
+    """Return the value of the setting `name` that `text` is, a list with commas. Raise ValueError if it is none."""
+    value: object = text
+    if name == "unsupported":
+        value = [each for each in text.split(",") if each]
+    else:
+        with suppress(ValueError):
+            value = float(text)
+            value = int(text)
+    try:
+        return _leaf(fields_of(BoardSettings)[name][0], value, (name,))
+    except _Fault as fault:
+        raise ValueError(fault.text.removeprefix(f"{name} ").removeprefix(f"{name}: ")) from None
 
 
 class _Fault(Exception):

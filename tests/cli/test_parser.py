@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from servolink.cli.board import COMMANDS as BOARD_COMMANDS
 from servolink.cli.commands import COMMANDS, TOPICS, Command
 from servolink.cli.parser import EXIT_CODES, build_parser
 from servolink.cli.project import COMMANDS as PROJECT_COMMANDS
@@ -19,7 +20,11 @@ from servolink.virtual.board import VirtualBoard
 from tests.cli.programs import Said, call, program
 from tests.cli.robot import Robot
 
-ALL: dict[str, Command] = {**COMMANDS, **{f"project {name}": command for name, command in PROJECT_COMMANDS.items()}}
+ALL: dict[str, Command] = {
+    **COMMANDS,
+    **{f"project {name}": command for name, command in PROJECT_COMMANDS.items()},
+    **{f"board {name}": command for name, command in BOARD_COMMANDS.items()},
+}
 """Commands as they are typed."""
 
 UNTIL_CTRL_C = {"virtual", "teach"}
@@ -41,6 +46,7 @@ def test_every_command_has_examples(name: str) -> None:
         ("help", "there is no command 'help'; did you mean --help?"),
         ("version", "did you mean --version?"),
         ("xylophone", "there is no command 'xylophone'; `servolink --help` lists the commands"),
+        ("board shwo x", "there is no command 'shwo'; did you mean show?"),
         ("project shwo x", "there is no command 'shwo'; did you mean show?"),
         ("--jsn info", "`servolink` has no option --jsn; did you mean --json?"),
         ("move --durration 1 1=5", "`servolink move` has no option --durration; did you mean --duration?"),
@@ -119,6 +125,9 @@ def test_examples_work(
         call(capsys, "apply", "robot.servolink.json", "--yes")
     if example.startswith("use --remove"):
         call(capsys, "use", example.rsplit(maxsplit=1)[-1], "virtual://")
+    if name.startswith("board"):
+        call(capsys, "use", "rex", "virtual://")
+        call(capsys, "board", "set", "rex", "--depth", "2")
     said = call(capsys, *shlex.split(example))
     assert said.code in {"plan": (1,), "list": (0, 3)}.get(name, (0,)), said.err
 

@@ -47,6 +47,7 @@ TALKING = {
 EXEMPT = {
     "demo": "has a virtual board of its own",
     "use": "opens nothing",
+    "board": "opens nothing",
     "backups": "reads files",
     "decode": "reads files",
     "encode": "reads files",

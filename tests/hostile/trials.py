@@ -40,6 +40,18 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
     "actions": (Trial("--url {all} actions"), *(Trial(f"--url {{few}} actions {at}") for at in (1, 8, 21))),
     "macros": (Trial("--url {all} macros"), *(Trial(f"--url {{few}} macros {at}") for at in (1, 8, 21))),
     "tables": (Trial("--url {all} tables 1"), *(Trial(f"--url {{few}} tables {at}") for at in ("", 2, 21))),
+    "board": (
+        Trial("use mine virtual://?state={text}"),
+        Trial("board set mine --depth 4 --angle 3=0..9"),
+        Trial("board"),
+        Trial("board show mine"),
+        Trial("board show {name}"),
+        Trial("board set mine --depth {name}"),
+        Trial("board set mine --unsupported {name}"),
+        Trial("board set mine --angle {name}"),
+        Trial("board set mine --unset {name}"),
+        Trial("board forget {name} --yes"),
+    ),
     "export": (Trial("--url {few} export {new}", timed=True), Trial("--url {few} export {noise}")),
     "plan": (
         Trial("--url {few} plan {allowed}", timed=True),

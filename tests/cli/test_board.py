@@ -1,0 +1,248 @@
+"""`servolink board`: what is known of a board is shown, set and forgotten, and every command uses it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from servolink.profiles.profile import BoardIdentityRecord, BoardProfile, BoardSettings, Evidence, SafetyLimits
+from servolink.profiles.store import load_profile, profile_path, save_profile
+from tests.cli.programs import Said, call, in_terminal
+from tests.cli.robot import Robot
+
+HOSTILE = "\x1b]0;x\a\u202e"
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+
+
+@pytest.fixture(name="say")
+def _say(capsys: pytest.CaptureFixture[str]) -> type:
+    class Say:
+        def __new__(cls, line: str) -> Said:  # type: ignore[misc]
+            return call(capsys, *line.split())
+
+    Say("use rex virtual://?servos=3")
+    return Say
+
+
+def profile() -> BoardProfile:
+    found = load_profile("rex")
+    assert found is not None
+    return found
+
+
+def test_limits_and_settings_are_set_and_unset(say: type) -> None:
+    said = say("board set rex --angle 3=20..160 --angle 1=-90.5..0 --speed 3=90 --speed all=120 --soft-start 60")
+    assert (said.code, said.err) == (0, "")
+    assert profile().limits == SafetyLimits(
+        angles={3: (20, 160), 1: (-90.5, 0)}, speed_cap=120, speed_caps={3: 90}, soft_start=60
+    )
+    assert say("board set rex --byte-order big --caption-encoding big5 --depth 4 --write-depth 2").code == 0
+    assert say("board set rex --transmission-mode 1 --memory-unit 1024 --unsupported QueryAction,QueryMacro").code == 0
+    assert say("board set rex --transmission-mode keep --interval-unit 0.02 --unknown-ids silent").code == 0
+    assert profile().settings == BoardSettings(
+        byte_order="big",
+        caption_encoding="big5",
+        depth=4,
+        write_depth=2,
+        transmission_mode="keep",
+        memory_unit=1024,
+        unsupported=("QueryAction", "QueryMacro"),
+        interval_unit=0.02,
+        unknown_ids="silent",
+    )
+    assert profile().evidence["depth"].confidence == "certain"
+    said = say("board set rex --unset byte-order --unset depth --angle 3=unset --speed all=unset --unset soft-start")
+    assert said.code == 0
+    assert (profile().settings.byte_order, profile().settings.depth) == (None, None)
+    assert "depth" not in profile().evidence
+    assert profile().limits == SafetyLimits(angles={1: (-90.5, 0)}, speed_caps={3: 90})
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ("", "give at least one limit or setting"),
+        ("--depth 900", "argument --depth: must be 1..64, not 900"),
+        ("--depth 4.5", "argument --depth: must be 1..64, not 4.5"),
+        ("--depth nan", "argument --depth: must be 1..64, not nan"),
+        ("--transmission-mode 2", 'argument --transmission-mode: must be "auto", "keep" or 1, not 2'),
+        ("--unsupported QueryX", "argument --unsupported: 'QueryX' is not a query of the protocol"),
+        ("--angle 3", "argument --angle: must be SERVO=VALUE, not '3'"),
+        ("--angle 3=20", "argument --angle: must be like 3=20..160 or 3=unset, not '3=20'"),
+        ("--angle 3=20..10", "argument --angle: '3=20..10' has the highest angle first"),
+        ("--angle 3=1.2.3..4", "argument --angle: must be from -32768 to 32767 degrees, not '1.2.3'"),
+        ("--angle 255=0..1", "argument --angle: must be an integer from 0 to 254, not '255'"),
+        ("--speed 3=0", "argument --speed: must be from 0.001 to 100000 degrees per second, not '0'"),
+        ("--speed arm=3", "argument --speed: must be an integer from 0 to 254, not 'arm'"),
+        ("--unset colour", "argument --unset: 'colour' is not a setting; `servolink board show` lists them"),
+        ("--depth 3 --unset depth", "--depth is set and unset"),
+    ],
+)
+def test_what_cannot_be_is_wrong_usage_and_changes_nothing(options: str, why: str, say: type) -> None:
+    said = say(f"board set rex {options}")
+    assert (said.code, said.out) == (2, "")
+    assert f"servolink board set: error: {why}" in said.err
+    assert load_profile("rex") is None
+
+
+LEARNT = BoardProfile(
+    identity=BoardIdentityRecord(servo_ids=(1, 2, 3, 9), memory_total=64, vendor_id=0x1A86, serial_number=HOSTILE),
+    settings=BoardSettings(depth=4, turnaround=0.0012, unsupported=()),
+    evidence={"depth": Evidence("likely", f"4 of 4 {HOSTILE}"), "write_depth": Evidence("guess", "nothing was asked")},
+)
+
+
+def test_everything_known_is_shown_with_its_reason(say: type) -> None:
+    save_profile("rex", LEARNT)
+    lines = say("board show rex").out.splitlines()
+    assert lines[0] == "rex"
+    assert "address        virtual://?servos=3" in lines
+    assert f"file           {profile_path('rex')}" in lines
+    assert "servos         1..3, 9" in lines
+    assert "USB            1a86:0000" in lines
+    assert "serial number  '\\x1b]0;x\\x07\\u202e'" in lines
+    assert "byte order         unknown" in lines
+    assert "turnaround         0.0012 s" in lines
+    assert "unsupported        none" in lines
+    assert "depth              4; likely: 4 of 4 \\x1b]0;x\\x07\\u202e" in lines
+    assert "write depth        unknown; guess: nothing was asked" in lines
+    assert "none  `servolink board set` sets them" in lines
+    assert lines[-1] == "what is unknown can be learnt: servolink doctor rex --learn"
+
+
+def test_a_board_of_which_nothing_is_known_is_shown_too(say: type) -> None:
+    said = say("board show rex")
+    assert said.code == 0
+    assert "identity  unknown: any board at this address is taken for this one" in said.out
+    described = say("board show rex --json").json
+    assert (described["path"], described["identity"]) == (None, None)
+    assert set(described["settings"]) == set(BoardSettings.__struct_fields__)
+
+
+def test_json_has_the_names_of_the_file(say: type) -> None:
+    save_profile("rex", LEARNT)
+    described = say("board show rex --json").json
+    assert described["name"] == "rex"
+    assert described["path"] == str(profile_path("rex"))
+    assert described["identity"]["servo_ids"] == [1, 2, 3, 9]
+    assert described["settings"]["depth"] == {
+        "value": 4,
+        "confidence": "likely",
+        "text": f"4 of 4 {HOSTILE}",
+        "learnt_at": None,
+    }
+    assert described["settings"]["byte_order"]["value"] is None
+    assert say("board set rex --angle 3=0..9 --json").json["limits"]["angles"] == {"3": [0, 9]}
+    assert say("board list --json").json == {
+        "boards": [
+            {"name": "rex", "url": "virtual://?servos=3", "known_settings": 3, "limits": 1, "problem": ""},
+        ]
+    }
+
+
+@pytest.mark.parametrize("command", ["board", "board list"])
+def test_all_boards_are_listed_also_damaged_and_nameless_ones(command: str, say: type) -> None:
+    say("use max tcp://pi:9000")
+    save_profile("rex", LEARNT)
+    save_profile("lost", BoardProfile(limits=SafetyLimits(speed_cap=3)))
+    profile_path("max").write_text("x")
+    said = say(command)
+    assert said.code == 0
+    assert said.out.splitlines() == [
+        "name  address              known settings  limits",
+        "lost                       0                    1",
+        "max   tcp://pi:9000        damaged",
+        "rex   virtual://?servos=3  3                    0",
+    ]
+    assert f"servolink: {profile_path('max')}, line 1: is not TOML" in said.err
+
+
+def test_no_board_has_a_name(say: type) -> None:
+    say("use --remove rex")
+    assert say("board").out == "no board has a name; `servolink use NAME BOARD` gives one\n"
+
+
+@pytest.mark.parametrize("command", ["show", "set"])
+def test_an_unknown_name_is_wrong_usage(command: str, say: type) -> None:
+    said = say(f"board {command} lassie")
+    assert said.code == 2
+    assert "no board is named 'lassie' (names: rex); give it: servolink use NAME BOARD" in said.err
+
+
+def test_a_profile_is_forgotten_damaged_or_not_and_the_name_stays(say: type) -> None:
+    save_profile("rex", LEARNT)
+    said = say("board forget rex")
+    assert said.code == 2
+    assert "with all limits of rex; --yes does so without asking" in said.err
+    profile_path("rex").write_text("damaged")
+    assert say("board show rex").code == 1
+    assert say("board forget rex --yes").out == "what was known of rex is forgotten; it keeps its name\n"
+    assert say("board show rex").code == 0
+    said = say("board forget rex --yes")
+    assert (said.code, said.err) == (
+        1,
+        "servolink: nothing is known of a board 'rex' (profiles: none); nothing was changed\n",
+    )
+
+
+def test_a_name_that_is_removed_leaves_its_profile(say: type) -> None:
+    save_profile("rex", LEARNT)
+    assert (
+        "what was learnt of it is kept; to forget that too: servolink board forget rex" in say("use --remove rex").out
+    )
+    assert say("board show rex").code == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")
+@pytest.mark.parametrize(("typed", "code"), [("y\n", 0), ("n\n", 1)])
+def test_a_terminal_is_asked(typed: str, code: int, say: type) -> None:
+    save_profile("rex", LEARNT)
+    said = in_terminal("board", "forget", "rex", typed=typed)
+    assert (said.code, load_profile("rex") is None) == (code, code == 0)
+
+
+# --- every command uses it --------------------------------------------------------------------------------------------
+
+
+def test_limits_are_those_of_every_command(robot: Robot, say: type) -> None:
+    say("use rex virtual://")
+    say("board set rex --angle 1=0..20")
+    for board in ("rex", "virtual://"):
+        said = say(f"--board {board} move 1=50")
+        assert (said.code, said.out) == (1, "")
+        assert 'servo 1: 50 degrees is outside its limits 0..20 (from profile "rex")' in said.err
+    assert say("--board rex move 1=15").code == 0
+
+
+def test_another_board_is_stopped_and_read_with_a_warning_and_not_moved(
+    robot: Robot, say: type, caplog: pytest.LogCaptureFixture
+) -> None:
+    say("use rex virtual://")
+    save_profile("rex", BoardProfile(identity=BoardIdentityRecord(servo_ids=(1, 2, 3, 4))))
+    assert say("-b rex servos").code == 0
+    assert "rex was learnt as servos 1..4, and at virtual:// is servos 1..3; it is only read" in caplog.text
+    said = say("-b rex move 1=5")
+    assert said.code == 1
+    assert (
+        "rex was learnt as servos 1..4, and at virtual:// is servos 1..3: ExecuteActionRequest was not sent" in said.err
+    )
+    assert say("-b rex stop").code == 0
+    assert say("-b rex release --yes").code == 0
+
+
+def test_a_damaged_profile_keeps_nobody_from_stopping(robot: Robot, say: type) -> None:
+    say("use rex virtual://")
+    save_profile("rex", LEARNT)
+    profile_path("rex").write_text("[settings]\ndepth = 900\n")
+    said = say("-b rex servos")
+    assert said.code == 1
+    assert said.err == f"servolink: {profile_path('rex')}, line 2: depth must be 1..64, not 900\n"
+    said = say("-b rex stop")
+    assert said.code == 0
+    assert said.err.endswith("line 2: depth must be 1..64, not 900; stopping without it\n")
