@@ -177,9 +177,7 @@ def test_a_profile_can_be_given() -> None:
 
 
 def test_limits_of_program_and_profile_hold_both() -> None:
-    profile = BoardProfile(
-        limits=SafetyLimits(angles={1: (-20, 50), 2: (0, 90)}, speed_cap=500, speed_caps={2: 50}, soft_start=400)
-    )
+    profile = BoardProfile(limits=SafetyLimits(angles={1: (-20, 50), 2: (0, 90)}, speed_cap=500, speed_caps={2: 50}))
 
     async def main() -> None:
         async with opened(FakeBoard(), profile=profile, angle_limits={1: (-10, 100)}, speed_cap=100) as board:
@@ -191,6 +189,26 @@ def test_limits_of_program_and_profile_hold_both() -> None:
             with pytest.raises(MotionRefused, match="cap is 100"):
                 await board.move({1: 50}, duration=0.2)
             await board.move({1: 50, 2: 40}, duration=1)
+
+    run(main())
+
+
+def test_soft_start_and_interval_unit_of_the_profile_are_used() -> None:
+    profile = BoardProfile(
+        settings=BoardSettings(interval_unit=0.02), limits=SafetyLimits(soft_start=10, speed_caps={2: 5})
+    )
+
+    async def main() -> None:
+        fake = FakeBoard()
+        for servo in fake.virtual.servos.values():
+            servo.angle = 0.0
+        async with opened(fake, profile=profile, soft_start=20) as board:
+            assert await board.move({1: 20, 3: 0}, duration=0.5) == 2.0
+            assert await board.move({2: 20}, duration=0.5) == 4.0
+        assert fake.executed_of(ExecuteActionRequest) == [
+            ExecuteActionRequest((Step(1, 20, 100), Step(3, 0, 100))),
+            ExecuteActionRequest((Step(2, 20, 200),)),
+        ]
 
     run(main())
 
