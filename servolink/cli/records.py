@@ -9,14 +9,15 @@ from typing import Any
 
 from servolink.cli.arguments import RECORD_ID
 from servolink.cli.main import OK
-from servolink.cli.output import Table, counted, print_json, print_table, print_text
+from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.project.model import is_unfinished
 from servolink.project.records import name_of
+from servolink.project.summary import caption_of, summary_of
 from servolink.project.transfer.results import Change
 from servolink.protocol.json_form import record_to_json
-from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, TABLE, RecordType, StoredType, type_of
+from servolink.protocol.record_types import ACTION, MACRO, TABLE, RecordType, type_of
 from servolink.protocol.records import (
     Action,
     Button,
@@ -134,7 +135,7 @@ def lines_of(change: Change) -> Iterator[str]:
     elif isinstance(change.new, int):
         yield f"~ {change.what}: {_id_text(change.old)} -> {_id_text(change.new)}"
     else:
-        old, new = _caption(change.old), _caption(change.new)
+        old, new = caption_of(change.old), caption_of(change.new)
         yield f"~ {change.what} '{new}'"
         if old != new:
             yield f"    caption '{old}' -> '{new}'"
@@ -160,24 +161,11 @@ def _common_prefix(old: list[str], new: list[str]) -> int:
     return next((at for at, (before, after) in pairs if before != after), min(len(old), len(new)))
 
 
-def _caption(stored: Any) -> str:
-    kind: StoredType[Any] = SERVO_PARAMETER if isinstance(stored, ServoParameter) else type_of(stored)
-    return kind.caption_of(stored)
-
-
-_PART_WORDS = {ACTION: "step", MACRO: "command", TABLE: "button"}
-
-
 def _summary(value: Any) -> str:
     """Return caption and size of a record, or the id."""
     if isinstance(value, int):
         return f": {_id_text(value)}"
-    if isinstance(value, ServoParameter):
-        return f" '{value.servo_caption}': corrected by {value.adjusted_degree}°"
-    kind = type_of(value)
-    parts = counted(len(kind.parts_of(value)), _PART_WORDS[kind])
-    seconds = f", {value.seconds:g} s" if isinstance(value, Action) else ""
-    return f" '{kind.caption_of(value)}': {parts}{seconds}"
+    return f" '{caption_of(value)}': {summary_of(value)}"
 
 
 def _id_text(value: int) -> str:

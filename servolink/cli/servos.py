@@ -74,11 +74,6 @@ def _servo_object(servo: Servo, captions: Mapping[int, str] | None) -> dict[str,
     }
 
 
-def _state_of(servo: Servo) -> str:
-    """Return what would keep a servo from moving, or `ready`."""
-    return "released" if not servo.is_hold else "stopped" if not servo.is_start else "ready"
-
-
 def print_servos(servos: Iterable[Servo], *, as_json: bool, captions: Mapping[int, str] | None = None) -> None:
     """Print what servos report, with the stored `captions`."""
     if as_json:
@@ -94,7 +89,7 @@ def print_servos(servos: Iterable[Servo], *, as_json: bool, captions: Mapping[in
             servo.current,
             servo.temperature,
             servo.servo_type,
-            _state_of(servo),
+            servo.state,
         )
         for servo in servos
     ]

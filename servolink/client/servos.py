@@ -20,9 +20,11 @@ from servolink.errors import (
     RequestTimeout,
     TransportError,
 )
+from servolink.html_table import html_table
 from servolink.motion import (
     INTERVAL_UNIT,
     AngleUnit,
+    Degrees,
     MotionLimits,
     check_limits,
     checked_targets,
@@ -65,6 +67,29 @@ class Servo(Struct, frozen=True):
     """Whether it may move; a stopped servo ignores movements."""
     is_hold: bool
     """Whether it holds its angle; a released servo is limp."""
+
+    @property
+    def state(self) -> str:
+        """`released`, `stopped`, or `ready` if it moves when it is told to."""
+        return "released" if not self.is_hold else "stopped" if not self.is_start else "ready"
+
+
+class Servos(tuple[Servo, ...]):
+    """Servos, which notebooks show as a table."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        columns = ("servo", "angle", "state", "current (raw)", "temperature (raw)", "type")
+        rows = [
+            (one.servo_id, _angle_text(one.angle), one.state, one.current, one.temperature, one.servo_type)
+            for one in self
+        ]
+        return html_table(columns, rows)
+
+
+def _angle_text(angle: int) -> str:
+    return f"{angle}°" if isinstance(angle, Degrees) else str(angle)
 
 
 class ServoController:
@@ -243,7 +268,7 @@ class ServoController:
             states = (await connection.request(request)).servos
             # A unit sent while the query was under way leaves open in which one it was answered: read again.
             if units_sent == connection.units_sent:
-                return tuple(map(self._servo, states))
+                return Servos(map(self._servo, states))
 
     def _servo(self, state: ServoState) -> Servo:
         return Servo(

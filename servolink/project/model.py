@@ -30,6 +30,18 @@ class Project(Struct, frozen=True, forbid_unknown_fields=True):
     joystick_tables: tuple[JoystickTable, ...] = ()
     active_joystick_table: Annotated[I32 | None, Meta(description="null: the board chooses")] = None
 
+    def __repr__(self) -> str:
+        """Return the project with the number of its records, not all of them."""
+        from servolink.project.summary import repr_with_counts
+
+        return repr_with_counts(self)
+
+    def _repr_html_(self) -> str:
+        """Return a table of the records, which notebooks show."""
+        from servolink.project.summary import project_table
+
+        return project_table(self)
+
     def sorted(self) -> Project:
         """Return the project with its records in order of their ids, without parameters equal to a servo's defaults."""
         return msgspec.structs.replace(

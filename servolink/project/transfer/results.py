@@ -63,6 +63,18 @@ class Plan(Struct, frozen=True):
     is_unfinished: bool
     """The board holds an unfinished import."""
 
+    def __repr__(self) -> str:
+        """Return the plan with the number of changes, not all of them."""
+        from servolink.project.summary import repr_with_counts
+
+        return repr_with_counts(self)
+
+    def _repr_html_(self) -> str:
+        """Return a table of the changes, which notebooks show."""
+        from servolink.project.summary import plan_table
+
+        return plan_table(self)
+
     @property
     def differs(self) -> bool:
         """Whether there is anything to do."""

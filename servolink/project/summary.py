@@ -1,0 +1,66 @@
+"""What records, projects and plans hold, in a few words or as a table for notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from msgspec import Struct
+
+from servolink.html_table import html_table
+from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, STORED_TYPES, TABLE, type_of
+from servolink.protocol.records import Action, JoystickTable, Macro, ServoParameter
+
+_PART_WORDS = {ACTION: "step", MACRO: "command", TABLE: "button"}
+
+
+def caption_of(stored: Action | Macro | JoystickTable | ServoParameter) -> str:
+    """Return the caption of a record, or the one stored for a servo."""
+    return (SERVO_PARAMETER if isinstance(stored, ServoParameter) else type_of(stored)).caption_of(stored)
+
+
+def summary_of(stored: Action | Macro | JoystickTable | ServoParameter) -> str:
+    """Return what a record holds, such as `2 steps, 0.5 s`, or the correction of a servo."""
+    if isinstance(stored, ServoParameter):
+        return f"corrected by {stored.adjusted_degree}°"
+    kind = type_of(stored)
+    count = len(kind.parts_of(stored))
+    seconds = f", {stored.seconds:g} s" if isinstance(stored, Action) else ""
+    return f"{count} {_PART_WORDS[kind]}{'' if count == 1 else 's'}{seconds}"
+
+
+def repr_with_counts(value: Struct) -> str:
+    """Return the usual `repr` with the number of items in place of each tuple: `Project(..., actions=<3>, ...)`."""
+    items = ((name, getattr(value, name)) for name in value.__struct_fields__)
+    texts = (f"{name}={f'<{len(item)}>' if isinstance(item, tuple) else repr(item)}" for name, item in items)
+    return f"{type(value).__name__}({', '.join(texts)})"
+
+
+def project_table(project: Any) -> str:
+    """Return a `Project` as a table in HTML, with one row for each record."""
+    rows = (
+        (kind, kind.id_of(stored), kind.caption_of(stored), summary_of(stored))
+        for kind in STORED_TYPES
+        for stored in getattr(project, kind.field)
+    )
+    return html_table(("record", "id", "caption", "holds"), rows, f"project {project.project_id or 'without id'}")
+
+
+def plan_table(plan: Any) -> str:
+    """Return a `Plan` as a table in HTML, with one row for each change."""
+    title = f"{len(plan.changes) + len(plan.inconsistencies)} differences, about {plan.seconds:.1f} s"
+    return html_table(("record", "on the board", "afterwards"), _plan_rows(plan), title)
+
+
+def _plan_rows(plan: Any) -> Iterator[tuple[str, str, str]]:
+    for change in plan.changes:
+        yield change.what, _state(change.old), _state(change.new)
+    for inconsistency in plan.inconsistencies:
+        yield inconsistency, "", "corrected"
+
+
+def _state(value: Any) -> str:
+    """Return one side of a change: a record, an id, or nothing."""
+    if value is None:
+        return "-"
+    return str(value) if isinstance(value, int) else f"'{caption_of(value)}': {summary_of(value)}"
