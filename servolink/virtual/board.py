@@ -83,7 +83,7 @@ class VirtualBoard(Hardware):
         if self.work.due == due:
             for servo in self.servos.values():  # the next request may ask for their state
                 servo.advance(due)
-            self.work.advance(due)
+            self.work.end(due)
             self.notify_watchers()  # a request that waited may have stored something
 
     def _due(self) -> float | None:

@@ -17,6 +17,7 @@ class Requester(Protocol):
 
     def respond(self, packet_id: int, content: bytes, now: float) -> tuple[bytes | None, float]:
         """Carry out a request; return the frame to send, if there is one, and the seconds of work before that."""
+        ...
 
     def finish(self, frame: bytes) -> None:
         """Send the response to the request that was carried out last."""
@@ -43,7 +44,7 @@ class WorkQueue:
         """Start without work."""
         self._most = most
         self._waiting: deque[Received] = deque()
-        self._response: tuple[Requester, bytes | None] | None = None
+        self._response: tuple[Requester, bytes] | None = None
         self.due: float | None = None
         """When the work on a request ends; None if there is none."""
 
@@ -55,12 +56,11 @@ class WorkQueue:
             self._waiting.append(request)
             request.host.waiting += request.size
 
-    def advance(self, now: float) -> None:
-        """End the work that is due at `now` and begin the next."""
-        if self._response is None or self.due is None or self.due > now:
-            return
-        (host, frame), self._response, self.due = self._response, None, None
-        if frame is not None:
+    def end(self, now: float) -> None:
+        """End the work on a request, and begin that on the next."""
+        response, self._response, self.due = self._response, None, None
+        if response is not None:
+            host, frame = response
             host.finish(frame)
         while self._waiting and self.due is None:
             request = self._waiting.popleft()
@@ -77,6 +77,7 @@ class WorkQueue:
     def _begin(self, request: Received, now: float) -> None:
         frame, seconds = request.host.respond(request.packet_id, request.content, now)
         if seconds:
-            self._response, self.due = (request.host, frame), now + seconds
+            self.due = now + seconds
+            self._response = None if frame is None else (request.host, frame)
         elif frame is not None:
             request.host.finish(frame)
