@@ -87,7 +87,8 @@ class VirtualBoard(Hardware):
             self.notify_watchers()  # a request that waited may have stored something
 
     def _due(self) -> float | None:
-        return min((due for due in (super()._due(), self.work.due) if due is not None), default=None)
+        due, work_due = super()._due(), self.work.due
+        return due if work_due is None else work_due if due is None else min(due, work_due)
 
     def _lose_power(self, sessions: list[Session]) -> None:
         """Switch off; `sessions` are those whose writes may have been under way."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from servolink.protocol.frame import OVERHEAD
 
@@ -23,8 +22,7 @@ class Requester(Protocol):
         """Send the response to the request that was carried out last."""
 
 
-@dataclass(frozen=True, slots=True)
-class Received:
+class Received(NamedTuple):
     """A request as it was received."""
 
     host: Requester
