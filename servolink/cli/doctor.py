@@ -7,8 +7,8 @@ import asyncio
 from dataclasses import asdict
 from typing import Any
 
-from servolink.cli.arguments import not_empty
-from servolink.cli.main import FAILED, NO_BOARD, OK
+from servolink.cli.arguments import SERVO_ID, not_empty
+from servolink.cli.main import FAILED, NO_BOARD, OK, usage_error
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.discovery.names import resolve_url
@@ -19,6 +19,7 @@ from servolink.doctor.system import SystemFacts, UsbDevice, named_usb_device, us
 from servolink.errors import OpenError
 
 _PERCENTILES = (50, 90, 99)
+_FOR_LEARNING = ("write", "clear", "servo", "power_cycled", "yes")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -34,10 +35,35 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--print-udev", action="store_true", help="print udev rules that allow you to use the board on Linux, and exit"
     )
+    _add_learning(parser)
+
+
+def _add_learning(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("learning a board that has a name (see `servolink use`)")
+    group.add_argument(
+        "--learn", action="store_true", help="measure what boards do differently, and keep it under the board's name"
+    )
+    group.add_argument(
+        "--power-cycled", action="store_true", help="the board was just switched off and on, so do not ask for that"
+    )
+    group.add_argument(
+        "--write", action="store_true", help="also store records on the board; a backup is made, and restored"
+    )
+    group.add_argument(
+        "--clear", action="store_true", help="with --write: also delete everything on it once; it is restored"
+    )
+    group.add_argument("--servo", type=SERVO_ID, metavar="ID", help="also move this servo a little, and time it")
+    group.add_argument("--yes", action="store_true", help="do not ask")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Examine the board and this computer and report, or print udev rules."""
+    """Examine the board and this computer and report, or learn the board, or print udev rules."""
+    if args.learn:
+        from servolink.cli import learn  # late: it needs far more than the rest
+
+        return learn.run(args)
+    if given := [name for name in _FOR_LEARNING if getattr(args, name) not in (False, None)]:
+        usage_error(args, f"--{given[0].replace('_', '-')} needs --learn")
     facts = SystemFacts()
     board = args.board or args.url
     if args.print_udev:

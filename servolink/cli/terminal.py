@@ -56,6 +56,15 @@ async def confirm(question: str) -> bool:
     return answer.strip().lower() in ("y", "yes")
 
 
+async def wait_for_enter(request: str) -> bool:
+    """Print `request` on standard error and return whether Enter alone was pressed; Ctrl-D is a no.
+
+    Call it only if `can_ask()`.
+    """
+    print(escape(request), end="", file=sys.stderr, flush=True)
+    return await _line() == "\n"
+
+
 async def _line() -> str:
     if sys.platform == "win32":
         return await asyncio.to_thread(sys.stdin.readline)

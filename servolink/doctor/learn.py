@@ -104,13 +104,14 @@ async def learn_by_writing(
     store: BackupStore,
     *,
     clear: bool = False,
-    on_trial: Callable[[Trial], None] = lambda trial: None,
+    on_trial: Callable[[Trial | None], None] = lambda trial: None,
     on_step: Step = ignore_step,
 ) -> None:
     """Add to `learnt` what only writing tells; what the board held before is saved first and restored at the end.
 
-    `clear` also deletes everything on it once. `on_trial` is called before anything is written. If it is interrupted,
-    the board has an unfinished import, which `rollback_project` undoes. Raise ProjectError if it has one already.
+    `clear` also deletes everything on it once. `on_trial` is called before anything is written, and with None when all
+    is restored. If it is interrupted in between, the board has an unfinished import, which `rollback_project` undoes.
+    Raise ProjectError if it has one already.
     """
     on_step("saving what is on the board")
     trial = await begin_trial(transport, learnt.codec, store, on_trial)
@@ -121,9 +122,11 @@ async def learn_by_writing(
     except ServolinkError:
         with suppress(ServolinkError):  # the first error says more
             await end_trial(trial)
+            on_trial(None)
         raise
     on_step("restoring what was on the board")
     await end_trial(trial)
+    on_trial(None)
 
 
 async def _write(trial: Trial, learnt: Learnt, on_step: Step, *, clear: bool) -> list[Measured]:

@@ -24,6 +24,7 @@ _NEAR = 1.5  # a time fits a unit within this factor
 _PATIENCE = 15.0  # seconds for one movement
 _BEGUN = 1  # degrees from which on it moves
 _PAUSE = 0.005
+_STOPPING = 0.2  # seconds to wait for a stop to be confirmed
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +82,8 @@ async def interval_finding(board: Board, planned: PlannedMovement) -> Measured:
         there = await _seconds_to(board, planned, planned.goal)
         back = await _seconds_to(board, planned, planned.start)
     except BaseException:
-        await asyncio.shield(board.stop())
+        # Not longer than that: after Ctrl-C the program ends, and the stop itself is sent at once.
+        await asyncio.wait({asyncio.ensure_future(board.stop())}, timeout=_STOPPING)
         raise
     times = [seconds for seconds in (there, back) if seconds is not None]
     shown = " and ".join(f"{seconds:.2f} s" for seconds in times)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from servolink.profiles.profile import BoardIdentityRecord, BoardProfile, Confidence, Evidence
 
@@ -40,7 +40,7 @@ def merge_profile(
         if each.value is not None and _replaces(each, getattr(settings, each.setting), evidence.get(each.setting)):
             settings = replace(settings, **{each.setting: each.value})
             evidence[each.setting] = Evidence(each.confidence, each.evidence, now)
-    return replace(profile, identity=identity, settings=settings, evidence=evidence)
+    return replace(profile, identity=_merged(profile.identity, identity), settings=settings, evidence=evidence)
 
 
 def _replaces(measured: Measured, value: object, evidence: Evidence | None) -> bool:
@@ -49,6 +49,11 @@ def _replaces(measured: Measured, value: object, evidence: Evidence | None) -> b
     if evidence is None:  # set by the user
         return measured.confidence == "certain" or measured.value == value
     return measured.value != value or _RANKS[measured.confidence] >= _RANKS[evidence.confidence]
+
+
+def _merged(kept: BoardIdentityRecord | None, found: BoardIdentityRecord) -> BoardIdentityRecord:
+    """Return what is known of the same board now: what a bad line did not tell this time stays."""
+    return replace(kept or found, **{name: value for name, value in asdict(found).items() if value is not None})
 
 
 def is_same_board(kept: BoardIdentityRecord | None, found: BoardIdentityRecord) -> bool:

@@ -115,7 +115,8 @@ async def _added_twice(board: Board, action: Action) -> tuple[str | None, str]:
     caption = (await board.action(action.action_id)).action_caption
     is_new = caption == again.action_caption
     answer = "no answer" if said_yes is None else "yes" if said_yes else "no"
-    text = f"the board said {answer}, lists the id {listed} times and returns the {'new' if is_new else 'old'} record"
+    times = {1: "once", 2: "twice"}.get(listed, f"{listed} times")
+    text = f"the board said {answer}, lists the id {times} and returns the {'new' if is_new else 'old'} record"
     if listed > 1:
         return "append", text
     if is_new:
@@ -201,5 +202,5 @@ def _clear_finding(trial: Trial, before: int, after: int, parameters: Sequence[S
 def _clear_time(seconds: float, said_yes: object) -> Measured:
     if said_yes is None:
         return Measured("clear_seconds", None, "guess", f"it cleared, but did not say so within {seconds:.1f} s")
-    text = f"the response to clearing came after {seconds:.2f} s"
+    text = f"the response to clearing came after {seconds:.3f} s"
     return Measured("clear_seconds", round(seconds, 3), "likely", text)

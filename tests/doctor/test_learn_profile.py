@@ -56,6 +56,12 @@ def test_equal_evidence_is_renewed_and_limits_stay() -> None:
     assert merged.limits == limits
 
 
+def test_what_is_not_found_of_the_identity_stays() -> None:
+    found = BoardIdentityRecord(servo_ids=(1, 2), serial_number="A1")
+    merged = merge_profile(BoardProfile(identity=REX), [], found, NOW)
+    assert merged.identity == BoardIdentityRecord(servo_ids=(1, 2), memory_total=65536, serial_number="A1")
+
+
 def test_boards_differ_where_both_are_known() -> None:
     assert is_same_board(None, REX)
     assert is_same_board(BoardIdentityRecord(servo_ids=(1, 2)), REX)

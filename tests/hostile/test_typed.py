@@ -43,6 +43,8 @@ TYPED = (
     "use mine serial:///dev/\udcff{}",
     "doctor {}",
     "doctor --print-udev {}",
+    "doctor {} --learn",
+    "doctor rex --learn --servo {}",
     "servos {}",
     "--url virtual:// move {}",
     "--url virtual:// move 1=1 --duration {}",

@@ -23,7 +23,13 @@ class Trial:
 TRIALS: dict[str, tuple[Trial, ...]] = {
     "list": (Trial("list"), Trial("list --probe")),
     "use": (Trial("use mine serial:///dev/{text}"), Trial("use mine virtual://?state={text}")),
-    "doctor": (Trial("doctor serial:///dev/no{place}"), Trial("doctor {few}"), Trial("doctor")),
+    "doctor": (
+        Trial("doctor serial:///dev/no{place}"),
+        Trial("doctor {few}"),
+        Trial("doctor"),
+        Trial("use rex {few}"),
+        Trial("doctor rex --learn --power-cycled", timed=True),
+    ),
     "info": (
         Trial("--url {all} info"),
         Trial("--url serial:///dev/{place} info"),
