@@ -16,7 +16,7 @@ from servolink.cli.servos import are, listed, print_servos, reported
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.terminal import can_ask, confirm
 from servolink.errors import NotFound, ProfileError, RequestError, ServolinkError
-from servolink.motion import Adc, Degrees, MotionLimits, check_limits, intervals_for
+from servolink.motion import Adc, Degrees
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
@@ -45,14 +45,31 @@ def configure_move(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
     parser.add_argument("--adc", action="store_true", help="angles are raw ADC readings; needs --duration")
-    parser.add_argument(
+    _add_limits(parser)
+
+
+def _add_limits(parser: argparse.ArgumentParser) -> None:
+    """Add the options that limit movements; they hold besides the limits of the board's profile."""
+    limits = parser.add_argument_group("limits, besides those of `servolink board show`")
+    limits.add_argument(
         "--limit",
         nargs=2,
         type=float,
         metavar=("LOW", "HIGH"),
         help="refuse angles outside LOW to HIGH degrees; without it any angle is sent",
     )
-    parser.add_argument("--speed-cap", type=SPEED, metavar="N", help="refuse more than N degrees per second")
+    limits.add_argument("--speed-cap", type=SPEED, metavar="N", help="refuse more than N degrees per second")
+    limits.add_argument(
+        "--soft-start", type=SPEED, metavar="N", help="begin with N degrees per second at most, wherever servos are"
+    )
+
+
+def _limits(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of `connect` for those of the command line."""
+    if args.limit and not args.limit[0] <= args.limit[1]:
+        usage_error(args, "--limit takes the lower angle first, as in --limit -90 90")
+    angles = tuple(args.limit) if args.limit else None
+    return {"angle_limits": angles, "speed_cap": args.speed_cap, "soft_start": args.soft_start}
 
 
 def run_move(args: argparse.Namespace) -> int:
@@ -63,18 +80,12 @@ def run_move(args: argparse.Namespace) -> int:
         usage_error(args, "a servo is given twice")
     if args.adc and args.duration is None:
         usage_error(args, "--adc needs --duration: speeds are in degrees per second")
-    if args.limit and not args.limit[0] <= args.limit[1]:
-        usage_error(args, "--limit takes the lower angle first, as in --limit -90 90")
     pace = DEFAULT_SPEED if args.speed is None and args.duration is None else args.speed
-    limits = tuple(args.limit) if args.limit else None
 
     async def talk(board: Board, interruption: Interruption) -> int:
         before = {servo.servo_id: servo for servo in await reported(board, targets)}
         # `move` checks this as well, but no servo must be started for a move that is then refused.
-        motion_limits = MotionLimits(limits, args.speed_cap, source="an argument")
-        check_limits(targets, board.unit_of, motion_limits)
-        here = {servo_id: int(before[servo_id].angle) for servo_id in targets}
-        intervals_for(targets, here, motion_limits, duration=args.duration, speed=pace)
+        await board.move(targets, duration=args.duration, speed=pace, dry_run=True)
         await _ready(board, [before[servo_id] for servo_id in targets], interruption, start=args.start)
         interruption.state = f"the move may have been sent: if so, it was sent whole, {_FINISHING}"
         seconds = await board.move(targets, duration=args.duration, speed=pace)
@@ -87,7 +98,7 @@ def run_move(args: argparse.Namespace) -> int:
         _print(targets, before, after, seconds, as_json=args.json)
         return OK
 
-    return run_with_board(args, talk, angle_unit=kind.unit, angle_limits=limits, speed_cap=args.speed_cap)
+    return run_with_board(args, talk, angle_unit=kind.unit, **_limits(args))
 
 
 async def _ready(board: Board, servos: Iterable[Servo], interruption: Interruption, *, start: bool) -> None:
@@ -246,6 +257,7 @@ def configure_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("kind", choices=("action", "macro"), metavar="action|macro", help="what to run")
     parser.add_argument("id", type=RECORD_ID, metavar="ID", help="its id, as in `servolink actions`")
     parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
+    _add_limits(parser)
 
 
 def run_run(args: argparse.Namespace) -> int:
@@ -256,17 +268,17 @@ def run_run(args: argparse.Namespace) -> int:
             return await _run_action(board, interruption, args)
         return await _run_macro(board, interruption, args)
 
-    return run_with_board(args, talk)
+    return run_with_board(args, talk, **_limits(args))
 
 
 async def _run_action(board: Board, interruption: Interruption, args: argparse.Namespace) -> int:
     action = await board.action(args.id)
+    await board.run_action(args.id, dry_run=True)  # before servos are started
     used = {step.servo_id for step in action.steps}
     idle = await _wake(board, interruption, used, start=args.start)
     interruption.state = f"action {action.action_id} may have been started; `servolink stop` stops the servos"
-    await board.run_action(action.action_id)
+    seconds = await board.run_action(action.action_id)
     interruption.state = f"action {action.action_id} runs; `servolink stop` stops the servos"
-    seconds = max((step.interval for step in action.steps), default=0) / 100
     if args.json:
         described = {"action_id": action.action_id, "action_caption": action.action_caption}
         print_json({**described, "duration_seconds": seconds, "idle_servos": idle})
@@ -277,6 +289,7 @@ async def _run_action(board: Board, interruption: Interruption, args: argparse.N
 
 async def _run_macro(board: Board, interruption: Interruption, args: argparse.Namespace) -> int:
     macro = await board.macro(args.id)
+    await board.run_macro(args.id, dry_run=True)  # before servos are started
     idle = await _wake(board, interruption, await _servos_used(board, macro), start=args.start)
     interruption.state = f"macro {macro.macro_id} may have been started; `servolink stop` ends it"
     await board.run_macro(macro.macro_id)

@@ -244,6 +244,36 @@ def test_run_macro_warns_of_the_servos_it_uses(robot: Robot) -> None:
     assert "refused ExecuteMacroRequest" in robot("run", "macro", "3").err, "action 9 does not exist"
 
 
+def test_what_exceeds_limits_is_not_run_and_starts_no_servo(robot: Robot) -> None:
+    async def prepare(board: ClientBoard) -> None:
+        await board.add_action(Action(1, "Bow", (Step(1, 80, 100),)))
+        await board.add_macro(Macro(2, "Greet", (MacroCommand(1, loop=2),)))
+        await board.release()
+
+    robot.ask(prepare)
+    before = [servo.angle for servo in robot.board.servos.values()]
+    for kind, label in (("action", "action 1 'Bow'"), ("macro", "macro 2 'Greet'")):
+        record_id = label.split()[1]
+        for limit, words in (
+            (("--limit", "-60", "60"), "step 1 asks servo 1 to go to 80 degrees; its limits are -60..60"),
+            (("--speed-cap", "40"), "degrees/s; its cap is 40"),
+        ):
+            said = robot("run", kind, record_id, "--start", *limit)
+            assert (said.code, said.out) == (1, "")
+            assert said.err.startswith(f"servolink: {label} was not run: ")
+            assert said.err.endswith(f"{words} (from an argument)\n")
+    assert not any(servo.is_hold for servo in robot.board.servos.values())
+    assert [servo.angle for servo in robot.board.servos.values()] == before
+    assert robot("run", "macro", "2", "--limit", "60", "-60").code == 2
+
+
+def test_a_soft_start_comes_before_the_run(robot: Robot) -> None:
+    robot.ask(lambda board: board.add_action(Action(1, "Bow", (Step(1, 80, 100),))))
+    assert robot("run", "action", "1", "--soft-start", "20").out == "action 1 'Bow' was sent; it takes 1 s\n"
+    assert robot.board.servos[1].angle == 80
+    assert robot("move", "1=40", "--soft-start", "20", "--json").json["duration_seconds"] == 2.0
+
+
 @pytest.mark.parametrize(
     ("target", "problem"),
     [
