@@ -253,9 +253,9 @@ def run_set(args: argparse.Namespace) -> int:
     if args.json:
         return run_show(args)
     print_text(f"{name} is set; kept in {path}")
-    print_table(
-        Table((), [*_limit_table(changed), *((_label(key), _shown(key, value)) for key, value in given.items())])
-    )
+    rows = [*_limit_rows(changed.limits), *((_label(key), _shown(key, value)) for key, value in given.items())]
+    if rows:
+        print_table(Table((), rows))
     return OK
 
 

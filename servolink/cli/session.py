@@ -122,7 +122,7 @@ def run_with_board(
 
 
 def _answers_project_id(board: Board) -> bool:
-    known = board.profile and board.profile.profile.settings.unsupported
+    known = board.profile and board.profile.settings.unsupported
     return "QueryProjectID" not in (known or ())
 
 

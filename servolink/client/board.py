@@ -174,8 +174,14 @@ class Board:
         await self._session.clear_all_data()
 
     async def memory(self) -> QueryMemorySizeResponse:
-        """Return the memory in bytes: `size` is free, `total_size` is None if the board does not report it (3.1.3)."""
-        return await self._session.request(QueryMemorySizeRequest())
+        """Return the memory in bytes: `size` is free, `total_size` is None if the board does not report it (3.1.3).
+
+        If the profile of the board knows the unit in which it counts, its numbers are converted.
+        """
+        found = await self._session.request(QueryMemorySizeRequest())
+        unit = (self.profile and self.profile.settings.memory_unit) or 1
+        total = None if found.total_size is None else found.total_size * unit
+        return QueryMemorySizeResponse(found.size * unit, total)
 
     async def battery(self) -> float:
         """Return the remaining charge in percent, to 0.1 (3.1.4)."""

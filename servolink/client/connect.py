@@ -166,7 +166,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         if session.profile is None:
             return Board(session, self._angle_unit, self._limits)
         limits = self._limits.tightened(session.profile.limits)
-        interval_unit = session.profile.profile.settings.interval_unit or INTERVAL_UNIT
+        interval_unit = session.profile.settings.interval_unit or INTERVAL_UNIT
         return Board(session, self._angle_unit, limits, interval_unit)
 
     async def _resolve(self) -> tuple[str, str | None]:
@@ -203,7 +203,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
             depth=options.depth,
             write_depth=options.write_depth,
             wake=options.transmission_mode != "keep",
-            unsupported=(profile and profile.profile.settings.unsupported) or (),
+            unsupported=(profile and profile.settings.unsupported) or (),
             stats=stats,
         )
         guard = IdentityGuard(connection, profile) if profile and profile.profile.identity else None
@@ -249,7 +249,7 @@ def _options_in(profile: ProfileInUse | None) -> dict[str, Any]:
     """Return the options of the connection that a profile knows."""
     if profile is None:
         return {}
-    known = {name: getattr(profile.profile.settings, name, None) for name in ConnectionOptions.__struct_fields__}
+    known = {name: getattr(profile.settings, name, None) for name in ConnectionOptions.__struct_fields__}
     return {name: value for name, value in known.items() if value is not None}
 
 

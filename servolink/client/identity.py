@@ -131,7 +131,7 @@ class IdentityGuard:
 
     async def _found(self) -> BoardIdentityRecord:
         """Return the identity of the board that is here, as far as it is known of the one expected."""
-        expected, unsupported = self._expected, self._profile.profile.settings.unsupported or ()
+        expected, unsupported = self._expected, self._profile.settings.unsupported or ()
         servo_ids, memory_total, port = None, None, ANY_DEVICE
         if expected.servo_ids is not None and "QueryServoList" not in unsupported:
             servo_ids = _in_order((await self._connection.request(QueryServoListRequest())).servo_id_list)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 from servolink.connection.options import ConnectionOptions, options_in
 from servolink.connection.probe import PATIENCE, ProbeResponse, ProbeResult, probe
-from servolink.discovery.names import resolve_url
+from servolink.discovery.names import resolve_board
 from servolink.discovery.search import boards, find_devices
 from servolink.doctor import Finding
 from servolink.doctor.environment import (
@@ -26,8 +27,9 @@ from servolink.doctor.environment import (
 from servolink.doctor.line_quality import Line, check_line, measure
 from servolink.doctor.permissions import check_permissions
 from servolink.doctor.system import SystemFacts, device_nodes
-from servolink.errors import InvalidAddress, TransportError
+from servolink.errors import InvalidAddress, ProfileError, TransportError
 from servolink.escaping import escape
+from servolink.profiles.store import load_profile
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.address import Address
 from servolink.transports.device_info import DeviceInfo
@@ -66,20 +68,22 @@ async def examine(
     """Examine `board`, an address or a name, or all boards here; only a single board is opened and queried.
 
     `byte_order` is the one that programs would use, and `patience` the seconds to wait for each response; unless given,
-    those of the address count. Raise InvalidAddress if `board` is neither a name nor an address that could be opened
-    somewhere.
+    those of the address count, and then those of the board's profile. Raise InvalidAddress if `board` is neither a name
+    nor an address that could be opened somewhere.
     """
     found = await asyncio.to_thread(find_devices)
     report = Report(found.devices)
     if board is not None:
-        report.urls = [await resolve_url(board)]
-        _check_address(report.urls[0])
+        url, name = await resolve_board(board)
+        report.urls = [url]
+        _check_address(url)
     else:
         report.urls = [candidate.url for candidate in boards(report.candidates)]
+        name = (await resolve_board(report.urls[0])).name if len(report.urls) == 1 else None
     report.findings += await asyncio.to_thread(_before_opening, facts, report.urls)
     report.findings += map(_hidden, found.failures)
     if len(report.urls) == 1:
-        options = options_in(report.urls[0])
+        options = _learnt_options(report, name) | options_in(report.urls[0])
         byte_order = byte_order or ConnectionOptions(**options).byte_order
         await _query(facts, report, byte_order, patience or options.get("patience"))
     elif report.urls:
@@ -87,6 +91,24 @@ async def examine(
     else:
         report.findings.append(_nothing())
     return report
+
+
+def _learnt_options(report: Report, name: str | None) -> dict[str, Any]:
+    """Return what the profile of the board `name` says of its byte order; a damaged profile is a finding."""
+    try:
+        profile = None if name is None else load_profile(name)
+    except ProfileError as error:
+        report.findings.append(
+            Finding(
+                "profile",
+                str(error),
+                "what is known of the board is damaged, and no program connects to it until that is corrected",
+                f"correct the file\nto forget what is known, with all limits: servolink board forget {name}",
+            )
+        )
+        return {}
+    known = profile and profile.settings.byte_order
+    return {"byte_order": known} if known else {}
 
 
 def _check_address(url: str) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from servolink.client.connect import connect
 from servolink.doctor import Finding
 from servolink.errors import ConnectionLost, RequestTimeout
+from servolink.profiles.profile import BoardProfile
 from servolink.protocol.frame import ByteOrder
 from servolink.protocol.parser import PADDING
 from servolink.protocol.settings import QueryMemorySizeRequest
@@ -47,7 +48,8 @@ async def measure(url: str, byte_order: ByteOrder, patience: float | None = None
     patience = patience or _PATIENCE
     requests = unanswered = 0
     ended = ""
-    async with connect(url, byte_order=byte_order, patience=patience, angle_unit=None) as board:
+    unknown = BoardProfile()  # a damaged one is a finding of its own
+    async with connect(url, byte_order=byte_order, patience=patience, angle_unit=None, profile=unknown) as board:
         try:
             for requests in range(1, REQUESTS + 1):  # noqa: B007 - the result says how many there were
                 try:

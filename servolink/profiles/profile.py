@@ -241,6 +241,11 @@ class ProfileInUse(NamedTuple):
         return "the profile" if self.name is None else f'profile "{self.name}"'
 
     @property
+    def settings(self) -> BoardSettings:
+        """Its settings."""
+        return self.profile.settings
+
+    @property
     def limits(self) -> MotionLimits:
         """Its limits of movements, as all who check movements use them."""
         limits = self.profile.limits

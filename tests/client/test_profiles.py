@@ -32,6 +32,7 @@ from servolink.protocol.settings import QueryMemorySizeRequest, QueryMemorySizeR
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.serve import serve
 from tests.client.fake_board import LOST, FakeBoard, lie, opened, turns_of_the_loop
 from tests.client.sockets import Socket
 from tests.virtual_time import run
@@ -443,6 +444,50 @@ def test_what_the_board_does_not_report_is_not_compared(monkeypatch: pytest.Monk
         async with connect(fake, profile=BoardProfile(identity=identity, settings=settings)) as board:
             await board.move({1: 5}, duration=1)
         assert not fake.sent_of(QueryServoListRequest)
+
+    run(main())
+
+
+def test_another_board_served_in_the_place_of_rex_is_refused() -> None:
+    async def main() -> None:
+        board, place = VirtualBoard(4), "127.0.0.1:0"
+        use("rex", "tcp://127.0.0.1:1", REX)
+        for servos in (4, 5):
+            board = VirtualBoard(servos)
+            async with serve(board, tcp=place) as (url,):
+                place = url.removeprefix("tcp://")
+                save_alias("rex", Alias(url))
+                async with connect("rex") as rex:
+                    if servos == 4:
+                        await rex.move({1: 5}, duration=0.01)
+                        continue
+                    before = board.storage.used
+                    for deed in (rex.move({1: 5}, duration=0.01), rex.clear_all_data(), rex.write_project_id(5)):
+                        with pytest.raises(WrongBoard, match=r"learnt as servos 1\.\.4, .* is servos 1\.\.5, "):
+                            await deed
+                    assert (board.storage.used, board.storage.project_id) == (before, 0)
+                    await rex.stop()
+                    assert len(await rex.servos()) == 5
+
+    asyncio.run(main())
+
+
+def test_the_memory_is_in_bytes_whatever_the_board_counts_in() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.usual_of[QueryMemorySizeRequest] = lie(QueryMemorySizeResponse(30, 64))
+        for settings, size in (
+            (BoardSettings(), 30),
+            (BoardSettings(memory_unit=1), 30),
+            (BoardSettings(memory_unit=1024), 30 * 1024),
+        ):
+            async with connect(fake, profile=BoardProfile(settings=settings)) as board:
+                assert (await board.memory()).size == size
+                assert (await board.memory()).total_size == size // 30 * 64
+            fake.gone = None
+        fake.usual_of[QueryMemorySizeRequest] = lie(QueryMemorySizeResponse(30))
+        async with connect(fake, profile=BoardProfile(settings=BoardSettings(memory_unit=1024))) as board:
+            assert await board.memory() == QueryMemorySizeResponse(30 * 1024)
 
     run(main())
 

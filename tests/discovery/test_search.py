@@ -57,6 +57,20 @@ def test_serial_ports_on_usb_can_be_boards(monkeypatch: pytest.MonkeyPatch) -> N
     ]
 
 
+def test_the_identity_of_the_port_at_an_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    identity = PortIdentity(1, 2, "A1")
+    found = {
+        "serial_ports": DeviceInfo("serial://COM4", identity=identity),
+        "hid_devices": DeviceInfo("hid://1:2/A1", identity=identity),
+        "usb_devices": DeviceInfo("usb://1:2/A1?interface=1", identity=identity),
+    }
+    monkeypatch.setattr(search, "_find_kind", lambda module: [found[module.rpartition(".")[2]]])
+    for url in ("serial://COM4?baudrate=9600", "COM4", "hid://1:2/A1", "usb://1:2/A1"):
+        assert search.identity_of(url) == identity
+    for url in ("COM5", "hid://1:3/A1", "tcp://pi:9000", "virtual://"):
+        assert search.identity_of(url) is None
+
+
 def test_a_board_is_followed_to_another_port_with_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
     url = "serial://COM4?baudrate=9600"
     here, moved, other = (

@@ -17,7 +17,10 @@ from typing import Any
 import pytest
 
 from servolink.connection import probe
+from servolink.discovery.names import Alias, save_alias
 from servolink.doctor import line_quality
+from servolink.profiles.profile import BoardProfile, BoardSettings
+from servolink.profiles.store import profile_path, save_profile
 from servolink.protocol.codec import Codec
 from servolink.transports.base import Receiver
 from servolink.transports.faults import Faults
@@ -120,6 +123,22 @@ def test_the_wrong_byte_order(robot: Robot, examined: Examined) -> None:
         assert examined(*right)[0] == 0
     code, report = examined("virtual://?byte_order=little&patience=0.3")
     assert "in every program: virtual://?patience=0.3&byte_order=big" in report["findings"][0]["remedy"]
+
+
+def test_the_profile_of_a_board_says_in_which_byte_order_it_is_expected(
+    robot: Robot, examined: Examined, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    robot.board = VirtualBoard(codec=Codec("big"))
+    save_alias("rex", Alias("virtual://"))
+    save_profile("rex", BoardProfile(settings=BoardSettings(byte_order="big")))
+    for board in ("rex", "virtual://"):
+        assert examined(board)[0] == 0
+    profile_path("rex").write_text("[settings]\nbyte_order = 3\n")
+    code, report = examined("rex")
+    assert (code, checks(report)) == (1, ["profile", "byte order"])
+    assert "rex.toml, line 2: byte_order must be" in report["findings"][0]["observation"]
+    assert "servolink board forget rex" in report["findings"][0]["remedy"]
 
 
 def test_noise(robot: Robot, examined: Examined) -> None:

@@ -95,6 +95,9 @@ def test_a_profile_is_for_its_owner(path: Path) -> None:
     save_profile("rex", FULL)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+    path.chmod(0o644)
+    save_profile("rex", FULL)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
 
 
 @given(TEXTS)
