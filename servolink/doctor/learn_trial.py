@@ -123,8 +123,8 @@ async def end_trial(trial: Trial) -> None:
     last = last_import(here, trial.content.project_id, trial.journal.url)
     async with trial.board() as board:
         await board.rollback_project(trial.backup, folder=trial.store.folder)
+    for each in await asyncio.to_thread(trial.store.journals, 0):
+        if each.restores == trial.backup.name:
+            await asyncio.to_thread(trial.store.end, each)
     if last is not None:
-        for each in await asyncio.to_thread(trial.store.journals, 0):
-            if each.restores == trial.backup.name:
-                await asyncio.to_thread(trial.store.end, each)
         await asyncio.to_thread(trial.store.write, last)

@@ -111,6 +111,18 @@ def test_an_unfinished_import_is_refused(tmp_path: Path) -> None:
     assert not BackupStore(tmp_path).backups()
 
 
+def test_there_is_nothing_to_undo_afterwards(tmp_path: Path) -> None:
+    board = board_of()
+    learn(board, tmp_path)
+
+    async def undo() -> None:
+        async with connect(VirtualTransport(board, URL)) as connected:
+            await connected.rollback_project(folder=tmp_path)
+
+    with pytest.raises(ProjectError, match="no import from here is known"):
+        run(undo())
+
+
 def test_the_last_import_can_still_be_undone(tmp_path: Path) -> None:
     board = board_of()
     before = board.storage.contents
