@@ -16,8 +16,8 @@ from random import Random
 
 from benchmarks.measuring import Result, table
 from servolink.client.board import Board
-from servolink.project.transfer.plan import writes
-from servolink.project.transfer.read import Content
+from servolink.project.transfer.content import Content
+from servolink.project.transfer.writes import writes
 from servolink.transports.faults import Faults
 from tests.project.cable import Cable
 from tests.project.pulled import (
@@ -134,7 +134,7 @@ class _Bench:
 
     def _size(self, make: Make, *, replace: bool) -> tuple[int, int]:
         if (make, replace) not in self._sizes:
-            work = bytes_of_import(make, replace=replace, folder=self.folder / "size")
+            work = bytes_of_import(make, whole=replace, folder=self.folder / "size")
             self._sizes[make, replace] = self._runner.run(work)
         return self._sizes[make, replace]
 

@@ -173,15 +173,33 @@ class _Import:
         self._interruption.state = "the import is finished"
         backup = result.backup and str(result.backup)
         if self._args.json:
-            described = {"changed": result.changed, "resumed": result.resumed, "backup": backup}
+            described = {
+                "changed": result.changed,
+                "resumed": result.resumed,
+                "backup": backup,
+                "project_id_bits": result.project_id_bits,
+            }
             print_json({**described, "plan": plan_to_json(plan)})
             return
-        print_text("done, and verified by reading the whole board twice", "green")
+        print_text("done, and verified: each record was read back from the board", "green")
+        if result.project_id_bits is not None and (protection := _PROTECTION.get(result.project_id_bits)):
+            print_text(protection, "yellow")
         if backup and not (result.resumed and self._args.command == "rollback"):
             what = "content before the unfinished import" if result.resumed else "content before"
             print_text(f"the {what} is saved in {backup}; `servolink rollback` restores it")
 
 
+_PROTECTION = {
+    16: (
+        "this board keeps 16 bits of a project id, so an interrupted import is recognised only from this computer and "
+        "at this address"
+    ),
+    0: (
+        "this board keeps no project id, so an interrupted import is recognised only from this computer, at this "
+        "address, by what is on the board; two programs that import at the same time do not notice each other"
+    ),
+}
+"""What protects an import on a board that keeps so many bits of a project id."""
 _LEFT: dict[Phase, str] = {
     "marking": "the board may say that it holds an unfinished import, but nothing else was changed",
     "finishing": "everything is written, but the board may still say that the import is unfinished",

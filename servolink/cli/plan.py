@@ -8,12 +8,12 @@ from typing import Any
 
 from servolink.cli.live import shown_progress
 from servolink.cli.main import FAILED, OK
-from servolink.cli.output import Table, print_json, print_table, print_text
+from servolink.cli.output import Table, print_error, print_json, print_table, print_text
 from servolink.cli.records import change_word, print_changes
 from servolink.cli.session import Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.project.project_file import read_project_file
-from servolink.project.transfer.results import Plan
+from servolink.project.transfer.results import Memory, Plan
 from servolink.protocol.json_form import record_to_json
 
 
@@ -35,6 +35,10 @@ def run(args: argparse.Namespace) -> int:
             print_json(plan_to_json(plan))
         else:
             print_plan(plan)
+            if plan.memory is not None and plan.memory.warning:
+                print_error(
+                    f"servolink: {plan.memory.warning}; `servolink apply` tries it, and nothing is lost by that"
+                )
         return FAILED if plan.differs else OK
 
     return run_with_board(args, talk, state="nothing was changed")
@@ -52,10 +56,19 @@ def plan_to_json(plan: Plan) -> dict[str, object]:
         "requests": plan.requests,
         "wire_bytes": plan.wire_bytes,
         "estimated_seconds": plan.seconds,
-        "memory_size_bytes": plan.memory_size,
-        "memory_free_before_bytes": plan.free_before,
-        "memory_free_after_bytes": plan.free_after,
+        "memory": None if plan.memory is None else memory_to_json(plan.memory),
         "is_unfinished": plan.is_unfinished,
+    }
+
+
+def memory_to_json(memory: Memory) -> dict[str, object]:
+    """Return the memory of a plan for programs."""
+    return {
+        "unit_bytes": memory.unit,
+        "size_bytes": memory.size,
+        "free_before_bytes": memory.free_before,
+        "free_after_bytes": memory.free_after,
+        "warning": memory.warning or None,
     }
 
 
@@ -71,12 +84,19 @@ def print_plan(plan: Plan) -> None:
     print_changes(plan.changes)
     for inconsistency in plan.inconsistencies:
         print_text(f"! {inconsistency}", "yellow")
-    size = "" if plan.memory_size is None else f" of {plan.memory_size:,}"
     facts = [
         ("differences", len(plan.changes) + len(plan.inconsistencies)),
         ("transfer", f"{plan.wire_bytes:,} bytes in {plan.requests:,} requests, with backup and verification"),
         ("takes about", f"{plan.seconds:.0f} s" if plan.seconds >= 1 else "less than a second"),
-        ("memory free", f"{plan.free_before:,} bytes{size}, afterwards {plan.free_after:,}"),
+        ("memory free", _memory_text(plan.memory)),
     ]
     print_text("")
     print_table(Table((), facts))
+
+
+def _memory_text(memory: Memory | None) -> str:
+    if memory is None:
+        return "unknown, the board does not say"
+    size = "" if memory.size is None else f" of {memory.size:,}"
+    doubt = ": the project may not fit" if memory.warning else ""
+    return f"{memory.free_before:,} bytes{size}, afterwards {memory.free_after:,}{doubt}"

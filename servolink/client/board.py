@@ -13,10 +13,11 @@ from servolink.client.records import RecordStore
 from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
 from servolink.client.stored_runs import StoredRuns
+from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
 from servolink.escaping import escape, quote
 from servolink.motion import INTERVAL_UNIT, AngleUnit, MotionLimits
-from servolink.profiles.profile import ProfileInUse
+from servolink.profiles.profile import BoardSettings, ProfileInUse
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
 from servolink.protocol.codec import Codec
@@ -105,7 +106,7 @@ class Board:
         return self._session.profile
 
     @property
-    def connection(self) -> object:
+    def connection(self) -> Connection:
         """An object that stands for the present connection: another one after a reconnect."""
         return self._session.connection
 
@@ -399,13 +400,16 @@ class Board:
     # --- 4 projects: everything stored on the board at once. Their code is imported when it is used. ----------------
 
     async def export_project(self, *, on_progress: ProgressCallback = ignore_progress) -> Project:
-        """Return everything stored on the board, each part read until two consecutive readings agree (4.3).
+        """Return everything stored on the board, each part from two readings that agree (4.3).
 
         Raise ProjectError if they never agree, or if the board lists a record that it does not return.
         """
-        from servolink.project.transfer.read import PinnedConnection, read_project
+        from servolink.project.transfer.pinned import PinnedConnection
+        from servolink.project.transfer.read import export_project
 
-        return await read_project(PinnedConnection(self), on_progress)
+        board = PinnedConnection(self)
+        with board.connection.bulk():
+            return await export_project(board, on_progress)
 
     async def plan_project(
         self,
@@ -419,13 +423,21 @@ class Board:
 
         `unchecked` is for a project read from a board, which may hold values that servolink does not write by itself.
         """
+        from servolink.project.transfer.pinned import PinnedConnection
         from servolink.project.transfer.plan import plan_project
-        from servolink.project.transfer.read import PinnedConnection
 
         _check_project(project)
-        return await plan_project(
-            PinnedConnection(self), project, on_progress=on_progress, replace=replace, unchecked=unchecked
-        )
+        board, known = PinnedConnection(self), self._known_settings()
+        with board.connection.bulk():
+            return await plan_project(
+                board,
+                project,
+                on_progress=on_progress,
+                replace=replace,
+                unchecked=unchecked,
+                memory_unit=known.memory_unit,
+                project_id_bits=known.project_id_bits,
+            )
 
     async def apply_project(
         self,
@@ -441,24 +453,28 @@ class Board:
 
         With `replace` everything is deleted and written again. First the content of the board is saved in `folder`
         (by default the user's data folder). After any interruption, a cancellation too, applying again finishes the
-        import and `rollback_project` undoes it. `unchecked` is as for `plan_project`. Raise ProjectError if the project
-        cannot be written or does not fit, if the backup fails, or if the board refuses.
+        import and `rollback_project` undoes it. `unchecked` is as for `plan_project`. If the project seems not to fit
+        the board's memory, a warning is logged. Raise ProjectError if the project cannot be written, if the backup
+        fails, or if the board refuses.
         """
         from servolink.project.transfer.apply import apply_project
         from servolink.project.transfer.backups import BackupStore
-        from servolink.project.transfer.read import PinnedConnection
+        from servolink.project.transfer.pinned import PinnedConnection
 
         _check_project(project)
-        board, store = PinnedConnection(self), BackupStore(folder)
-        return await apply_project(
-            board,
-            project,
-            store=store,
-            on_progress=on_progress,
-            replace=replace,
-            backup=backup,
-            unchecked=unchecked,
-        )
+        board, store, known = PinnedConnection(self), BackupStore(folder), self._known_settings()
+        with board.connection.bulk():
+            return await apply_project(
+                board,
+                project,
+                store=store,
+                on_progress=on_progress,
+                replace=replace,
+                backup=backup,
+                unchecked=unchecked,
+                memory_unit=known.memory_unit,
+                project_id_bits=known.project_id_bits,
+            )
 
     async def rollback_project(
         self, backup: Path | None = None, *, folder: Path | None = None, on_progress: ProgressCallback = ignore_progress
@@ -469,14 +485,35 @@ class Board:
         """
         from servolink.project.transfer.apply import roll_back
         from servolink.project.transfer.backups import BackupStore
-        from servolink.project.transfer.read import PinnedConnection
+        from servolink.project.transfer.pinned import PinnedConnection
 
-        return await roll_back(PinnedConnection(self), backup, store=BackupStore(folder), on_progress=on_progress)
+        board, store, known = PinnedConnection(self), BackupStore(folder), self._known_settings()
+        with board.connection.bulk():
+            return await roll_back(
+                board,
+                backup,
+                store=store,
+                on_progress=on_progress,
+                memory_unit=known.memory_unit,
+                project_id_bits=known.project_id_bits,
+            )
 
-    async def has_unfinished_import(self) -> bool:
-        """Return whether an import was interrupted: `apply_project` finishes it, `rollback_project` undoes it."""
+    async def has_unfinished_import(self, *, folder: Path | None = None) -> bool:
+        """Return whether an import was interrupted: `apply_project` finishes it, `rollback_project` undoes it.
+
+        The project id of the board says so. Of a board that keeps fewer than 32 bits of it, only the journals in
+        `folder` (by default the user's data folder) say so, for this address.
+        """
         self._reported_unfinished = True  # to the caller, so not to the log as well
-        return is_unfinished(await self._session.project_id())
+        if is_unfinished(project_id := await self._session.project_id()):
+            return True
+        from servolink.project.transfer.backups import BackupStore, is_import_unfinished
+
+        return is_import_unfinished(BackupStore(folder), project_id, self.url)
+
+    def _known_settings(self) -> BoardSettings:
+        """Return the settings in the board's profile; all of them unknown without one."""
+        return BoardSettings() if self.profile is None else self.profile.profile.settings
 
 
 def _check_project(project: object) -> None:

@@ -104,6 +104,16 @@ class Connection:
         """How many queries may be under way now: as many as were found to pay."""
         return self._window.queries.depth
 
+    @property
+    def depth_bound(self) -> int:
+        """How many queries may ever be under way."""
+        return self._window.queries.bound
+
+    @property
+    def write_depth_bound(self) -> int:
+        """How many requests may ever be under way while one of them is a change."""
+        return self._window.writes.bound
+
     def bulk(self) -> AbstractContextManager[None]:
         """Return a context in which much is transferred: a stop may then take 0.1 s instead of 0.05 s."""
         return self._window.bulk()

@@ -15,7 +15,8 @@ from servolink.client.connect import connect
 from servolink.doctor.learn_line import SharedTransport
 from servolink.errors import OutcomeUnknown, ProjectError
 from servolink.project.model import Project, is_unfinished
-from servolink.project.transfer.backups import BackupStore, Journal, JournalPhase, journal_of, last_import
+from servolink.project.transfer.backups import BackupStore
+from servolink.project.transfer.journal import Journal, JournalPhase, journal_of, last_import
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.records import Action, Step

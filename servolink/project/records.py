@@ -102,8 +102,8 @@ def total_size(project: Project) -> int:
     return sum(map(stored_size, stored))
 
 
-def dependency_order(macros: Mapping[int, Macro]) -> list[int]:
-    """Return the ids of macros, each after those of the macros that it runs. Endless macros are left out."""
+def dependency_levels(macros: Mapping[int, Macro]) -> list[set[int]]:
+    """Return the ids of macros in levels: each runs only macros of earlier levels. Endless macros are left out."""
     sorter = TopologicalSorter(
         {
             macro_id: {called for kind, called in MACRO.references(macro) if kind is MACRO and called in macros}
@@ -112,11 +112,16 @@ def dependency_order(macros: Mapping[int, Macro]) -> list[int]:
     )
     with suppress(CycleError):  # the sorter still returns every macro that does not lead into a cycle
         sorter.prepare()
-    found: list[int] = []
+    found: list[set[int]] = []
     while ready := sorter.get_ready():
-        found += ready
+        found.append(set(ready))
         sorter.done(*ready)
     return found
+
+
+def dependency_order(macros: Mapping[int, Macro]) -> list[int]:
+    """Return the ids of macros, each after those of the macros that it runs. Endless macros are left out."""
+    return [macro_id for level in dependency_levels(macros) for macro_id in sorted(level)]
 
 
 def durations(project: Project) -> dict[int, tuple[int | None, ...]]:

@@ -12,7 +12,7 @@ from servolink.cli.plan import plan_to_json, print_plan
 from servolink.cli.records import lines_of
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.transfer.plan import compare
-from servolink.project.transfer.results import Change, Plan
+from servolink.project.transfer.results import Change, Memory, Plan
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 
 OLD = Project(
@@ -96,7 +96,9 @@ def test_one_command_among_thousands_that_are_alike_is_found_without_comparing_a
 
 
 def test_a_plan_names_what_the_board_lists_wrongly(capsys: pytest.CaptureFixture[str]) -> None:
-    plan = Plan((), ("action 1 is listed more than once",), 20, 300, 0.5, None, 100, 143, is_unfinished=False)
+    plan = Plan(
+        (), ("action 1 is listed more than once",), 20, 300, 0.5, Memory(None, None, 100, 143), is_unfinished=False
+    )
     print_plan(plan)
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "! action 1 is listed more than once"

@@ -149,7 +149,7 @@ def test_plan_shows_what_would_change_and_what_it_costs(shell: Shell, after: str
     described = shell("plan", "--json", after).json
     assert [change["change"] for change in described["changes"]] == ["changed", "changed", "removed", "added"]
     assert described["changes"][3]["new"]["steps"] == [{"servo_id": 3, "degree": 1, "interval_ms": 10}]
-    assert described["memory_free_before_bytes"] - described["memory_free_after_bytes"] == 5
+    assert described["memory"]["free_before_bytes"] - described["memory"]["free_after_bytes"] == 5
 
 
 @pytest.mark.parametrize("how", [[], ["--replace"]], ids=["differences", "replace"])
@@ -158,7 +158,7 @@ def test_apply_writes_the_project_and_rollback_brings_the_old_one_back(
 ) -> None:
     said = shell("apply", "--yes", *how, after)
     assert said.code == 0
-    assert "done, and verified by reading the whole board twice" in said.out
+    assert "done, and verified: each record was read back from the board" in said.out
     assert said.err == ""
     assert shell("plan", after).code == 0
     (backup,) = shell("--json", "backups").json["backups"]

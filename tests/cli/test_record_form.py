@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from servolink.cli.apply import question
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, read_project_file, save_project
-from servolink.project.transfer.results import Change, Plan
+from servolink.project.transfer.results import Change, Memory, Plan
 from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Action, Macro, MacroCommand
 from servolink.virtual.board import VirtualBoard
@@ -107,7 +107,7 @@ def test_an_id_is_a_positive_number(number: str, capsys: pytest.CaptureFixture[s
 
 def test_the_question_names_what_is_deleted() -> None:
     gone = [Change(f"action {number}", Action(number)) for number in range(1, 8)]
-    plan = Plan((*gone, Change("project id", 3)), (), 0, 0, 0.0, None, 0, 0, is_unfinished=False)
+    plan = Plan((*gone, Change("project id", 3)), (), 0, 0, 0.0, Memory(None, None, 0, 0), is_unfinished=False)
     deleted = "action 1, action 2, action 3, action 4, action 5 and 2 more"
     assert question(plan) == f"write this to the board, and delete {deleted} from it?"
     assert question(replace(plan, changes=())) == "write this to the board?"

@@ -49,12 +49,12 @@ async def stopped_import(
 
 
 def writing(progress: Progress) -> bool:
-    """Tell whether half of it is written."""
+    """Return whether half of it is written."""
     return progress.phase == "writing" and 2 * progress.done >= progress.total
 
 
 def clearing(progress: Progress) -> bool:
-    """Tell whether everything is about to be deleted."""
+    """Return whether everything is about to be deleted."""
     return progress.phase == "clearing"
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from random import Random
 from typing import Any
 from unittest.mock import patch
+
+import msgspec
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
@@ -16,8 +18,9 @@ from servolink.errors import ProjectError, ServolinkError
 from servolink.project.model import Project
 from servolink.project.project_file import load_project
 from servolink.project.transfer.backups import BackupStore
-from servolink.project.transfer.plan import writes
-from servolink.project.transfer.read import Content
+from servolink.project.transfer.content import Content
+from servolink.project.transfer.marker import ProjectIDBits
+from servolink.project.transfer.writes import writes
 from servolink.protocol.caption import CAPTION_SIZE
 from servolink.protocol.codec import Codec
 from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES, TABLE
@@ -25,7 +28,7 @@ from servolink.protocol.records import Action, Button, JoystickTable, Macro, Mac
 from servolink.transports.base import Transport
 from servolink.transports.faults import Faults, FaultyTransport
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind, Clear, OnDuplicate
+from servolink.virtual.kind import BoardKind, Clear, OnDuplicate, UnknownIds
 from servolink.virtual.storage import AnyType, Contents
 from tests.project.cable import Cable
 
@@ -69,6 +72,12 @@ class Make:
     clear: Clear = "all"
     partial_writes: bool = False
     bus_powered: bool = False
+    project_id_bits: ProjectIDBits = 32
+    unknown_ids: UnknownIds = "empty"
+    turnaround: float = 0.0
+    queue: int = 1000
+    depth: int = 1
+    """Of the connection to it; a board with a smaller `queue` loses requests."""
 
     def board(self, contents: Contents, seed: int) -> VirtualBoard:
         """Return such a board, with `contents` stored."""
@@ -80,10 +89,24 @@ class Make:
                 clear=self.clear,
                 partial_writes=self.partial_writes,
                 bus_powered=self.bus_powered,
+                project_id_bits=self.project_id_bits,
+                unknown_ids=self.unknown_ids,
+                turnaround=self.turnaround,
+                queue=self.queue,
             ),
         )
         board.storage.contents = contents
+        board.storage.project_id = contents.project_id  # as much of it as this board keeps
         return board
+
+    def kept(self, project: Project) -> Project:
+        """Return `project` as it can be read from such a board."""
+        return msgspec.structs.replace(project, project_id=project.project_id & ((1 << self.project_id_bits) - 1))
+
+    def holds(self, contents: Contents, wanted: Contents) -> bool:
+        """Return whether such a board returns `wanted`, as far as it can."""
+        bits = (1 << self.project_id_bits) - 1
+        return same(contents, replace(wanted, project_id=wanted.project_id & bits))
 
 
 MAKES = [
@@ -106,7 +129,7 @@ def contents_of(project: Project) -> Contents:
 
 
 def same(contents: Contents, wanted: Contents) -> bool:
-    """Tell whether two boards give the same, in whatever order, neutral servo parameters aside."""
+    """Return whether two boards give the same, in whatever order, neutral servo parameters aside."""
     return bool(_comparable(contents) == _comparable(wanted))
 
 
@@ -130,10 +153,10 @@ def _to_terminators(kind: AnyType, record: bytes) -> bytes:
 Work = Callable[[Board], Awaitable[Any]]
 
 
-async def attempt(transport: Transport, work: Work) -> ServolinkError | None:
+async def attempt(transport: Transport, work: Work, depth: int = 1) -> ServolinkError | None:
     """Let `work` use a new connection; return what ended it early."""
     try:
-        async with connect(transport) as board:
+        async with connect(transport, depth=depth) as board:
             await work(board)
     except ServolinkError as error:
         return error
@@ -158,7 +181,7 @@ class History:
     """An import of NEW over OLD on which the cable is pulled, once or more."""
 
     make: Make
-    replace: bool
+    whole: bool
     pulls: tuple[Pull, ...]
     seed: int = 0
     faults: Faults = NO_FAULTS
@@ -172,23 +195,24 @@ class History:
             return await self._judged(folder)
 
     async def _judged(self, folder: Path) -> Verdict:
-        board = self.make.board(OLD_CONTENTS, self.seed)
+        make = self.make
+        board = make.board(OLD_CONTENTS, self.seed)
         lost = False
         for at, pull in enumerate(self.pulls):
-            await attempt(self._line(board, pull, at), lambda board: self._import(board, folder))
-            lost = lost or not (same(board.storage.contents, OLD_CONTENTS) or has_backup(folder, OLD))
+            await attempt(self._line(board, pull, at), lambda board: self._import(board, folder), make.depth)
+            lost = lost or not (make.holds(board.storage.contents, OLD_CONTENTS) or has_backup(folder, make.kept(OLD)))
         left, kept = board.storage.contents, folder.with_name(folder.name + ".kept")
         if folder.exists():
             shutil.copytree(folder, kept)
         connections = await self._until_done(board, lambda board: self._import(board, folder))
-        new = same(board.storage.contents, NEW_CONTENTS)
+        new = make.holds(board.storage.contents, NEW_CONTENTS)
         board = self.make.board(left, self.seed + 1)
         back = await self._until_done(board, lambda board: undo(board, kept))
-        old = same(board.storage.contents, OLD_CONTENTS)
+        old = make.holds(board.storage.contents, OLD_CONTENTS)
         return Verdict(lost, new, old, max(connections, back))
 
     async def _import(self, board: Board, folder: Path) -> object:
-        return await board.apply_project(NEW, replace=self.replace, folder=folder)
+        return await board.apply_project(NEW, replace=self.whole, folder=folder)
 
     def _line(self, board: VirtualBoard, pull: Pull, at: int) -> Transport:
         cable = Cable(board, sent=pull.sent, received=pull.received)
@@ -197,7 +221,7 @@ class History:
     async def _until_done(self, board: VirtualBoard, work: Work) -> int:
         """Connect until `work` is done; return how many times that took."""
         for count in range(1, MOST):
-            if await attempt(self._line(board, Pull(), 100 + count), work) is None:
+            if await attempt(self._line(board, Pull(), 100 + count), work, self.make.depth) is None:
                 return count
         return MOST
 
@@ -233,17 +257,17 @@ async def undo(board: Board, folder: Path) -> None:
             raise
 
 
-async def bytes_of_import(make: Make, *, replace: bool, folder: Path) -> tuple[int, int]:
+async def bytes_of_import(make: Make, *, whole: bool, folder: Path) -> tuple[int, int]:
     """Return how many bytes an import that nothing interrupts sends and receives."""
     cable = Cable(make.board(OLD_CONTENTS, 0))
-    error = await attempt(cable, lambda board: board.apply_project(NEW, replace=replace, folder=folder))
+    error = await attempt(cable, lambda board: board.apply_project(NEW, replace=whole, folder=folder), make.depth)
     if error is not None:
         raise error
     return cable.sent, cable.received
 
 
 def has_backup(folder: Path, project: Project) -> bool:
-    """Tell whether one of the backups holds `project`."""
+    """Return whether one of the backups holds `project`."""
     return any(load_project(backup.path, unchecked=True) == project for backup in BackupStore(folder).backups())
 
 

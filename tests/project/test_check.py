@@ -323,6 +323,6 @@ def unencodable(project: Project) -> str:
 
 
 def within(project: Project, problem: Diagnostic) -> bool:
-    """Tell whether the place of a problem is one."""
+    """Return whether the place of a problem is one."""
     place = problem.path.partition("[")[0]
     return place == "" or hasattr(project, place)

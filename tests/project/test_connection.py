@@ -10,7 +10,7 @@ import pytest
 
 from servolink.client import connect as connecting
 from servolink.errors import ConnectionLost
-from servolink.project.transfer.read import PinnedConnection
+from servolink.project.transfer.pinned import PinnedConnection
 from servolink.protocol.servos import QueryServoListRequest
 from tests.client.sockets import Socket
 from tests.client.test_reconnect import connected, until

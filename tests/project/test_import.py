@@ -15,12 +15,14 @@ from servolink.client.connect import connect
 from servolink.errors import ProjectError
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.transfer.backups import BackupStore
-from servolink.project.transfer.results import Progress
+from servolink.project.transfer.pinned import PinnedConnection
+from servolink.project.transfer.plan import plan_project
+from servolink.project.transfer.results import Memory, Progress, ignore_progress
 from servolink.protocol.editing import AddActionRequest, WriteProjectIDRequest
 from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Action, Step
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
-from servolink.protocol.settings import ClearAllDataRequest
+from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
 from servolink.virtual.storage import Contents
 from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import SWALLOWED, FakeBoard
@@ -75,15 +77,23 @@ def test_only_what_differs_is_written(tmp_path: Path) -> None:
     assert fake.executed_of(ClearAllDataRequest) == []
 
 
-def test_a_project_that_does_not_fit_is_refused_before_anything_changes(tmp_path: Path) -> None:
+def test_a_project_that_does_not_fit_is_tried_and_comes_off_again(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     huge = msgspec.structs.replace(OLD, actions=tuple(Action(at, "x", (Step(1, 0, 1),) * 900) for at in range(1, 30)))
 
     async def work(board: Board) -> None:
-        with pytest.raises(ProjectError, match=r"takes .* bytes more than what is on virtual://, which has .* free"):
+        memory = (await board.plan_project(huge)).memory
+        assert memory is not None
+        assert memory.free_after < 0
+        assert memory.warning.endswith("if the board counts its memory in bytes, which is not known")
+        assert not caplog.messages
+        with pytest.raises(ProjectError, match=r"action \d+ \(refused\).* because its memory is full"):
             await board.apply_project(huge, folder=tmp_path)
-        assert (await board.plan_project(huge)).free_after < 0
+        assert caplog.messages == [f"virtual://: {memory.warning}"]
+        await board.rollback_project(folder=tmp_path)
 
-    assert on_board(work) == OLD_CONTENTS
+    assert same(on_board(work), OLD_CONTENTS)
 
 
 @pytest.mark.parametrize("spare", [0, -1])
@@ -95,13 +105,38 @@ def test_a_project_that_just_fits_is_taken(tmp_path: Path, *, spare: int) -> Non
     async def main() -> None:
         async with connect(VirtualTransport(virtual)) as board:
             if spare < 0:
-                with pytest.raises(ProjectError, match=r"takes 538 bytes more than .* which has 537 free"):
+                with pytest.raises(ProjectError, match=r"action 7 \(refused\), perhaps because its memory is full"):
                     await board.apply_project(wanted, folder=tmp_path)
+                await board.rollback_project(folder=tmp_path)
             else:
                 await board.apply_project(wanted, folder=tmp_path)
 
     run(main())
     assert same(virtual.storage.contents, OLD_CONTENTS if spare < 0 else contents_of(wanted))
+
+
+def test_memory_is_counted_in_the_unit_of_the_board() -> None:
+    async def work(board: Board) -> None:
+        free = (await board.memory()).size
+        pinned = PinnedConnection(board)
+        plan = await plan_project(pinned, NEW, on_progress=ignore_progress, memory_unit=1024)
+        assert plan.memory is not None
+        assert (plan.memory.unit, plan.memory.free_before) == (1024, 1024 * free)
+        assert not plan.memory.warning
+        tight = Memory(1024, None, 2048, -1)
+        assert "takes 2,049 bytes more" in tight.warning
+        assert tight.warning.endswith("2,048 bytes free, counted in units of 1,024 bytes")
+
+    on_board(work)
+
+
+def test_a_board_that_does_not_say_how_much_memory_it_has_is_imported_to(tmp_path: Path) -> None:
+    async def work(board: Board, fake: FakeBoard) -> None:
+        fake.usual_of[QueryMemorySizeRequest] = SWALLOWED
+        assert (await board.plan_project(NEW)).memory is None
+        await board.apply_project(NEW, folder=tmp_path)
+
+    assert same(on_fake(work).virtual.storage.contents, NEW_CONTENTS)
 
 
 def test_a_project_with_an_error_is_refused_before_anything_is_asked(tmp_path: Path) -> None:
@@ -207,7 +242,8 @@ def test_doubled_records_make_room_where_they_go(tmp_path: Path) -> None:
             plan = await board.plan_project(project)
             assert plan.inconsistencies == ("action 1 is listed more than once",)
             await board.apply_project(project, folder=tmp_path)
-            assert (await board.memory()).size == plan.free_after
+            assert plan.memory is not None
+            assert (await board.memory()).size == plan.memory.free_after
 
     run(main())
 

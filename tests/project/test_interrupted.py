@@ -14,7 +14,8 @@ from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, ProjectError, RequestTimeout
 from servolink.project.model import UNFINISHED, Project
-from servolink.project.transfer.backups import BackupStore, Journal
+from servolink.project.transfer.backups import BackupStore
+from servolink.project.transfer.journal import Journal
 from servolink.project.transfer.results import Progress
 from servolink.protocol.editing import AddActionRequest
 from servolink.protocol.record_types import ACTION
@@ -41,7 +42,7 @@ from tests.virtual_time import run
 
 def test_an_import_that_is_cancelled_at_any_moment_is_gone_on_with(tmp_path: Path) -> None:
     async def cancelled_after(turns: int, folder: Path) -> bool:
-        """Tell whether the import was cancelled, and not done before."""
+        """Return whether the import was cancelled, and not done before."""
         virtual = Make().board(OLD_CONTENTS, 1)
         async with connect(VirtualTransport(virtual)) as board:
             task = asyncio.ensure_future(board.apply_project(NEW, folder=folder))
@@ -159,7 +160,7 @@ def test_a_board_that_comes_back_by_itself_is_the_one_with_the_marker(
     virtual = Make(partial_writes=True, bus_powered=True).board(OLD_CONTENTS, 1)
 
     async def main() -> None:
-        size, _ = await bytes_of_import(Make(), replace=whole, folder=tmp_path / "size")
+        size, _ = await bytes_of_import(Make(), whole=whole, folder=tmp_path / "size")
         for sent in range(900, size, 400):
             virtual.storage.contents = OLD_CONTENTS
             cables = iter((Cable(virtual, sent=sent), Cable(virtual)))

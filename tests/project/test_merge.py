@@ -183,7 +183,7 @@ def meaning(project: Project, macro_id: int, depth: int = 6) -> object:
 
 
 def whole(project: Project) -> bool:
-    """Tell whether all that is called is there."""
+    """Return whether all that is called is there."""
     shelves: dict[str, dict[int, Any]] = {ACTION.label: ACTION.by_id(project), MACRO.label: MACRO.by_id(project)}
     return all(number in shelves[kind.label] for macro in project.macros for kind, number in MACRO.references(macro))
 

@@ -32,7 +32,7 @@ MAKE_IDS = [
 @pytest.mark.parametrize("whole", [False, True], ids=["differences", "replace"])
 @pytest.mark.parametrize("make", MAKES, ids=MAKE_IDS)
 def test_nothing_is_lost_wherever_the_cable_is_pulled(make: Make, tmp_path: Path, *, whole: bool) -> None:
-    size = run(bytes_of_import(make, replace=whole, folder=tmp_path / "size"))
+    size = run(bytes_of_import(make, whole=whole, folder=tmp_path / "size"))
     random = Random(f"{make} {whole}")
     for at in range(3):
         pulls = tuple(Pull.at(random.randrange(sum(size)), size) for _ in range(1 + at % 2))
@@ -46,7 +46,7 @@ def test_nothing_is_lost_wherever_the_cable_is_pulled(make: Make, tmp_path: Path
 def test_nothing_is_wrong_on_a_bad_line_either(seed: int, tmp_path: Path) -> None:
     random = Random(seed)
     make, whole = random.choice(MAKES), random.random() < 0.5
-    size = run(bytes_of_import(make, replace=whole, folder=tmp_path / "size"))
+    size = run(bytes_of_import(make, whole=whole, folder=tmp_path / "size"))
     faults = Faults(flip=0.0005, drop=0.0002, delay=0.02, delay_time=1.3)
     history = History(make, whole, (Pull.at(random.randrange(sum(size)), size),), seed, faults)
     assert run(history.judge(tmp_path / "one")).right, history

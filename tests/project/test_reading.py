@@ -16,9 +16,10 @@ from servolink.errors import ProjectError
 from servolink.project.model import Project
 from servolink.project.transfer.apply import apply_project
 from servolink.project.transfer.backups import BackupStore
-from servolink.project.transfer.plan import compare, plan_project, writes
-from servolink.project.transfer.read import Content, Listed
+from servolink.project.transfer.content import Content, Listed
+from servolink.project.transfer.plan import compare, plan_project
 from servolink.project.transfer.results import Change, Progress, ignore_progress
+from servolink.project.transfer.writes import writes
 from servolink.protocol.editing import (
     QueryActionRequest,
     QueryActionResponse,
@@ -55,7 +56,7 @@ def test_an_export_is_not_fooled_by_one_damaged_answer() -> None:
 def test_an_export_gives_up_when_no_two_readings_agree() -> None:
     async def work(board: Board, fake: FakeBoard) -> None:
         fake.plan(QueryProjectIDRequest, *(lie(QueryProjectIDResponse(at)) for at in range(100)))
-        with pytest.raises(ProjectError, match="9 readings of its lists all differed"):
+        with pytest.raises(ProjectError, match="9 readings of the project id all differed"):
             await board.export_project()
 
     on_fake(work)
@@ -64,7 +65,7 @@ def test_an_export_gives_up_when_no_two_readings_agree() -> None:
 def test_what_is_listed_and_not_given_is_an_error_that_says_so() -> None:
     async def work(board: Board, fake: FakeBoard) -> None:
         fake.plan(QueryActionRequest, *[lie(QueryActionResponse(0))] * 2)
-        with pytest.raises(ProjectError, match="action 1: the board lists it and does not give it"):
+        with pytest.raises(ProjectError, match="action 1: the board lists it and does not return it"):
             await board.export_project()
 
     on_fake(work)
@@ -78,7 +79,7 @@ def test_what_is_listed_twice_is_named(caplog: pytest.LogCaptureFixture) -> None
             assert await board.export_project() == OLD
 
     on_board(work, dataclasses.replace(OLD_CONTENTS, records={**OLD_CONTENTS.records, ACTION: twice}))
-    assert "virtual:// lists twice and gives once: action 1" in caplog.text
+    assert "virtual:// lists twice and returns once: action 1" in caplog.text
 
 
 def test_a_plan_says_what_would_change_and_changes_nothing() -> None:
@@ -97,7 +98,8 @@ def test_a_plan_says_what_would_change_and_changes_nothing() -> None:
             "joystick table 2",
         ]
         neutral = 35  # bytes of the servo parameters that say nothing any more
-        assert plan.free_before - plan.free_after == NEW_CONTENTS.size + neutral - OLD_CONTENTS.size
+        assert plan.memory is not None
+        assert plan.memory.free_before - plan.memory.free_after == NEW_CONTENTS.size + neutral - OLD_CONTENTS.size
         assert not plan.is_unfinished
         assert not (await board.plan_project(OLD)).changes
 
@@ -152,7 +154,7 @@ def test_what_cannot_be_understood_is_taken_for_what_is_not_given() -> None:
 
         fake.plan(QueryActionRequest, *[Fate(mangle=mangle)] * 100)
         plan = await board.plan_project(OLD)
-        assert plan.inconsistencies == ("action 1 is listed and not given",)
+        assert plan.inconsistencies == ("action 1 is listed and not returned",)
         assert [change.what for change in plan.changes] == ["action 1"]
 
     on_fake(work)

@@ -15,7 +15,8 @@ import pytest
 from servolink.errors import ProjectError
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import load_project
-from servolink.project.transfer.backups import BackupStore, Journal
+from servolink.project.transfer.backups import BackupStore
+from servolink.project.transfer.journal import Journal
 from tests.project.pulled import NEW, OLD
 
 URL = "serial:///dev/ttyACM0?baudrate=115200"
@@ -105,7 +106,7 @@ def test_a_journal_comes_back(tmp_path: Path) -> None:
     for journal in (JOURNAL, msgspec.structs.replace(JOURNAL, url="tcp://\udcff", backup=backup.name)):
         store.write(journal)
         assert store.journals(MARKER) == [journal]
-    assert store.kept(backup.name) == backup
+    assert store.path_of(backup.name) == backup
     store.end(JOURNAL)
     store.end(JOURNAL)
     assert store.journals(MARKER) == []
@@ -125,7 +126,7 @@ def told(**changed: object) -> bytes:
         b"\xff",
         b"[]",
         b'{"marker": ' + b"9" * 5000 + b"}",
-        b" " * 100_000 + told(),
+        b" " * 2_000_000 + told(),
         told(marker=5),
         told(marker=MARKER + 1),
         told(phase="dancing"),

@@ -28,7 +28,7 @@ from tests.virtual_time import run
 
 def test_two_programs_that_import_to_one_board_leave_one_project_or_say_that_it_is_unfinished(tmp_path: Path) -> None:
     async def both(turns: int, folder: Path) -> bool:
-        """Tell whether the first import was still going on when the second began."""
+        """Return whether the first import was still going on when the second began."""
         virtual = Make().board(OLD_CONTENTS, 1)
         lines = [VirtualTransport(virtual), VirtualTransport(virtual)]
         async with connect(lines[0]) as one, connect(lines[1]) as two:

@@ -1,9 +1,10 @@
-"""A project onto a board: what is settled before the first byte is written, and when all of it is done."""
+"""A project onto a board: everything that is decided before the first byte is written, and the way back."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -11,12 +12,26 @@ import msgspec
 from servolink.errors import ProjectError
 from servolink.escaping import escape
 from servolink.project.model import Project, is_unfinished
-from servolink.project.transfer.backups import BackupStore, Journal, journal_of, last_import
-from servolink.project.transfer.import_run import Import
-from servolink.project.transfer.plan import check_writable, writes
-from servolink.project.transfer.read import BoardConnection, Content, read_content, read_project_id
+from servolink.project.transfer.backups import BackupStore
+from servolink.project.transfer.content import Content
+from servolink.project.transfer.import_run import ImportRun
+from servolink.project.transfer.journal import (
+    Digests,
+    Journal,
+    by_content,
+    digests_of,
+    journal_of,
+    last_import,
+    strangers,
+)
+from servolink.project.transfer.marker import ProjectIDBits, is_same_id
+from servolink.project.transfer.pinned import BoardConnection
+from servolink.project.transfer.plan import memory_after
+from servolink.project.transfer.read import BoardReader, read_project_id
 from servolink.project.transfer.results import ApplyResult, Progress, ProgressCallback
-from servolink.protocol.settings import QueryMemorySizeRequest
+from servolink.project.transfer.writes import check_writable, writes
+
+_logger = logging.getLogger(__name__)
 
 
 async def apply_project(
@@ -29,53 +44,99 @@ async def apply_project(
     backup: bool = True,
     unchecked: bool = False,
     restores: str | None = None,
+    memory_unit: int | None = None,
+    project_id_bits: ProjectIDBits | None = None,
 ) -> ApplyResult:
     """Make the board hold `project`.
 
     `replace` deletes everything first (document, 4.2), otherwise only what differs is written. `backup=False` goes on
-    without a backup. `unchecked` writes what was read from a board; `restores` names the backup that it is.
-    ProjectError, before anything is changed, for a project that cannot be written or does not fit, and if no backup
-    can be made; later, if the board does not take it. After any error from `marking` on, and after a cancellation,
-    the next call goes on.
+    without a backup. `unchecked` writes records that were read from a board; `restores` names the backup that they
+    come from. `memory_unit` and `project_id_bits` are what is known of the board.
+
+    Raise ProjectError, before anything is changed, for a project that cannot be written, and if no backup can be made;
+    later, if the board does not take it. After any error from `marking` on, and after a cancellation, the next call
+    continues.
     """
     check_writable(board, project, unchecked=unchecked)
     before = await read_project_id(board)
     journals = await asyncio.to_thread(store.journals, before)
     begun = journal_of(journals, before, board.url)
-    content = None
+    reader, content = BoardReader(board, on_progress, project), None
     if begun is None or not is_unfinished(before):
-        content = await read_content(board, on_progress)
+        content = await reader.read("reading", before)
         if content.project_id != before:
-            raise ProjectError(f"{board.url}: another program is writing to the board; try again after it")
+            raise _disturbed(board)
+        begun = begun or await _begun_without_id(board, content, journals, store)
     if content is not None and begun is None:
-        if not writes(content, project) and before == project.project_id:
-            await _finish(last_import(journals, before, board.url), store)
+        last = _last_import(journals, content, board.url)
+        known_bits = project_id_bits if last is None else last.project_id_bits
+        if not writes(content, project) and is_same_id(before, project.project_id, known_bits):
+            await _finish(last, store)
             return ApplyResult(changed=False, resumed=False, backup=None)
-        await _check_memory(board, content, project)
-    kept = await _backup(board, content, begun, store, on_progress, wanted=backup)
-    name = None if kept is None else kept.name
-    marker = await asyncio.to_thread(store.new_marker)
-    journal = Journal(marker, board.url, project.project_id, name, restores=restores)
+        await _warn_of_memory(board, content, project, memory_unit)
+    saved = await _backup(board, content, begun, store, on_progress, wanted=backup)
+    avoided = [before, project.project_id, *(one.project_id for one in journals), *(one.marker for one in journals)]
+    marker = await asyncio.to_thread(store.new_marker, avoided)
+    journal = Journal(marker, board.url, project.project_id, None if saved is None else saved.name, restores=restores)
     others = [one for one in journals if one.url == board.url and one is not begun]
-    run = Import(board, project, journal, store, on_progress, unchecked=unchecked)
-    await run.run(content, before, begun, others, replace=replace)
+    # Files take their time. Another program that has begun since changed the project id before anything else.
+    if await read_project_id(board, before) != before:
+        raise _disturbed(board)
+    run = ImportRun(board, project, journal, store, on_progress, unchecked=unchecked)
+    kept_bits = await run.run(reader, content, before, begun, others, replace=replace)
     on_progress(Progress("finishing", 1, 1, f"project id {project.project_id}"))
-    return ApplyResult(changed=True, resumed=begun is not None, backup=kept)
+    return ApplyResult(changed=True, resumed=begun is not None, backup=saved, project_id_bits=kept_bits)
+
+
+def _disturbed(board: BoardConnection) -> ProjectError:
+    return ProjectError(f"{board.url}: another program is writing to the board; try again after it")
+
+
+async def _begun_without_id(
+    board: BoardConnection, content: Content, journals: Sequence[Journal], store: BackupStore
+) -> Journal | None:
+    """Return the journal of an interrupted import to a board without project ids, recognised by its content."""
+    begun = [one for one in journals if one.may_be_of(content.project_id, board.url) and not one.has_written_all]
+    if not begun or by_content(journals, content, board.url, {}, is_over=True):
+        return None
+    backups = {one.backup: await _digests_in(store, one.backup) for one in begun if one.backup}
+    found = by_content(begun, content, board.url, backups, is_over=False)
+    if found is None:
+        _logger.warning(
+            "an import to %s was interrupted; the board keeps no project id, and holds records that are neither from "
+            "before nor from that import: it may be another board, so this import starts over, with its own backup",
+            escape(board.url),
+        )
+    return found
+
+
+def _last_import(journals: Sequence[Journal], content: Content, url: str) -> Journal | None:
+    return last_import(journals, content.project_id, url) or by_content(journals, content, url, {}, is_over=True)
+
+
+async def _digests_in(store: BackupStore, name: str | None) -> Digests:
+    """Return the digests of a backup; empty if it is gone or cannot be read."""
+    if name is None:
+        return {}
+    try:
+        return digests_of(await asyncio.to_thread(store.load, store.path_of(name)))
+    except ProjectError:
+        return {}
 
 
 async def _finish(last: Journal | None, store: BackupStore) -> None:
-    """Note that the last import is done, if it could not see that itself."""
+    """Note that the last import is finished, if that import could not see it itself."""
     if last is not None and last.phase != "finished":
         await asyncio.to_thread(store.write, msgspec.structs.replace(last, phase="finished"))
 
 
-async def _check_memory(board: BoardConnection, content: Content, project: Project) -> None:
-    free = (await board.request(QueryMemorySizeRequest())).size
-    more = content.growth(project)
-    if more > free:
-        raise ProjectError(
-            f"the project takes {more:,} bytes more than what is on {board.url}, which has {free:,} free"
-        )
+async def _warn_of_memory(board: BoardConnection, content: Content, project: Project, unit: int | None) -> None:
+    memory = await memory_after(board, content, project, unit)
+    if memory is not None and memory.warning:
+        _logger.warning("%s: %s", escape(board.url), memory.warning)
+
+
+# --- backups ----------------------------------------------------------------------------------------------------------
 
 
 async def _backup(
@@ -87,24 +148,33 @@ async def _backup(
     *,
     wanted: bool,
 ) -> Path | None:
-    """Return the backup with what was on the board before the import; none if there is none."""
+    """Return the backup with what was on the board before the import; None if there is none."""
     if begun is None:
-        return await _keep(board, content or Content(), store, on_progress) if wanted else None
-    if content is not None and not content.is_empty() and wanted:
+        return await _save(board, content or Content(), store, on_progress) if wanted else None
+    if content is not None and wanted and not await _is_saved(content, begun, store):
         # It looks as if it had just been cleared, and not all of it is gone: or it is another board.
-        path = await _keep(board, content, store, on_progress)
-        logging.getLogger(__name__).warning("what is left on %s is kept in %s", escape(board.url), escape(str(path)))
+        path = await _save(board, content, store, on_progress)
+        _logger.warning("what is left on %s is kept in %s", escape(board.url), escape(str(path)))
     if begun.backup is None:
         return None
-    path = store.kept(begun.backup)
+    path = store.path_of(begun.backup)
     if path.is_file():
         return path
-    logging.getLogger(__name__).warning("the backup of the import that goes on is gone: %s", escape(str(path)))
+    _logger.warning("the backup of the import that goes on is gone: %s", escape(str(path)))
     return None
 
 
-async def _keep(board: BoardConnection, content: Content, store: BackupStore, on_progress: ProgressCallback) -> Path:
-    """Keep what is on the board; ProjectError if not all of it is given."""
+async def _is_saved(content: Content, begun: Journal, store: BackupStore) -> bool:
+    """Return whether nothing would be lost with `content`: it comes from the backup, or from the import itself."""
+    if content.is_empty():
+        return True
+    if not begun.target:
+        return False
+    return not strangers(digests_of(content.readable()), [begun.target, await _digests_in(store, begun.backup)])
+
+
+async def _save(board: BoardConnection, content: Content, store: BackupStore, on_progress: ProgressCallback) -> Path:
+    """Save what is on the board. Raise ProjectError if the board does not return all of it."""
     on_progress(Progress("saving", 0, 1, "backup"))
     try:
         old = content.project()
@@ -115,33 +185,66 @@ async def _keep(board: BoardConnection, content: Content, store: BackupStore, on
     return path
 
 
+# --- the way back -----------------------------------------------------------------------------------------------------
+
+
 async def roll_back(
-    board: BoardConnection, backup: Path | None, *, store: BackupStore, on_progress: ProgressCallback
+    board: BoardConnection,
+    backup: Path | None,
+    *,
+    store: BackupStore,
+    on_progress: ProgressCallback,
+    memory_unit: int | None = None,
+    project_id_bits: ProjectIDBits | None = None,
 ) -> ApplyResult:
     """Restore `backup`, by default the one of the unfinished import, else that of the last import at this address.
 
-    ProjectError if there is none. It is an import like any other: it can be interrupted, and rolled back.
+    Raise ProjectError if there is none. It is an import like any other: it can be interrupted, and rolled back.
     """
     path = backup or await backup_for(board, store)
     project = await asyncio.to_thread(store.load, path, board.codec.caption_encoding)
-    restores = path.name if path == store.kept(path.name) else None
-    return await apply_project(board, project, store=store, on_progress=on_progress, unchecked=True, restores=restores)
+    return await apply_project(
+        board,
+        project,
+        store=store,
+        on_progress=on_progress,
+        unchecked=True,
+        restores=path.name if path == store.path_of(path.name) else None,
+        memory_unit=memory_unit,
+        project_id_bits=project_id_bits,
+    )
 
 
 async def backup_for(board: BoardConnection, store: BackupStore) -> Path:
-    """Return the backup that holds what was on the board before the last import; ProjectError if there is none."""
-    here, where = await read_project_id(board), board.url
+    """Return the backup of what was on the board before the last import. Raise ProjectError if there is none."""
+    here, url = await read_project_id(board), board.url
     journals = await asyncio.to_thread(store.journals, here)
-    journal = journal_of(journals, here, board.url) or last_import(journals, here, board.url)
+    journal = journal_of(journals, here, url) or last_import(journals, here, url)
+    if journal is None and any(one.may_be_of(here, url) for one in journals):
+        journal = await _import_without_id(board, journals, store)
     if journal is not None and journal.restores is not None and journal.phase != "finished":
-        return store.kept(journal.restores)  # a rollback that was interrupted goes on
+        return store.path_of(journal.restores)  # a rollback that was interrupted continues
     if journal is None:
-        what = (
-            f"{where} holds an import that another computer began, or whose journal is lost"
+        why = (
+            f"{url} holds an import that another computer began, or whose journal is lost"
             if is_unfinished(here)
-            else f"no import from here is known that left {where} with project id {here}, so there is none to undo"
+            else f"no import from here is known that left {url} with project id {here}, so there is none to undo"
         )
-        raise ProjectError(f"{what}; give `rollback` one of `servolink backups`, or apply a project")
+        raise ProjectError(f"{why}; give `rollback` one of `servolink backups`, or apply a project")
     if journal.backup is None:
-        raise ProjectError(f"the last import to {where} was made without a backup; apply a project")
-    return store.kept(journal.backup)
+        raise ProjectError(f"the last import to {url} was made without a backup; apply a project")
+    return store.path_of(journal.backup)
+
+
+async def _import_without_id(board: BoardConnection, journals: Sequence[Journal], store: BackupStore) -> Journal:
+    """Return the journal of the last import to a board without project ids. Raise ProjectError if it is not known."""
+    content = await BoardReader(board, lambda progress: None, Project()).read()
+    backups = {one.backup: await _digests_in(store, one.backup) for one in journals if one.backup}
+    # First the last import here: another board at this address may be in the middle of one that writes the same.
+    for is_over in (True, False):
+        if found := by_content(journals, content, board.url, backups, is_over=is_over):
+            return found
+    raise ProjectError(
+        f"{board.url} keeps no project id, and holds something else than the last import from here wrote, so it may be "
+        "another board; give `rollback` one of `servolink backups`, or apply a project"
+    )

@@ -1,4 +1,4 @@
-"""The journal of one import: what a later run needs to go on with it, or to undo it."""
+"""Backups of boards, and the journals of imports, as files on this computer."""
 
 from __future__ import annotations
 
@@ -7,72 +7,24 @@ import hashlib
 import json
 import logging
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from secrets import choice
-from typing import Annotated, Literal, TypeAlias
 
 import msgspec
-from msgspec import Meta, Struct
+from msgspec import Struct
 
 from servolink.errors import ProjectError
 from servolink.escaping import escape
 from servolink.files import read_file, user_folder, write_atomically
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import format_project, load_project
-
-JournalPhase: TypeAlias = Literal["writing", "clearing", "finishing", "finished"]
-
-
-class Journal(Struct, frozen=True, forbid_unknown_fields=True):
-    """Written before each step after which another step must follow.
-
-    The marker is what makes it the journal of a board: the board's project id is the marker while the import is
-    under way, wherever and to whichever computer it is plugged in.
-    """
-
-    marker: Annotated[int, Meta(ge=UNFINISHED.start, lt=UNFINISHED.stop)]
-    """Of this run alone: the next one that goes on with the import takes another."""
-    url: str
-    """Where the board was."""
-    project_id: int
-    """Of the project that is written."""
-    backup: str | None
-    """The name of the file with what the board held before; none if it was told to do without."""
-    phase: JournalPhase = "writing"
-    """`clearing`: the board may be without the marker, because it deletes its project id too. `finishing`: all is
-    written, and the board has the project id, or is about to get it. `finished`: it has said so."""
-    restores: str | None = None
-    """The name of the backup that is written, if this is a rollback: asked for again before it was `finished`, it goes
-    on."""
-
-    @property
-    def has_written_all(self) -> bool:
-        """Whether what is left is the project id, or nothing."""
-        return self.phase in ("finishing", "finished")
-
-
-def journal_of(journals: Iterable[Journal], project_id: int, url: str) -> Journal | None:
-    """Return the journal of the import that the board with this project id is in the middle of, if there is one."""
-    for journal in journals:
-        if journal.marker == project_id:
-            return journal
-        if project_id == 0 and journal.phase == "clearing" and journal.url == url:
-            return journal
-    return None
-
-
-def last_import(journals: Iterable[Journal], project_id: int, url: str) -> Journal | None:
-    """Return the journal of the import that left this project id on the board at `url`, if it is known."""
-    return next(
-        (one for one in journals if one.has_written_all and (one.url, one.project_id) == (url, project_id)), None
-    )
-
+from servolink.project.transfer.journal import Journal, journal_of
 
 _SUFFIX = ".servolink.json"
-_LARGEST = 64 * 1024
+_LARGEST = 1024 * 1024
 _TIME = "%Y%m%dT%H%M%SZ"
 _BACKUP = re.compile(
     r"(?P<number>\d{6,})-(?P<time>\d{8}T\d{6}Z)-(?P<board>[^-]*)-(?P<encoding>\w+)-(?P<digest>[0-9a-f]{12})"
@@ -83,32 +35,32 @@ _JOURNAL = re.compile(r"(?P<marker>[0-9a-f]{8})\.json")
 
 
 class Backup(Struct, frozen=True, order=True):
-    """A backup of a board, which is a project file like any other."""
+    """A backup of a board: a project file like any other."""
 
     number: int
-    """Counted up, because clocks are put back."""
+    """Counts up, because clocks are put back."""
     time: datetime
     board: str
-    """The address of the board, made fit for a file's name."""
+    """The address of the board, in characters that file names allow."""
     caption_encoding: str
-    """In which captions were read and have to be written, made fit likewise."""
+    """In which captions were read and have to be written, in such characters."""
     digest: str
-    """Of the content, which nobody is to change."""
+    """Of the content: a backup that was changed is refused."""
     path: Path
 
 
 class BackupStore:
-    """A folder with `backups` and `imports` in it; ProjectError, where files fail, says which."""
+    """A folder with `backups` and `imports` in it. ProjectError names the file that fails."""
 
     def __init__(self, folder: Path | None = None, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
-        """Use `folder`, by default one in the user's own data folder; it is made when it is needed."""
+        """Use `folder`, by default one in the user's data folder; it is created when it is needed."""
         self.folder = folder or _data_folder()
         self.now = now
 
     def keep(self, project: Project, url: str, caption_encoding: str) -> Path:
-        """Write a backup of the board at `url`, read it back and return where it is; it is never overwritten."""
-        with _told("the backup cannot be written"):
-            folder = self._made("backups")
+        """Write a backup of the board at `url`, read it back and return its path; it is never overwritten."""
+        with _naming("the backup cannot be written"):
+            folder = self._create("backups")
             number = 1 + max((backup.number for backup in self.backups()), default=0)
             what = f"{_slug(url)}-{_slug_of_encoding(caption_encoding)}-{_digest(project)}"
             path = folder / f"{number:06}-{self.now():{_TIME}}-{what}{_SUFFIX}"
@@ -124,7 +76,7 @@ class BackupStore:
         than `caption_encoding`; None accepts any.
         """
         project = load_project(path, unchecked=True)
-        backup = _backup(path) if path == self.kept(path.name) else None
+        backup = _backup(path) if path == self.path_of(path.name) else None
         if backup and caption_encoding and backup.caption_encoding != _slug_of_encoding(caption_encoding):
             raise ProjectError(
                 f"{path} was read with captions in {backup.caption_encoding}; connect with that "
@@ -141,20 +93,20 @@ class BackupStore:
         """Return all backups, the newest last."""
         return sorted(filter(None, map(_backup, self._files("backups"))))
 
-    def kept(self, name: str) -> Path:
-        """Return where the backup of this name is."""
+    def path_of(self, name: str) -> Path:
+        """Return the path of the backup of this name."""
         return self.folder / "backups" / name
 
     def write(self, journal: Journal) -> None:
-        """Let `journal` be what is known of its import."""
-        with _told("the journal of the import cannot be written"):
-            self._made("imports")
-            # ASCII, in which an address that is no text has its place as well.
+        """Write `journal`, over an earlier state of it."""
+        with _naming("the journal of the import cannot be written"):
+            self._create("imports")
+            # ASCII, in which an address that is not valid text can be written too.
             content = json.dumps(msgspec.to_builtins(journal)).encode() + b"\n"
             write_atomically(self._journal(journal.marker), content, private=True)
 
     def end(self, journal: Journal) -> None:
-        """Forget an import that is over; a journal that is left does no harm, as no board has its marker."""
+        """Delete the journal of an import that is over. One that is left does no harm, as no board has its marker."""
         path = self._journal(journal.marker)
         try:
             path.unlink(missing_ok=True)
@@ -162,16 +114,16 @@ class BackupStore:
             _LOG.warning("the journal of an import that is over cannot be deleted: %s", escape(str(error)))
 
     def journals(self, project_id: int) -> list[Journal]:
-        """Return all journals; ProjectError if that of the board with this project id cannot be read."""
+        """Return all journals. Raise ProjectError if that of the board with this project id cannot be read."""
         found = []
         for path in self._files("imports"):
-            if named := _JOURNAL.fullmatch(path.name):
-                marker = int(named["marker"], 16)
+            if match := _JOURNAL.fullmatch(path.name):
+                marker = int(match["marker"], 16)
                 try:
                     found.append(_read(path, marker))
                 except FileNotFoundError:
                     continue  # ended by another program at this moment
-                except (OSError, ValueError, RecursionError) as error:  # JSON and types raise kinds of ValueError
+                except (OSError, ValueError, RecursionError) as error:  # JSON and types raise subclasses of ValueError
                     text = f"{escape(str(path))}: this journal of an import cannot be read: {escape(str(error))}"
                     if marker == project_id:
                         raise ProjectError(
@@ -180,17 +132,21 @@ class BackupStore:
                     _LOG.warning("%s", text)
         return found
 
-    def new_marker(self) -> int:
-        """Return a marker that no journal here has, and hardly any elsewhere."""
+    def new_marker(self, other_than: Collection[int] = ()) -> int:
+        """Return a marker that no journal here has, and hardly any elsewhere.
+
+        Its low 16 bits, which may be all that a board keeps, are not 0, nor those of a number in `other_than`.
+        """
+        taken = {0, *(number & 0xFFFF for number in other_than)}
         while True:
             marker = choice(UNFINISHED)
-            if not self._journal(marker).exists():
+            if marker & 0xFFFF not in taken and not self._journal(marker).exists():
                 return marker
 
     def _journal(self, marker: int) -> Path:
         return self.folder / "imports" / f"{marker:08x}.json"
 
-    def _made(self, name: str) -> Path:
+    def _create(self, name: str) -> Path:
         folder = self.folder / name
         folder.mkdir(parents=True, exist_ok=True)
         return folder
@@ -208,6 +164,20 @@ class BackupStore:
 _LOG = logging.getLogger(__name__)
 
 
+def is_import_unfinished(store: BackupStore, project_id: int, url: str) -> bool:
+    """Return whether the journals say that an import to the board at `url` with this project id was interrupted.
+
+    False also if they cannot be read.
+    """
+    try:
+        journals = store.journals(project_id)
+    except ProjectError:
+        return False
+    return journal_of(journals, project_id, url) is not None or any(
+        journal.may_be_of(project_id, url) and not journal.has_written_all for journal in journals
+    )
+
+
 def _data_folder() -> Path:
     try:
         return user_folder("data")
@@ -216,8 +186,8 @@ def _data_folder() -> Path:
 
 
 @contextmanager
-def _told(what: str) -> Iterator[None]:
-    """Raise ProjectError for what the system has against a file."""
+def _naming(what: str) -> Iterator[None]:
+    """Raise ProjectError, beginning with `what`, for an error of the system."""
     try:
         yield
     except ProjectError:
@@ -232,32 +202,32 @@ def _read(path: Path, marker: int) -> Journal:
         raise ValueError(f"it is that of {journal.marker:08x}")
     for name in filter(None, (journal.backup, journal.restores)):
         if Path(name).name != name or _backup(Path(name)) is None:
-            raise ValueError(f"{name!r} is no name of a backup")
+            raise ValueError(f"{name!r} must be the name of a backup")
     return journal
 
 
 def _backup(path: Path) -> Backup | None:
-    """Return what the name of a file says; None if it is no backup's."""
-    named = _BACKUP.fullmatch(path.name)
+    """Return what the name of a file says; None if it is not the name of a backup."""
+    match = _BACKUP.fullmatch(path.name)
     try:
-        time = datetime.strptime(named["time"], _TIME).replace(tzinfo=UTC) if named else None
+        time = datetime.strptime(match["time"], _TIME).replace(tzinfo=UTC) if match else None
     except ValueError:  # such as the 99th of a month
         time = None
-    if not (named and time):
+    if match is None or time is None:
         return None
-    return Backup(int(named["number"]), time, named["board"], named["encoding"], named["digest"], path)
+    return Backup(int(match["number"]), time, match["board"], match["encoding"], match["digest"], path)
 
 
 def _digest(project: Project) -> str:
-    """Return twelve hex digits that tell one project from another."""
+    """Return twelve hex digits that differ from project to project."""
     return hashlib.blake2b(format_project(project).encode(), digest_size=6).hexdigest()
 
 
 def _slug_of_encoding(caption_encoding: str) -> str:
-    """Return the same for all names of an encoding, such as `utf_8`."""
+    """Return the same text for all names of an encoding, such as `utf_8`."""
     return re.sub(r"\W", "_", codecs.lookup(caption_encoding).name, flags=re.ASCII)
 
 
 def _slug(url: str) -> str:
-    """Return the address without options as a part of a file's name; of a long one the end, which tells the most."""
+    """Return the address without options as a part of a file's name; of a long one the end, which says the most."""
     return re.sub(r"[^A-Za-z0-9.]+", "_", url.partition("?")[0])[-60:].strip("_.") or "board"

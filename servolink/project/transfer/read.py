@@ -1,249 +1,259 @@
-"""Everything stored on a board, read until two consecutive readings agree.
+"""Reading a board: each part once if it is as expected, else until two consecutive readings agree.
 
-The frame's sum has 8 bits: on a bad line it lets a damaged answer through now and then. Two readings that are
-damaged alike are another matter (see docs/limits.md for the figures).
+The checksum of a frame has 8 bits: on a bad line it accepts a damaged response now and then (docs/limits.md has the
+figures). Damage that turns one record into exactly the expected one does not happen, so such a reading is proof. For
+anything else two equal readings are wanted: it is going to be changed, deleted or kept in a file.
 """
 
 from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeVar
+from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
-from servolink.errors import ConnectionLost, DecodeError, ProjectError
+from servolink.errors import DecodeError, ProjectError
 from servolink.escaping import escape
-from servolink.project.model import Project, without_neutral
-from servolink.project.records import total_size
+from servolink.project.model import Project
+from servolink.project.transfer.content import Content, Listed
+from servolink.project.transfer.pinned import BoardConnection, in_parallel
 from servolink.project.transfer.results import Phase, Progress, ProgressCallback
-from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryServoParameterRequest
 from servolink.protocol.joystick import QueryActiveJoystickTableRequest
-from servolink.protocol.packet import Request, Response
-from servolink.protocol.record_types import RECORD_TYPES, RecordType, stored_size
+from servolink.protocol.record_types import RECORD_TYPES, RecordType
 from servolink.protocol.records import ServoParameter
 
-
-class PinnedConnection:
-    """Passes on what a board is asked; ConnectionLost once its connection is another one, even to the same address."""
-
-    def __init__(self, board: BoardConnection) -> None:
-        """Speak to `board` through the connection that it has now."""
-        self._board = board
-        self.connection = board.connection
-
-    @property
-    def url(self) -> str:
-        """Its address."""
-        return self._board.url
-
-    @property
-    def codec(self) -> Codec:
-        """Byte order and caption encoding of the connection."""
-        return self._board.codec
-
-    async def request(self, packet: Request[R], *, unchecked: bool = False) -> R:
-        """Return the answer to `packet`."""
-        return await self._still().request(packet, unchecked=unchecked)
-
-    async def write_project_id(self, project_id: int) -> None:
-        """Write the project id."""
-        await self._still().write_project_id(project_id)
-
-    async def clear_all_data(self) -> None:
-        """Delete everything."""
-        await self._still().clear_all_data()
-
-    def _still(self) -> BoardConnection:
-        if self._board.connection is not self.connection:
-            raise ConnectionLost(
-                f"the connection to {self.url} was lost and came back in the middle of this, perhaps to "
-                "another board; do it again"
-            )
-        return self._board
-
-
 T = TypeVar("T")
-R = TypeVar("R", bound=Response)
+Key: TypeAlias = "tuple[RecordType[Any], int]"
+"""Type and id of a record."""
 
 _READINGS = 8
-"""How many readings of one thing may differ before it is given up."""
+"""How many readings may differ from the one before until reading is given up."""
+_NOTHING_EXPECTED = object()
 
 
-class BoardConnection(Protocol):
-    """A connected board, as far as projects need one."""
+class Outline(NamedTuple):
+    """Everything on a board but its records."""
 
-    @property
-    def url(self) -> str:
-        """Its address."""
-        ...
-
-    @property
-    def codec(self) -> Codec:
-        """Byte order and caption encoding of the connection."""
-        ...
-
-    @property
-    def connection(self) -> object:
-        """What stands for its connection: another one after a loss."""
-        ...
-
-    async def request(self, packet: Request[R], *, unchecked: bool = False) -> R:
-        """Return the answer to `packet`."""
-        ...
-
-    async def write_project_id(self, project_id: int) -> None:
-        """Write the project id."""
-
-    async def clear_all_data(self) -> None:
-        """Delete everything."""
+    project_id: int
+    servo_parameters: tuple[ServoParameter, ...]
+    active: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class Listed:
-    """One entry of a list on the board."""
+async def export_project(board: BoardConnection, on_progress: ProgressCallback) -> Project:
+    """Return everything stored on the board, each part from two readings that agree.
 
-    record_id: int
-    record: Any | None
-    """What the board gives under this id; None if it gives nothing, or what cannot be understood."""
-
-
-@dataclass
-class Content:
-    """What is on a board, sound or not; nothing by default."""
-
-    project_id: int = 0
-    servo_parameters: tuple[ServoParameter, ...] = ()
-    active: int | None = None
-    records: dict[RecordType[Any], tuple[Listed, ...]] = field(default_factory=lambda: dict.fromkeys(RECORD_TYPES, ()))
-    """In the order of the board's lists, with ids that are there twice."""
-
-    def project(self) -> Project:
-        """Return it as a project; ProjectError if the board lists what it does not give."""
-        for kind, entries in self.records.items():
-            for entry in entries:
-                if entry.record is None:
-                    raise ProjectError(
-                        f"{kind.label} {entry.record_id}: the board lists it and does not give it, or gives what is "
-                        f"no {kind.label}; delete it there, or go on without keeping what the board has"
-                    )
-        return self.readable()
-
-    def readable(self) -> Project:
-        """Return as a project what the board gives, without what it only lists."""
-        records = {
-            kind.field: tuple({one.record_id: one.record for one in entries if one.record is not None}.values())
-            for kind, entries in self.records.items()
-        }
-        parameters = tuple({one.servo_id: one for one in self.servo_parameters}.values())
-        return Project(self.project_id, parameters, active_joystick_table=self.active, **records).sorted()
-
-    def doubled(self) -> list[str]:
-        """Return what is listed more than once, of which a board gives only one."""
-        listed = {kind.label: [entry.record_id for entry in entries] for kind, entries in self.records.items()}
-        listed["servo parameter"] = [one.servo_id for one in self.servo_parameters]
-        return [
-            f"{word} {record_id}"
-            for word, ids in listed.items()
-            for record_id, times in sorted(Counter(ids).items())
-            if times > 1
-        ]
-
-    def missing(self) -> list[str]:
-        """Return what is listed and not given."""
-        return [
-            f"{kind.label} {entry.record_id}"
-            for kind, entries in self.records.items()
-            for entry in entries
-            if entry.record is None
-        ]
-
-    def is_empty(self) -> bool:
-        """Tell whether nothing is stored but, perhaps, the project id."""
-        return not any(self.records.values()) and not without_neutral(self.servo_parameters)
-
-    def growth(self, project: Project) -> int:
-        """Return how many bytes `project` takes more than what is there and goes."""
-        records = [entry.record for entries in self.records.values() for entry in entries if entry.record is not None]
-        kept = {one.servo_id for one in without_neutral(project.servo_parameters)}
-        neutral = [one for one in self.servo_parameters if one.servo_id not in kept]
-        stored = sum(map(stored_size, (*self.servo_parameters, *records)))
-        return total_size(project) + sum(map(stored_size, neutral)) - stored
-
-
-async def read_project(board: BoardConnection, on_progress: ProgressCallback) -> Project:
-    """Return everything stored on the board; ProjectError if the readings never agree or it is not sound."""
-    content = await read_content(board, on_progress)
+    Raise ProjectError if the readings never agree, or if the board lists a record that it does not return.
+    """
+    content = await BoardReader(board, on_progress).read()
     if doubled := content.doubled():
-        logging.getLogger(__name__).warning("%s lists twice and gives once: %s", escape(board.url), ", ".join(doubled))
+        logging.getLogger(__name__).warning(
+            "%s lists twice and returns once: %s", escape(board.url), ", ".join(doubled)
+        )
     return content.project()
 
 
-async def read_content(board: BoardConnection, on_progress: ProgressCallback, phase: Phase = "reading") -> Content:
-    """Return what is on the board, each part read until two consecutive readings agree; progress names `phase`."""
-    for _ in range(_READINGS):
-        content = await _agreed(board, _read_outline, "its lists")
-        ids = {kind: content.records[kind] for kind in RECORD_TYPES}
-        total, done = sum(map(len, ids.values())), 0
-        on_progress(Progress(phase, 0, total, "lists"))
-        known: dict[tuple[RecordType[Any], int], Any] = {}
-        for kind, entries in ids.items():
-            for entry in entries:
-                if (kind, entry.record_id) not in known:
-                    known[kind, entry.record_id] = await _read_record(board, kind, entry.record_id)
-                done += 1
-                on_progress(Progress(phase, done, total, f"{kind.label} {entry.record_id}"))
-        if await _read_outline(board) == content:
-            content.records = {
-                kind: tuple(Listed(entry.record_id, known[kind, entry.record_id]) for entry in entries)
-                for kind, entries in ids.items()
-            }
-            return content
-    raise ProjectError(f"{board.url}: what is on the board kept changing while it was read; is another "
-                       "program using it?")  # fmt: skip
+async def read_project_id(board: BoardConnection, expected: object = _NOTHING_EXPECTED) -> int:
+    """Return the project id, from two readings that agree, or one that is as `expected`."""
+
+    async def read() -> int:
+        return (await board.request(QueryProjectIDRequest())).project_id
+
+    return await _agreed(board, read, "the project id", expected)
 
 
-async def read_project_id(board: BoardConnection) -> int:
-    """Return the project id, read until two consecutive readings agree."""
-    return await _agreed(board, _project_id, "the project id")
+class BoardReader:
+    """Reads a board, and knows its records from then on: what is read or written once need not be read again."""
 
+    def __init__(self, board: BoardConnection, on_progress: ProgressCallback, target: Project | None = None) -> None:
+        """Read `board`, on which `target` is expected; None expects nothing."""
+        self.known: dict[Key, Any | None] = {}
+        """Each record whose content is proved; None for one that is not there."""
+        self._board = board
+        self._depth = board.connection.depth_bound
+        self._on_progress = on_progress
+        self._target = None if target is None else target.sorted()
+        self._expected: Mapping[RecordType[Any], Mapping[int, Any]] = {
+            record_type: {} if self._target is None else record_type.by_id(self._target) for record_type in RECORD_TYPES
+        }
+        self._lists: dict[RecordType[Any], tuple[Any, ...]] = dict.fromkeys(RECORD_TYPES, ())
+        self._compares_captions = True
 
-async def _project_id(board: BoardConnection) -> int:
-    return (await board.request(QueryProjectIDRequest())).project_id
+    # --- everything ---------------------------------------------------------------------------------------------
 
+    async def read(self, phase: Phase = "reading", project_id: object = _NOTHING_EXPECTED) -> Content:
+        """Read everything; `project_id` is expected. Raise ProjectError if it keeps changing, or if readings differ."""
+        for _ in range(_READINGS):
+            outline = await self._read_outline(self._expect(project_id))
+            self.known.clear()
+            await in_parallel(RECORD_TYPES, self._read_list, self._depth)
+            keys = self._listed_keys()
+            self._on_progress(Progress(phase, 0, len(keys), "lists"))
+            await self._read_records(phase, keys)
+            if doubtful := [each for each in RECORD_TYPES if self._is_doubtful(each)]:
+                await self._confirm_lists(phase, doubtful)
+                self._compare_captions_no_more()
+            # A program that imports meanwhile changes the project id before anything else.
+            if await read_project_id(self._board, outline.project_id) != outline.project_id:
+                continue
+            if self._target is not None or await self._read_outline(outline) == outline:
+                return self._content(outline)
+        raise ProjectError(
+            f"{self._board.url}: what is on the board kept changing while it was read; is another program using it?"
+        )
 
-async def _read_outline(board: BoardConnection) -> Content:
-    """Read all but the records themselves."""
-    return Content(
-        project_id=await _project_id(board),
-        servo_parameters=(await board.request(QueryServoParameterRequest())).servos,
-        active=(await board.request(QueryActiveJoystickTableRequest())).table_id or None,
-        records={
-            kind: tuple(Listed(listed, None) for listed in kind.ids_in(await board.request(kind.list_request)))
-            for kind in RECORD_TYPES
-        },
-    )
+    async def check(self, phase: Phase, project_id: int, types: Collection[RecordType[Any]]) -> Content:
+        """Return the content after records were written: they are known, so only `types` are listed again."""
+        outline = await self._read_outline(self._expect(project_id))
+        self._on_progress(Progress(phase, 0, len(types), "lists"))
+        for record_type in RECORD_TYPES:
+            self._lists[record_type] = tuple(
+                record for (each, _), record in self.known.items() if each is record_type and record is not None
+            )
+        await in_parallel([each for each in RECORD_TYPES if each in types], self._read_list, self._depth)
+        # A deleted record that is listed all the same is not known any more; neither is a new one.
+        await self._read_records(phase, [key for key in self._listed_keys() if self.known.get(key) is None])
+        if doubtful := [each for each in types if self._is_doubtful(each)]:
+            await self._confirm_lists(phase, doubtful)
+            await self._read_records(phase, [key for key in self._listed_keys() if self._differs_from_list(*key)])
+            self._compare_captions_no_more()
+        return self._content(outline)
 
+    def _content(self, outline: Outline) -> Content:
+        records = {
+            record_type: tuple(
+                Listed(record_id, self.known.get((record_type, record_id)))
+                for record_id in map(record_type.id_of, entries)
+            )
+            for record_type, entries in self._lists.items()
+        }
+        return Content(*outline, records)
 
-async def _read_record(board: BoardConnection, kind: RecordType[Any], record_id: int) -> Any | None:
-    async def read(board: BoardConnection) -> Any | None:
+    def _expect(self, project_id: object) -> tuple[object, object, object]:
+        """Return an expected outline; parts of which nothing is expected need two readings."""
+        if self._target is None:
+            return project_id, _NOTHING_EXPECTED, _NOTHING_EXPECTED
+        return project_id, self._target.servo_parameters, self._target.active_joystick_table
+
+    async def _read_outline(self, expected: tuple[object, object, object]) -> Outline:
+        return Outline(
+            await read_project_id(self._board, expected[0]),
+            await self._read_parameters(expected[1]),
+            await self._read_active(expected[2]),
+        )
+
+    async def _read_parameters(self, expected: object) -> tuple[ServoParameter, ...]:
+        async def read() -> tuple[ServoParameter, ...]:
+            return (await self._board.request(QueryServoParameterRequest())).servos
+
+        return await _agreed(self._board, read, "the servo parameters", expected)
+
+    async def _read_active(self, expected: object) -> int | None:
+        async def read() -> int | None:
+            return (await self._board.request(QueryActiveJoystickTableRequest())).table_id or None
+
+        return await _agreed(self._board, read, "the active joystick table", expected)
+
+    # --- lists --------------------------------------------------------------------------------------------------
+
+    async def _read_list(self, record_type: RecordType[Any]) -> None:
+        self._lists[record_type] = await self._query_list(record_type)
+
+    async def _query_list(self, record_type: RecordType[Any]) -> tuple[Any, ...]:
+        return record_type.entries_in(await self._board.request(record_type.list_request))
+
+    def _is_doubtful(self, record_type: RecordType[Any]) -> bool:
+        """Return whether a single reading of a list is not enough.
+
+        It is if the board returns each record of the list, with the caption that the list has. For an export this is
+        never enough.
+        """
+        ids = [record_type.id_of(entry) for entry in self._lists[record_type]]
+        return (
+            self._target is None
+            or len(set(ids)) < len(ids)
+            or any(self._differs_from_list(record_type, record_id) for record_id in ids)
+        )
+
+    def _differs_from_list(self, record_type: RecordType[Any], record_id: int) -> bool:
+        """Return whether a listed record is missing, or has another caption than in the list."""
+        record = self.known.get((record_type, record_id))
+        if record is None or not self._compares_captions:
+            return record is None
+        caption = record_type.caption_of(record)
+        return any(
+            record_type.caption_of(entry) != caption
+            for entry in self._lists[record_type]
+            if record_type.id_of(entry) == record_id
+        )
+
+    def _compare_captions_no_more(self) -> None:
+        """Ignore the captions in lists if they differ from those of records although both were read twice."""
+        if any(self._differs_from_list(*key) for key in self._listed_keys() if self.known.get(key) is not None):
+            self._compares_captions = False
+
+    async def _confirm_lists(self, phase: Phase, types: Iterable[RecordType[Any]]) -> None:
+        """Read the lists of `types` until two consecutive readings agree, and the records that only these show."""
+        for record_type in types:
+
+            async def read(record_type: RecordType[Any] = record_type) -> tuple[Any, ...]:
+                return await self._query_list(record_type)
+
+            first = self._lists[record_type]
+            self._lists[record_type] = await _agreed(self._board, read, f"the list of {record_type}s", first)
+        await self._read_records(phase, [key for key in self._listed_keys() if key not in self.known])
+
+    def _listed_keys(self) -> list[Key]:
+        """Return type and id of all listed records, each once."""
+        keys = [(each, each.id_of(entry)) for each, entries in self._lists.items() for entry in entries]
+        return list(dict.fromkeys(keys))
+
+    # --- records ------------------------------------------------------------------------------------------------
+
+    async def query(self, record_type: RecordType[Any], record_id: int) -> Any | None:
+        """Read a record once; None if there is none, or none that can be decoded."""
         try:
-            return kind.record_in(await board.request(kind.query(record_id)))
+            found = record_type.record_in(await self._board.request(record_type.query(record_id)))
         except DecodeError:
             return None
+        return found
 
-    return await _agreed(board, read, f"{kind.label} {record_id}")
+    async def _read_records(self, phase: Phase, keys: list[Key]) -> None:
+        done = 0
+
+        async def read(key: Key) -> None:
+            nonlocal done
+            record_type, record_id = key
+
+            async def query() -> Any | None:
+                return await self.query(record_type, record_id)
+
+            expected = self._expected[record_type].get(record_id, _NOTHING_EXPECTED)
+            self.known[key] = await _agreed(self._board, query, f"{record_type} {record_id}", expected)
+            done += 1
+            self._on_progress(Progress(phase, done, len(keys), f"{record_type} {record_id}"))
+
+        await in_parallel(keys, read, self._depth)
 
 
-async def _agreed(board: BoardConnection, read: Callable[[BoardConnection], Awaitable[T]], what: str) -> T:
-    before = await read(board)
+async def _agreed(
+    board: BoardConnection, read: Callable[[], Awaitable[T]], what: str, expected: object = _NOTHING_EXPECTED
+) -> T:
+    """Return a reading that is as `expected`, or equals the one before."""
+    before = await read()
+    if before == expected:
+        return before
     for _ in range(_READINGS):
-        now = await read(board)
-        if now == before:
+        now = await read()
+        if now in (before, expected):
             return now
         before = now
     raise ProjectError(
         f"{board.url}: {_READINGS + 1} readings of {what} all differed from the one before; the line is "
         "too bad, or another program is using the board"
     )
+
+
+def doubled_types(content: Content) -> set[RecordType[Any]]:
+    """Return the types of which a record is listed more than once."""
+    return {each for each in RECORD_TYPES if any(times > 1 for times in Counter(content.ids_of(each)).values())}

@@ -1,4 +1,4 @@
-"""What comparing, planning and importing projects comes to."""
+"""Results of comparing, planning and importing projects, and the progress of doing so."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Phase: TypeAlias = Literal["reading", "saving", "marking", "clearing", "writing"
 
 
 class Progress(Struct, frozen=True):
-    """What has just been done."""
+    """The latest step."""
 
     phase: Phase
     done: int
     total: int
-    """Items of this phase; what an import writes can turn out to be more."""
+    """Items of this phase. An import may have to write more than its first total."""
     item: str
     """Such as "action 3"."""
 
@@ -42,24 +42,49 @@ class Change(Struct, frozen=True):
     new: Any = None
 
 
+class Memory(Struct, frozen=True):
+    """The board's memory before and after an import, in bytes. The protocol names no unit."""
+
+    unit: int | None
+    """Bytes in the unit in which the board counts; None: unknown, bytes are assumed."""
+    size: int | None
+    """None on boards that do not return it."""
+    free_before: int
+    free_after: int
+    """Below 0: the project seems not to fit. Only writing it shows whether that is so."""
+
+    @property
+    def warning(self) -> str:
+        """Why the project may not fit; empty if it seems to fit."""
+        if self.free_after >= 0:
+            return ""
+        needed = self.free_before - self.free_after
+        unit = (
+            "if the board counts its memory in bytes, which is not known"
+            if self.unit is None
+            else f"counted in units of {self.unit:,} bytes"
+        )
+        return (
+            f"the project may not fit: it takes {needed:,} bytes more than what is on the board, which has "
+            f"{self.free_before:,} bytes free, {unit}"
+        )
+
+
 class Plan(Struct, frozen=True):
     """What would change on the board."""
 
     changes: tuple[Change, ...]
     """In the order of a project file."""
     inconsistencies: tuple[str, ...]
-    """What else an import puts right: "action 3 is listed more than once"."""
+    """Faults that an import repairs too: "action 3 is listed more than once"."""
     requests: int
     """Of the whole import: backup, writing, verification."""
     wire_bytes: int
     """In both directions, on a line without damage."""
     seconds: float
     """Estimated from the time that reading the board took."""
-    memory_size: int | None
-    """Bytes of the board's memory; None on boards that do not say."""
-    free_before: int
-    free_after: int
-    """Below 0: it does not fit."""
+    memory: Memory | None
+    """None if the board does not answer when it is asked for its memory."""
     is_unfinished: bool
     """The board holds an unfinished import."""
 
@@ -82,11 +107,17 @@ class Plan(Struct, frozen=True):
 
 
 class ApplyResult(Struct, frozen=True):
-    """What an import did."""
+    """The outcome of an import."""
 
     changed: bool
     """False: the board held the project already, and nothing was written."""
     resumed: bool
-    """It went on with an import that had been interrupted."""
+    """It continued an import that had been interrupted."""
     backup: Path | None
-    """What the board held before."""
+    """The file with what the board held before."""
+    project_id_bits: Literal[32, 16, 0] | None = None
+    """How many bits of a project id the board keeps; None if nothing was written.
+
+    With fewer than 32, an interrupted import is recognised only from this computer and at this address; with 0, only
+    by what is on the board, and two programs that import at the same time do not notice each other.
+    """

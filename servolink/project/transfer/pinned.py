@@ -1,0 +1,124 @@
+"""The board as far as a transfer needs it: one connection, and several requests under way on it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable
+from contextlib import AbstractContextManager
+from typing import Protocol, TypeVar
+
+from servolink.errors import ConnectionLost
+from servolink.protocol.codec import Codec
+from servolink.protocol.packet import Request, Response
+
+T = TypeVar("T")
+R = TypeVar("R", bound=Response)
+
+
+class Line(Protocol):
+    """A connection, as far as it bounds a transfer."""
+
+    @property
+    def depth_bound(self) -> int:
+        """How many queries may ever be under way."""
+        ...
+
+    @property
+    def write_depth_bound(self) -> int:
+        """How many requests may ever be under way while one of them is a change."""
+        ...
+
+    def bulk(self) -> AbstractContextManager[None]:
+        """Return a context in which much is transferred."""
+        ...
+
+
+class BoardConnection(Protocol):
+    """A connected board, as far as projects need one."""
+
+    @property
+    def url(self) -> str:
+        """The address."""
+        ...
+
+    @property
+    def codec(self) -> Codec:
+        """Byte order and caption encoding of the connection."""
+        ...
+
+    @property
+    def connection(self) -> Line:
+        """The present connection: another object after a loss."""
+        ...
+
+    async def request(self, packet: Request[R], *, unchecked: bool = False) -> R:
+        """Return the response to `packet`."""
+        ...
+
+    async def write_project_id(self, project_id: int) -> None:
+        """Write the project id."""
+
+    async def clear_all_data(self) -> None:
+        """Delete everything."""
+
+
+class PinnedConnection:
+    """Passes requests on. Raise ConnectionLost once the connection is another one, even to the same address."""
+
+    def __init__(self, board: BoardConnection) -> None:
+        """Speak to `board` through the connection that it has now."""
+        self._board = board
+        self.connection = board.connection
+
+    @property
+    def url(self) -> str:
+        """The address."""
+        return self._board.url
+
+    @property
+    def codec(self) -> Codec:
+        """Byte order and caption encoding of the connection."""
+        return self._board.codec
+
+    async def request(self, packet: Request[R], *, unchecked: bool = False) -> R:
+        """Return the response to `packet`."""
+        return await self._pinned().request(packet, unchecked=unchecked)
+
+    async def write_project_id(self, project_id: int) -> None:
+        """Write the project id."""
+        await self._pinned().write_project_id(project_id)
+
+    async def clear_all_data(self) -> None:
+        """Delete everything."""
+        await self._pinned().clear_all_data()
+
+    def _pinned(self) -> BoardConnection:
+        if self._board.connection is not self.connection:
+            raise ConnectionLost(
+                f"the connection to {self.url} was lost and came back in the middle of this, perhaps to "
+                "another board; do it again"
+            )
+        return self._board
+
+
+async def in_parallel(items: Iterable[T], work: Callable[[T], Awaitable[None]], depth: int) -> None:
+    """Do `work` for each item, begun in their order, so many at a time that `depth` requests can be under way.
+
+    The first error ends all of it and is raised.
+    """
+    waiting = iter(items)
+
+    async def worker() -> None:
+        for item in waiting:
+            await work(item)
+
+    if depth == 1:
+        await worker()
+        return
+    try:
+        async with asyncio.TaskGroup() as group:
+            # One more than the depth: its request waits in the queue, and is sent the moment another is answered.
+            for _ in range(depth + 1):
+                group.create_task(worker())
+    except BaseExceptionGroup as errors:
+        raise errors.exceptions[0] from None
