@@ -134,8 +134,10 @@ class LoopThread:
             raise RuntimeError("the program is ending, and all boards of servolink.sync are closed")
 
     def _own(self, started: threading.Event) -> None:
-        with asyncio.Runner() as runner:
-            runner.run(self._serve(started))
+        # Not asyncio.Runner, which starts a thread when it is closed: too late at the end of the program.
+        loop = asyncio.new_event_loop()
+        loop.run_until_complete(self._serve(started))
+        loop.close()
 
     async def _serve(self, started: threading.Event) -> None:
         self._loop = asyncio.get_running_loop()
@@ -143,6 +145,11 @@ class LoopThread:
         started.set()
         await self._end.wait()
         await asyncio.gather(*(close() for close in self.at_exit), return_exceptions=True)
+        left = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in left:
+            task.cancel()
+        await asyncio.gather(*left, return_exceptions=True)
+        await self._loop.shutdown_asyncgens()
 
     def _end_with_program(self) -> None:
         """Close all boards and end the thread; give up after some seconds."""
