@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 from servolink.client import board as client
+from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
 from servolink.motion import AngleUnit
 from servolink.profiles.profile import ProfileInUse
@@ -97,7 +98,7 @@ class Board:
         return self._board.profile
 
     @property
-    def connection(self) -> object:
+    def connection(self) -> Connection:
         """An object that stands for the present connection: another one after a reconnect."""
         return self._board.connection
 

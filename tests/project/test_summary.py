@@ -21,7 +21,7 @@ def project() -> Project:
 
 
 def plan(*changes: Change) -> Plan:
-    return Plan(changes, ("action 3 is listed more than once",), 12, 300, 0.25, None, 100, 90, is_unfinished=False)
+    return Plan(changes, ("action 3 is listed more than once",), 12, 300, 0.25, None, is_unfinished=False)
 
 
 def cells(thing: Any) -> list[list[str]]:
@@ -51,8 +51,8 @@ def test_a_project_is_a_table_of_its_records() -> None:
 
 def test_a_plan_shows_how_much_it_changes() -> None:
     assert repr(plan(Change("action 1", None, Action(1, "up")))) == (
-        "Plan(changes=<1>, inconsistencies=<1>, requests=12, wire_bytes=300, seconds=0.25, memory_size=None, "
-        "free_before=100, free_after=90, is_unfinished=False)"
+        "Plan(changes=<1>, inconsistencies=<1>, requests=12, wire_bytes=300, seconds=0.25, memory=None, "
+        "is_unfinished=False)"
     )
 
 
