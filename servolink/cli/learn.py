@@ -16,6 +16,7 @@ from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import Table, is_terminal, print_error, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.terminal import can_ask, confirm, wait_for_enter
+from servolink.connection.options import options_in
 from servolink.discovery.names import resolve_url
 from servolink.discovery.search import identity_of
 from servolink.doctor.learn import Learnt, learn_by_asking, learn_by_writing
@@ -103,11 +104,21 @@ class _Lesson:
     async def _write(self, transport: SharedTransport, learnt: Learnt, store: BackupStore) -> None:
         try:
             await learn_by_writing(
-                transport, learnt, store, clear=self._args.clear, on_trial=self._note_trial, on_step=self._show_step
+                transport,
+                learnt,
+                store,
+                caption_encoding=self._caption_encoding(transport.url),
+                clear=self._args.clear,
+                on_trial=self._note_trial,
+                on_step=self._show_step,
             )
         except ServolinkError:
             print_error(f"servolink: {self._interruption.state}")
             raise
+
+    def _caption_encoding(self, url: str) -> str | None:
+        """Return the encoding in which commands will read captions, and so the backup; None if nothing says."""
+        return options_in(url).get("caption_encoding") or self._profile.settings.caption_encoding
 
     async def _ask_for_power(self) -> bool:
         """Ask for the board to be switched off and on; return whether it was."""
@@ -156,11 +167,11 @@ class _Lesson:
             return
         self._interruption.state = (
             "the board may hold records of this measurement; nothing is lost: "
-            f"`servolink -b {self._name} rollback` restores what was on it, also kept in {trial.backup}"
+            f"`servolink -b {self._name} rollback {int(trial.backup.name.split('-')[0])}` restores what was on it"
         )
 
     async def _time_movement(self, transport: SharedTransport, learnt: Learnt) -> Measured:
-        async with connected(transport, learnt.codec, self._args.timeout) as board:
+        async with connected(transport, learnt.codec(), self._args.timeout) as board:
             planned = await plan_movement(board, self._args.servo, self._profile.limits)
             print_error(str(planned))
             self._interruption.state = f"servo {planned.servo_id} was moved, and a stop was sent to all servos"

@@ -52,10 +52,9 @@ class Learnt:
         """Return what was learnt about a setting, None if nothing."""
         return next((each.value for each in self.measured if each.setting == setting), None)
 
-    @property
-    def codec(self) -> Codec:
-        """Byte order and caption encoding of the board, as far as they are known."""
-        return Codec(self.contact.byte_order, str(self.value("caption_encoding") or "utf-8"))
+    def codec(self, caption_encoding: str | None = None) -> Codec:
+        """Return byte order and caption encoding of the board; `caption_encoding` is what programs will use."""
+        return Codec(self.contact.byte_order, str(caption_encoding or self.value("caption_encoding") or "utf-8"))
 
 
 async def learn_by_asking(
@@ -103,18 +102,20 @@ async def learn_by_writing(
     learnt: Learnt,
     store: BackupStore,
     *,
+    caption_encoding: str | None = None,
     clear: bool = False,
     on_trial: Callable[[Trial | None], None] = lambda trial: None,
     on_step: Step = ignore_step,
 ) -> None:
     """Add to `learnt` what only writing tells; what the board held before is saved first and restored at the end.
 
-    `clear` also deletes everything on it once. `on_trial` is called before anything is written, and with None when all
+    The backup is restored by programs that use its `caption_encoding`, by default the one that was learnt. `clear` also
+    deletes everything on the board once. `on_trial` is called before anything is written, and with None when all
     is restored. If it is interrupted in between, the board has an unfinished import, which `rollback_project` undoes.
     Raise ProjectError if it has one already.
     """
     on_step("saving what is on the board")
-    trial = await begin_trial(transport, learnt.codec, store, on_trial)
+    trial = await begin_trial(transport, learnt.codec(caption_encoding), store, on_trial)
     try:
         learnt.measured += await _write(trial, learnt, on_step, clear=clear)
     except ConnectionLost:

@@ -255,5 +255,5 @@ async def measure_quality(line: Line, query: Request[Response]) -> Quality:
             round_trips.append(loop.time() - begun)
     quality = Quality(asked, tuple(round_trips))
     slowest = max(round_trips, default=PATIENCE)
-    line.patience = max(_SHORTEST_PATIENCE, min(_LONGEST_PATIENCE, 4 * slowest))
+    line.patience = max(_SHORTEST_PATIENCE, min(_LONGEST_PATIENCE, 2 * slowest))
     return quality

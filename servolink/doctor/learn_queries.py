@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count, cycle, islice
@@ -28,9 +29,10 @@ _LISTS: tuple[Query[Response], ...] = (
     QueryServoParameterRequest(),
 )
 _DEPTHS = (2, 4, 8, 16)
-_TRIES_ON_A_BAD_LINE = 24  # long responses are lost more often than those of the queries that measure the line
+_TRIES_ON_A_BAD_LINE = 16  # long responses are lost more often than those of the queries that measure the line
 _SHORT = 256  # bytes of a response
 _ROUNDS = 8  # bursts of each depth
+_LONGEST = 15.0  # seconds, after which no further depth is tried
 
 
 def name_of(query: Query[Any]) -> str:
@@ -79,7 +81,7 @@ class Survey:
 
 async def survey_board(line: Line, quality: Quality) -> Survey:
     """Send each query until it is answered; those for one record only if one is stored."""
-    survey = Survey(TRIES if quality.is_clean else _TRIES_ON_A_BAD_LINE)
+    survey = Survey(_TRIES_ON_A_BAD_LINE if 0 < quality.loss <= MOST_LOSS else TRIES)
     for query in (*SHORT_QUERIES, QueryServoRequest(ALL_SERVOS), *_LISTS):
         await _survey_query(line, query, survey)
     for record_type in RECORD_TYPES:
@@ -175,7 +177,12 @@ async def depth_finding(line: Line, survey: Survey, quality: Quality) -> Measure
     if quality.loss > MOST_LOSS:
         return Measured("depth", None, "guess", f"{quality}, too many to tell what the board loses")
     works, seen = 1, ""
+    loop = asyncio.get_running_loop()
+    end = loop.time() + _LONGEST
     for depth in _DEPTHS:
+        if loop.time() > end:
+            seen = "more were not tried, as the board is slow"
+            break
         lost = 0
         for _ in range(_ROUNDS):
             lost += depth - len(await line.burst(list(islice(cycle(queries), depth))))

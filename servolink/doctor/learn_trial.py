@@ -16,10 +16,13 @@ from servolink.doctor.learn_line import SharedTransport
 from servolink.errors import OutcomeUnknown, ProjectError
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.backups import BackupStore
-from servolink.project.transfer.journal import Journal, JournalPhase, journal_of, last_import
+from servolink.project.transfer.journal import Journal, JournalPhase, journal_of
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.records import Action, Step
+
+SCRATCH = "servolink scratch"
+"""How captions of records begin that are stored only to learn of the board."""
 
 _MOST_STEPS = 24
 _DEGREE, _INTERVAL = 0, 100
@@ -56,9 +59,9 @@ class Trial:
         self._used |= {action.action_id for action in found}
         return found
 
-    def _scratch_action(self, action_id: int, caption: str = "servolink scratch") -> Action:
+    def _scratch_action(self, action_id: int) -> Action:
         steps = tuple(Step(servo_id, _DEGREE, _INTERVAL) for servo_id in self.servo_ids[:_MOST_STEPS])
-        return Action(action_id, caption, steps)
+        return Action(action_id, SCRATCH, steps)
 
     async def note(self, phase: JournalPhase) -> None:
         """Keep in the journal that the board is cleared (`clearing`), or only written to (`writing`)."""
@@ -95,6 +98,7 @@ async def begin_trial(
                 "undoes it; learn after that"
             )
         content = await board.export_project()
+        _refuse_scratch(board, content, store)
         backup = await asyncio.to_thread(store.keep, content, board.url, codec.caption_encoding)
         marker = await asyncio.to_thread(store.new_marker)
         journal = Journal(marker, board.url, content.project_id, backup.name)
@@ -103,6 +107,15 @@ async def begin_trial(
         on_trial(trial)
         await write_marker(board, marker)
     return trial
+
+
+def _refuse_scratch(board: Board, content: Project, store: BackupStore) -> None:
+    """Raise ProjectError for records of an interrupted trial: not every board keeps a mark of it."""
+    if any(action.action_caption.startswith(SCRATCH) for action in content.actions):
+        raise ProjectError(
+            f"{board.url} holds records of a measurement that was interrupted: restore what was there before with "
+            "`servolink rollback BACKUP`, where BACKUP is the number that `servolink backups` shows for it"
+        )
 
 
 async def write_marker(board: Board, marker: int) -> int:
@@ -119,13 +132,16 @@ async def write_marker(board: Board, marker: int) -> int:
 
 async def end_trial(trial: Trial) -> None:
     """Restore what the board held before, and make `servolink rollback` undo the same import as before the trial."""
-    journals = await asyncio.to_thread(trial.store.journals, 0)
-    here = [each for each in journals if each.url == trial.journal.url]
-    last = last_import(here, trial.content.project_id, trial.journal.url)
+    before = [each for each in await _journals(trial) if each.marker != trial.journal.marker]
     async with trial.board() as board:
         await board.rollback_project(trial.backup, folder=trial.store.folder)
-    for each in await asyncio.to_thread(trial.store.journals, 0):
+    for each in await _journals(trial):
         if each.restores == trial.backup.name:
             await asyncio.to_thread(trial.store.end, each)
-    if last is not None:
-        await asyncio.to_thread(trial.store.write, last)
+    for each in before:  # of which the rollback has ended some, as those of imports before it
+        await asyncio.to_thread(trial.store.write, each)
+
+
+async def _journals(trial: Trial) -> list[Journal]:
+    journals = await asyncio.to_thread(trial.store.journals, trial.content.project_id)
+    return [each for each in journals if each.url == trial.journal.url]

@@ -12,7 +12,7 @@ from servolink.client.board import Board
 from servolink.doctor.learn_line import Line, Quality
 from servolink.doctor.learn_profile import Measured
 from servolink.doctor.learn_queries import is_line_loss
-from servolink.doctor.learn_trial import Trial, write_marker
+from servolink.doctor.learn_trial import SCRATCH, Trial, write_marker
 from servolink.errors import OutcomeUnknown, Rejected, RequestTimeout
 from servolink.profiles.profile import Confidence
 from servolink.project.model import without_neutral
@@ -28,6 +28,7 @@ _ROUNDS = 3  # bursts of each depth
 _MOST_RECORDS = 128
 _ENOUGH_BYTES = 5 * 1024  # written to see a unit of 1,024 bytes in spite of rounding
 _FEWEST_UNITS = 3
+_LONGEST = 60.0  # seconds for storing records
 _NEAR = (0.5, 2.0)  # a unit fits if it explains the bytes written within these factors
 
 
@@ -50,12 +51,15 @@ async def memory_finding(board: Board, trial: Trial) -> Measured:
     except RequestTimeout:
         return Measured("memory_unit", None, "guess", "the board does not say how much memory is free")
     written = 0
+    loop = asyncio.get_running_loop()
+    end = loop.time() + _LONGEST
     for action in trial.scratch_actions(_MOST_RECORDS):
         if not await _store(board, action):
             break
         written += ACTION.size(action)
         free = (await board.request(QueryMemorySizeRequest())).size
-        if written >= _ENOUGH_BYTES or (before - free >= _FEWEST_UNITS and _fits(1, before - free, written)):
+        used = before - free
+        if written >= _ENOUGH_BYTES or (used >= _FEWEST_UNITS and _fits(1, used, written)) or loop.time() > end:
             break
     await _delete_scratch(board, trial)
     used = before - free
@@ -64,7 +68,7 @@ async def memory_finding(board: Board, trial: Trial) -> Measured:
     if len(fitting) == 1 and used >= _FEWEST_UNITS:
         return Measured("memory_unit", fitting[0], "certain", text)
     if fitting:
-        return Measured("memory_unit", fitting[0], "likely", f"{text}; the memory was too full for more")
+        return Measured("memory_unit", fitting[0], "likely", f"{text}; more could not be stored")
     return Measured("memory_unit", None, "guess", f"{text}, which is neither bytes nor KiB")
 
 
@@ -107,7 +111,7 @@ async def _added_twice(board: Board, action: Action) -> tuple[str | None, str]:
     """Return what adding an action again does, and what was seen."""
     if not await _store(board, action):
         return None, "the first was not stored"
-    again = replace(action, action_caption="servolink scratch 2")
+    again = replace(action, action_caption=f"{SCRATCH} 2")
     said_yes: bool | None = None
     with suppress(OutcomeUnknown):
         said_yes = bool((await board.request(ACTION.add(again))).result)

@@ -172,6 +172,18 @@ def test_what_is_on_the_board_is_restored(robot: Robot, learnt: Any) -> None:
     assert robot.board.storage.contents == before
 
 
+@pytest.mark.parametrize("where", ["address", "profile"])
+def test_the_backup_is_read_as_commands_will_read_it(
+    where: str, robot: Robot, learnt: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if where == "address":
+        assert call(capsys, "use", "rex", "virtual://?caption_encoding=big5").code == 0
+    else:
+        save_profile("rex", BoardProfile(settings=BoardSettings(caption_encoding="big5")))
+    assert learnt("--write", "--yes").code == 0
+    assert [backup.caption_encoding for backup in BackupStore().backups()] == ["big5"]
+
+
 def test_a_pulled_cable_names_the_way_back(robot: Robot, learnt: Any, capsys: pytest.CaptureFixture[str]) -> None:
     async def fill(board: Board) -> None:
         await board.add_action(WAVE)
@@ -186,10 +198,13 @@ def test_a_pulled_cable_names_the_way_back(robot: Robot, learnt: Any, capsys: py
     robot.board.watch(pull)
     said = learnt("--write", "--yes")
     assert said.code == 3
-    assert "`servolink -b rex rollback` restores what was on it" in said.err
+    assert "nothing is lost: `servolink -b rex rollback 1` restores what was on it" in said.err
     robot.board.unwatch(pull)
     robot.plug_in()
-    assert call(capsys, "-b", "rex", "rollback", "--yes").code == 0
+    again = learnt("--write", "--yes")
+    assert again.code == 1
+    assert "holds an unfinished import" in again.err
+    assert call(capsys, "-b", "rex", "rollback", "1", "--yes").code == 0
     assert robot.board.storage.contents == before
 
 

@@ -14,7 +14,7 @@ from servolink.errors import ConnectionLost, OpenError, ProjectError, ServolinkE
 from servolink.project.model import UNFINISHED
 from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.codec import Codec
-from servolink.protocol.record_types import STORED_TYPES
+from servolink.protocol.record_types import ACTION, STORED_TYPES
 from servolink.transports.faults import Faults
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
@@ -82,6 +82,15 @@ def test_each_kind_is_learnt(kind: BoardKind, codec: Codec | None, setting: str,
     assert everything(board) == before
 
 
+@pytest.mark.parametrize("bits", [0, 16])
+def test_a_board_that_keeps_less_of_the_project_id(bits: Any, tmp_path: Path) -> None:
+    board = board_of(BoardKind(project_id_bits=bits))
+    before = everything(board)
+    found = learn(board, tmp_path, clear=True)
+    assert (found["project_id_bits"].value, found["project_id_bits"].confidence) == (bits, "certain")
+    assert everything(board) == before
+
+
 def test_a_board_that_lies_about_its_memory(tmp_path: Path) -> None:
     board = board_of(BoardKind(memory_reported=1))
     before = everything(board)
@@ -109,6 +118,18 @@ def test_an_unfinished_import_is_refused(tmp_path: Path) -> None:
         learn(board, tmp_path)
     assert board.storage.contents is before
     assert not BackupStore(tmp_path).backups()
+
+
+def test_records_of_an_interrupted_measurement_are_no_content_to_keep(tmp_path: Path) -> None:
+    board = board_of(BoardKind(project_id_bits=0))
+    whole = Cable(board_of(BoardKind(project_id_bits=0)))
+    _learn_over(whole, tmp_path / "whole")
+    with pytest.raises((ConnectionLost, OpenError)):
+        _learn_over(Cable(board, sent=whole.sent * 2 // 3), tmp_path)
+    assert len(board.storage.all(ACTION)) > 3
+    with pytest.raises(ProjectError, match="holds records of a measurement that was interrupted"):
+        learn(board, tmp_path)
+    assert len(BackupStore(tmp_path).backups()) == 1
 
 
 def test_there_is_nothing_to_undo_afterwards(tmp_path: Path) -> None:
@@ -144,7 +165,13 @@ def test_the_last_import_can_still_be_undone(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "kind",
-    [FULL, BoardKind(on_duplicate="append"), BoardKind(clear="records", partial_writes=True, bus_powered=True)],
+    [
+        FULL,
+        BoardKind(on_duplicate="append"),
+        BoardKind(clear="records", partial_writes=True, bus_powered=True),
+        BoardKind(project_id_bits=16),
+        BoardKind(project_id_bits=0),
+    ],
     ids=described,
 )
 def test_a_pulled_cable_is_undone_by_a_rollback(kind: BoardKind, tmp_path: Path) -> None:
@@ -161,11 +188,9 @@ def test_a_pulled_cable_is_undone_by_a_rollback(kind: BoardKind, tmp_path: Path)
             _learn_over(pulled, folder)
 
         async def undo(board: VirtualBoard = board, folder: Path = folder) -> None:
-            async with connect(VirtualTransport(board, "virtual://bench")) as connected:
-                if BackupStore(folder).backups() and await connected.has_unfinished_import():
-                    await connected.rollback_project(folder=folder)
-                elif BackupStore(folder).backups():
-                    await connected.rollback_project(BackupStore(folder).backups()[-1].path, folder=folder)
+            async with connect(VirtualTransport(board, URL)) as connected:
+                for backup in BackupStore(folder).backups()[:1]:  # none if it was pulled before
+                    await connected.rollback_project(backup.path, folder=folder)
 
         run(undo())
         assert everything(board) == before
