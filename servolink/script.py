@@ -36,17 +36,19 @@ def run(main: Any) -> Any:
     """
     try:
         return _call(main)
-    except ServolinkError as error:
+    except (ServolinkError, KeyboardInterrupt) as error:
         if sys.flags.dev_mode:
             raise
-        print(f"{_place(main, error)}: {error}", file=sys.stderr)
-        code = exit_code(error)
-    except KeyboardInterrupt:
-        if sys.flags.dev_mode:
-            raise
-        print("interrupted", file=sys.stderr)
-        code = INTERRUPTED
+        text, code = _ending(main, error)
+    print(text, file=sys.stderr)
     sys.exit(code)
+
+
+def _ending(main: Any, error: ServolinkError | KeyboardInterrupt) -> tuple[str, int]:
+    """Return the line and the exit code with which a script ends."""
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted", INTERRUPTED
+    return f"{_place(main, error)}: {error}", exit_code(error)
 
 
 def _call(main: Any) -> Any:
