@@ -153,7 +153,7 @@ def run(*, short: bool, openings: int | None = None, seed: int = 1) -> Result:
         rows,
         notes=[
             "3 of 10 owed responses (more than five: 1 of 10) are late by 0.1 to 1.5 s, and hold up those behind them",
-            "`given up`: the board had not answered after 6 s; `wrong`: opened while a response was still owed",
+            "`given up`: the handshake was not complete after 12 s; `wrong`: opened while a response was still owed",
             "`got a wrong response`: in the three requests that follow; `queries` and `time`: averages of an opening",
         ],
     )

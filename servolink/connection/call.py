@@ -68,6 +68,11 @@ class Slot(Struct, eq=False):
     holds_permit_of: Request[Any] | Command | None = None
     """The packet of a call that has ended, and still counts as under way until this slot is over or overdue."""
 
+    @property
+    def is_expected(self) -> bool:
+        """Whether its response may still come, and is not overdue."""
+        return self.open and not self.overdue
+
 
 Settled: TypeAlias = "tuple[Slot, Content | None]"
 """A slot that is over, with its response; None if there is none."""

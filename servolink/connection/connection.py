@@ -151,6 +151,7 @@ class Connection:
                 self._sender.send_packet,
                 lambda: self.stats.bytes_received,
                 self.patience,
+                self.answers.times,
                 wake=self._wake,
                 random=self._random,
                 unsupported=self._unsupported,

@@ -6,18 +6,21 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from servolink.protocol.packet import Query, Request
+from servolink.protocol.packet import Request
 
 FIRST_TRY = 0.25
-"""Seconds until a query is sent again, before any response has been timed."""
+"""Seconds until a request is sent again, before any response has been timed."""
 COMMAND_TRY = 1.0
-"""The same for a request that is not sent again: then a fence is sent."""
+"""The same for a request that is sent once: then a fence is sent."""
 AFTER_WRITE = 0.5
-"""At least so many seconds for what follows a change: the board may be writing its memory."""
+"""At least so many seconds for what follows a request that is sent once: the board may be writing its memory."""
 BACKOFF = 1.5
 """Each try after the second one gets so many times as long."""
 
-_SHORTEST, _LONGEST = 0.1, 0.5  # a shorter one asks a board again that is only late
+_OTHER_KIND = 0.1  # seconds that a kind which was not timed yet may take longer than the quickest one
+_LEAST_MARGIN, _MOST_MARGIN = 0.04, 0.3  # seconds that a response may take longer than usual
+_FORGOTTEN = 0.98  # what each response in time leaves of a margin that grew
+_LONGEST = 0.5
 _MOST_BACKOFFS = 20  # there is no larger patience
 _MOST_LOOKS = 100  # a board that never stops sending must not put deadlines off for ever
 
@@ -75,10 +78,15 @@ class DeadlineTimer:
 
 
 class ResponseTimes:
-    """How long responses of each kind take on this line, estimated as TCP does (RFC 6298)."""
+    """How long responses of each kind take on this line, estimated as TCP does (RFC 6298).
+
+    On a line that loses much and delays nothing a short margin makes losses good soon. A response that comes after
+    another one has already ended its call shows that the board was only late: then the margin grows.
+    """
 
     def __init__(self) -> None:
         """Know nothing yet."""
+        self._margin = _LEAST_MARGIN
         self._estimates: dict[int, tuple[float, float, float]] = {}  # by packet id: smoothed, variation, timeout
 
     def record(self, packet_id: int, seconds: float) -> None:
@@ -87,18 +95,26 @@ class ResponseTimes:
         error = seconds - smoothed
         smoothed += error / 8
         variation += ((error if error > 0 else -error) - variation) / 4
-        timeout = smoothed + 4 * variation
-        if timeout < _SHORTEST:
-            timeout = _SHORTEST
-        elif timeout > _LONGEST:
-            timeout = _LONGEST
+        if self._margin > _LEAST_MARGIN:
+            self._margin *= _FORGOTTEN
+        timeout = min(smoothed + max(4 * variation, self._margin), _LONGEST)
         self._estimates[packet_id] = smoothed, variation, timeout
+
+    def late(self) -> None:
+        """Wait longer from now on: a request was sent again although its response was on its way."""
+        self._margin = min(2 * self._margin, _MOST_MARGIN)
 
     def timeout(self, request: Request[Any], tries: int, *, after_write: bool) -> float:
         """Return the seconds for the next sending of `request`, which was sent `tries` times before."""
         estimate = self._estimates.get(request.packet_id)
-        unknown = FIRST_TRY if isinstance(request, Query) else COMMAND_TRY
-        seconds = unknown if estimate is None else estimate[2]
+        if estimate is not None:
+            seconds = estimate[2]
+        elif not request.repeatable:
+            seconds = COMMAND_TRY
+        elif self._estimates:
+            seconds = min(smoothed for smoothed, _, _ in self._estimates.values()) + _OTHER_KIND + self._margin
+        else:
+            seconds = FIRST_TRY
         if after_write and seconds < AFTER_WRITE:
             seconds = AFTER_WRITE
         # One loss does not mean that the board is slow: only from the third sending on there is more time.

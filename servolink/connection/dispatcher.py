@@ -114,7 +114,7 @@ class ResponseDispatcher:
         """End a call. If it has no response, its latest slot keeps the permit for as long as one is expected."""
         call.is_over = True
         slot, call.latest = call.latest, None  # they refer to each other, and would be garbage only for the collector
-        if slot is not None and slot.open and not slot.overdue:
+        if slot is not None and slot.is_expected:
             if call.response is None:
                 slot.holds_permit_of = call.packet
                 return
@@ -203,11 +203,9 @@ class ResponseDispatcher:
         """
         for slot, content in settled:
             self._release_held(slot)
-            if content is not None and not slot.overdue:  # else it may be the response to another sending
-                sent_at = slot.sent_at
-                seconds = self._heard_at - (max(asked_at, sent_at))
-                self.times.record(slot.request.packet_id, seconds)
             call = slot.call
+            if content is not None:
+                self._time(slot, max(asked_at, slot.sent_at))
             if call is None:
                 continue
             if slot.is_fence:
@@ -238,6 +236,16 @@ class ResponseDispatcher:
                 load.climb.answered(self._heard_at, full=load.is_full, wanted=load.wants_more)
             elif content is None and not slot.overdue:  # else it was counted then
                 load.climb.lost()
+
+    def _time(self, slot: Slot, asked_at: float) -> None:
+        """Take the time of a response into account, which the board could give from `asked_at` on."""
+        call = slot.call
+        if call is not None and call.response is not None:
+            self.times.late()  # its call had a response already
+        elif not slot.overdue:  # else it may be the response to another sending
+            self.times.record(slot.request.packet_id, self._heard_at - asked_at)
+        elif call is None or call.is_over:
+            self.times.late()
 
     # --- deadlines ----------------------------------------------------------------------------------------------
 

@@ -18,25 +18,28 @@ from random import Random
 FIRST_LENGTH, SECOND_LENGTH, THIRD_LENGTH = 6, 10, 16
 """Queries in the word: at first, once something was owed, and if it is drawn from fewer kinds."""
 MOST_SILENT = 4
-"""A kind that is not answered so many times in a row, while others are, is not supported."""
-FIRST_SILENT = 3
-"""Until anything was answered, another kind is tried after so many times: the first one may not be supported."""
+"""A kind that is not answered so many times in a row, but what was asked after it is, is not supported."""
+ANOTHER_AFTER = 2
+"""After so many silent queries of a kind the others are sent in turn: their responses show that it is not busy."""
 
 
 class Handshake:
     """The state of one handshake."""
 
     def __init__(self, kinds: Sequence[int], random: Random, unsupported: Iterable[int] = ()) -> None:
-        """Draw a word from `kinds`, the packet ids of queries that may be sent, if possible without `unsupported`."""
+        """Draw a word from `kinds`, the packet ids of queries that may be sent.
+
+        If that leaves two of them, those that are `unsupported` are not used.
+        """
         self._kinds = list(kinds)
         self._random = random
-        self._silent: Counter[int] = Counter(dict.fromkeys(unsupported, MOST_SILENT))  # times in a row
+        self._silent: Counter[int] = Counter()  # times in a row
+        self.unsupported = set(unsupported)
+        """Kinds that the board does not answer, as far as is known: a late response shows that it does."""
+        if not self.is_provable:  # it is found out again
+            self.unsupported.clear()
         self._unanswered: Counter[int] = Counter()  # sendings
         self._on_its_way: int | None = None
-        self._heard_any = False
-        self._is_lone = False  # one kind was answered since all others are unsupported
-        self.is_provable = True
-        """Whether the board answers enough kinds: one kind alone could always be the response to an earlier query."""
         self._sent: list[int] = []
         self._draw(FIRST_LENGTH)
 
@@ -46,9 +49,9 @@ class Handshake:
         return self._matched == len(self._word)
 
     @property
-    def unsupported(self) -> set[int]:
-        """Kinds that the board does not answer, as far as is known: a late response shows that it does."""
-        return {kind for kind, times in self._silent.items() if times >= MOST_SILENT}
+    def is_provable(self) -> bool:
+        """Whether the board answers enough kinds: one kind alone could always be the response to an earlier query."""
+        return len(self.unsupported) < len(self._kinds) - 1
 
     @property
     def sendings(self) -> int:
@@ -67,34 +70,34 @@ class Handshake:
     def repeat(self) -> int:
         """Return the kind to send now, because the latest one was not answered in time."""
         kind = self._word[self._matched]
-        self._silent[kind] += 1
-        if self._is_lone:
-            self.is_provable = False
-            return self._send(next(each for each in self._kinds if each not in self.unsupported))
-        if self._silent[kind] % self._most_silent == 0:
-            self._draw(SECOND_LENGTH)
-        return self._send(self._word[self._matched])
+        self._silent[kind if self._on_its_way is None else self._on_its_way] += 1
+        if self._silent[kind] % ANOTHER_AFTER:
+            return self._send(kind)
+        kinds = [kind, *(each for each in self._kinds if each != kind and each not in self.unsupported)]
+        return self._send(min(kinds, key=self._silent.__getitem__))
 
     def heard(self, kind: int) -> None:
         """Take a response to a query of `kind`, or to any other request, into account."""
         if self.is_open:
             return
-        self._heard_any = True
+        expected = self._word[self._matched]
         self._silent[kind] = 0
-        self._is_lone = len(self.unsupported) >= len(self._kinds) - 1
-        if kind == self._on_its_way:
+        self.unsupported.discard(kind)
+        is_latest = kind == self._on_its_way
+        if is_latest:
             self._on_its_way = None
         is_ours = self._unanswered[kind] > 0  # or seems so: a slow board answers what was sent twice
         self._unanswered[kind] -= is_ours
         # Without the last query being sent, the response to it is that to somebody else's.
-        if self._word[self._matched] == kind and (kind != self._word[-1] or kind in self._sent):
+        if kind == expected and (kind != self._word[-1] or kind in self._sent):
             self._matched += 1
-            return
-        if is_ours and self._matched and self._word[self._matched - 1] == kind:
-            return  # the response to a repeat of the query that was answered last
-        if len(self._word) == FIRST_LENGTH and not is_ours:
+        elif is_latest and self._silent[expected] >= MOST_SILENT:
+            self.unsupported.add(expected)
             self._draw(SECOND_LENGTH)
-        self._fall_back(kind)
+        elif not is_ours:  # else it was sent again, or between others: it proves nothing, and undoes nothing
+            if len(self._word) == FIRST_LENGTH:
+                self._draw(SECOND_LENGTH)
+            self._fall_back(kind)
 
     def leftover(self) -> list[int]:
         """Return the kinds of which a response may still come, after the whole word. Everything older is over."""
@@ -106,17 +109,10 @@ class Handshake:
         self._sent.append(kind)
         return kind
 
-    @property
-    def _most_silent(self) -> int:
-        return MOST_SILENT if self._heard_any else FIRST_SILENT
-
     def _draw(self, length: int) -> None:
-        """Draw a word, if possible without the kinds that were silent: fewer kinds need a longer word."""
-        kinds = [kind for kind in self._kinds if self._silent[kind] < self._most_silent]
-        last = self._random.choice(kinds or self._kinds)
-        if len(kinds) < 2:
-            kinds = sorted(self._kinds, key=self._silent.__getitem__)[:2]
-            last = kinds[-1]  # the other one is asked first: perhaps it is the only one
+        """Draw a word from the kinds that the board answers: fewer kinds need a longer word."""
+        kinds = [kind for kind in self._kinds if kind not in self.unsupported]
+        last = self._random.choice(kinds)
         others = [kind for kind in kinds if kind != last] or [last]
         length = length if len(kinds) == len(self._kinds) else THIRD_LENGTH
         self._word = [*self._random.choices(others, k=length - 1), last]

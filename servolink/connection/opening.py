@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable, Collection
 from random import Random
 from typing import Any
 
-from servolink.connection.deadlines import BACKOFF, FIRST_TRY, DeadlineTimer
+from servolink.connection.deadlines import BACKOFF, FIRST_TRY, DeadlineTimer, ResponseTimes
 from servolink.connection.explain import same
 from servolink.connection.handshake import MOST_SILENT, Handshake
 from servolink.errors import ConnectionLost, OpenError
@@ -34,9 +34,10 @@ FENCES: tuple[Query[Any], ...] = (
 
 _BY_ID: dict[int, Query[Any]] = {query.packet_id: query for query in FENCES}
 _TRIES = 12  # with the growing pauses between them, five fit into the patience
-_MOST_PROBABLY_SLOW = 3  # silent tries; after more of them, something was probably lost
 _LONGEST_TRY = 1.0  # seconds, on a slow line
 _WAKE_AFTER = 2  # silent tries
+_SILENT_PATIENCES, _MOST_PATIENCES = 2, 4
+"""A board that has answered is given up after so many patiences of silence, and after so many in all."""
 _NOT_ASKED = {TransmissionModeSettingResponse.packet_id, SetServoParameterResponse.packet_id}
 """Responses to what may be sent during an opening: they say nothing of earlier programs."""
 _logger = logging.getLogger(__name__)
@@ -51,6 +52,7 @@ class Opening:
         send: Callable[[Packet], Awaitable[None]],
         received: Callable[[], int],
         patience: float,
+        times: ResponseTimes,
         *,
         wake: bool,
         random: Random,
@@ -66,6 +68,7 @@ class Opening:
         self._received = received
         self._received_before = received()
         self._patience = patience
+        self._times = times
         self._wake = wake
         self._random = random
         self._unsupported = [
@@ -79,17 +82,21 @@ class Opening:
         self._heard_at: float | None = None
         self._silent_tries = 0
         self._now = 0.0  # the latest deadline that has passed
-        self._asked_at = 0.0  # when the query that is on its way was first sent
+        self._timed: int | None = None  # the kind on its way, if it was sent once
+        self._asked_at: dict[int, float] = {}  # by kind: when it was first sent since it was answered
         self._round_trip = 0.0  # the latest one, its repeats included
 
     def heard(self, packet_id: int) -> None:
         """Take a response with this id into account, whatever it contains."""
         self._heard_at = self._loop.time()
-        if self._silent_tries <= _MOST_PROBABLY_SLOW:
-            self._round_trip = self._heard_at - self._asked_at
+        kind = packet_id - 1
+        if (asked_at := self._asked_at.pop(kind, None)) is not None:
+            self._round_trip = self._heard_at - asked_at
+            if kind == self._timed:
+                self._times.record(kind, self._round_trip)
         self._silent_tries = 0
         if packet_id not in _NOT_ASKED:
-            self._handshake.heard(packet_id - 1)
+            self._handshake.heard(kind)
         self._news.set()
 
     def heard_event(self) -> None:
@@ -123,34 +130,30 @@ class Opening:
                 now = self._time()
                 self._give_up_if_late(now, begun)
                 kind = self._handshake.query()
+                self._timed = kind or self._timed
                 if kind is None and now >= due:
-                    kind = await self._repeat()
+                    kind, self._timed = await self._repeat(), None
                 if kind is not None and not self._handshake.is_provable:
                     return await self._open_unproved(_BY_ID[kind])
                 if kind is not None:
-                    if not self._silent_tries:
-                        self._asked_at = now
-                    due = now + self._try()
+                    self._asked_at.setdefault(kind, now)
+                    due = now + self._try(kind)
                     await self._send(_BY_ID[kind])
-                await self._wait(min(due, begun + self._limit()))
+                await self._wait(min(due, self._limit(begun)))
         finally:
             self._timer.stop()
         return [_BY_ID[kind] for kind in self._handshake.leftover()]
 
-    def _try(self) -> float:
+    def _try(self, kind: int) -> float:
         """Return the seconds until a query is sent again: longer than a response takes on a slow line."""
-        usual = min(FIRST_TRY, self._patience / _TRIES) * BACKOFF ** max(0, self._silent_tries - 1)
-        return max(usual, min(1.5 * self._round_trip, _LONGEST_TRY))
+        usual = min(self._times.timeout(_BY_ID[kind], 0, after_write=False), self._patience / _TRIES)
+        return max(usual * BACKOFF ** max(0, self._silent_tries - 1), min(1.5 * self._round_trip, _LONGEST_TRY))
 
     async def _repeat(self) -> int:
         self._silent_tries += 1
         if self._wake and self._heard_at is None and self._silent_tries == _WAKE_AFTER:
             await self._send(TransmissionModeSettingRequest(1))
-        known = len(self._handshake.unsupported)
-        kind = self._handshake.repeat()
-        if len(self._handshake.unsupported) > known:
-            self._silent_tries = 0  # this was no silence of the board
-        return kind
+        return self._handshake.repeat()
 
     def _deadline_passed(self, now: float) -> None:
         self._now = now
@@ -167,11 +170,14 @@ class Opening:
         if self._error is not None:
             raise same(self._error)
 
-    def _limit(self) -> float:
-        return self._patience if self._heard_at is None else 2 * self._patience
+    def _limit(self, begun: float) -> float:
+        """Return when the board is given up: one that shows signs of life is worth more time than a silent one."""
+        if self._heard_at is None:
+            return begun + self._patience
+        return min(self._heard_at + _SILENT_PATIENCES * self._patience, begun + _MOST_PATIENCES * self._patience)
 
     def _give_up_if_late(self, now: float, begun: float) -> None:
-        if now < begun + self._limit():
+        if now < self._limit(begun):
             return
         asked = f"{self._handshake.sendings} queries in {now - begun:.1f} s"
         where = escape(self._url)

@@ -67,7 +67,7 @@ class RequestSender:
         self._stats = answers.stats
         self._loop = asyncio.get_running_loop()
         self._drain = PendingDrain(transport, scheduler)
-        self._wrote = False  # whether the latest request changed something
+        self._wrote = False  # whether the latest request is one that is sent only once
 
     def end(self) -> None:
         """Stop: the connection is closed."""
@@ -104,7 +104,7 @@ class RequestSender:
     async def _end_latest(self, call: Call) -> None:
         """Wait until the latest slot of a call is over or overdue: a response to an older one changes nothing."""
         while call.response is None and call.error is None and (latest := call.latest):
-            if latest.overdue or not latest.open:
+            if not latest.is_expected:
                 return
             call.woken = self._loop.create_future()
             await call.woken
@@ -141,13 +141,18 @@ class RequestSender:
             if obstacle is Obstacle.FENCE_BESIDE and self._window.depth > 1:
                 await self._send_fence(call.packet)
                 break
-            call.since = begun
-            self._give_up_if_late(call, begun)
-            woken, data = self._open_fence(call)
-            await self.write(data)
+            if call.latest is not None and call.latest.is_expected:
+                call.woken = woken = self._loop.create_future()
+            else:
+                call.since = begun
+                self._give_up_if_late(call, begun)
+                woken, data = self._open_fence(call)
+                await self.write(data)
             await woken
-            await self._end_latest(call)
             await self._check(call)
+        if call.latest is not None and call.latest.is_expected:
+            # An older fence got the response, which is most likely the one to this fence: nothing more will come.
+            self._slots.expire(call.latest)
         call.since = None  # the packet has its whole patience yet
 
     def _must_fence(self, call: Call) -> bool:
@@ -184,7 +189,7 @@ class RequestSender:
         timeout = self._answers.times.timeout(request, tries, after_write=self._wrote)
         if call is not None and now + timeout > (end := (call.since or now) + call.patience):
             timeout = max(end - now, 0.001)
-        self._wrote = not isinstance(request, Query)
+        self._wrote = not request.repeatable
         slot = Slot(request, self._slots.lanes[request.packet_id + 1], call, now, timeout, is_fence)
         self._answers.open(slot)
         return slot
@@ -215,13 +220,20 @@ class RequestSender:
         return self._latest_fence
 
     def _another_fence(self, packet: Packet) -> Query[Any]:
-        """Return a fence whose lane is idle, if there is any: only there its response is exact and settles everything.
+        """Return another fence than the latest, if there is any: one whose response is going to settle the most.
 
-        With an open slot on each lane, each fence would settle the slot of the one before and leave its own.
+        On an idle lane it is exact and settles everything. Elsewhere it belongs to the oldest slot of the lane, and
+        settles what is older than that; where this slot is the youngest, other lanes become idle.
         """
         self.fences = (*self.fences[1:], self.fences[0])
-        fences = [fence for fence in (*self.fences, _RESERVE) if fence.packet_id != packet.packet_id]
-        return next((fence for fence in fences if not self._slots.lanes[fence.packet_id + 1].slots), fences[0])
+        others = {packet.packet_id, self._latest_fence.packet_id}
+        fences = [fence for fence in (*self.fences, _RESERVE) if fence.packet_id not in others]
+        return max(fences or [self._latest_fence], key=self._settled_until)
+
+    def _settled_until(self, fence: Query[Any]) -> float:
+        """Return until when what was sent is going to be settled by the response to `fence`."""
+        slots = self._slots.lanes[fence.packet_id + 1].slots
+        return slots[0].sent_at if slots else float("inf")
 
     async def check_keeping_up(self, call: Call) -> None:
         """After some packets that are never answered, send a fence; whoever comes next waits for it."""

@@ -66,7 +66,7 @@ def test_what_was_done_is_told_from_what_was_lost(
 ) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with opened(fake, patience=0.1) as board:  # what may be repeated is sent once in that
+        async with opened(fake, patience=1 / 32) as board:  # what may be repeated is sent once in that
             for request in before:
                 await board.request(request)
             fake.plan(type(request_), fate)

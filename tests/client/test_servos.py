@@ -147,7 +147,7 @@ def test_a_speed_in_degrees_says_nothing_about_a_servo_in_another_unit() -> None
 def test_a_unit_of_which_it_is_not_known_whether_it_was_set_is_set_again_before_an_angle(servo_id: int) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with opened(fake, patience=0.1) as board:
+        async with opened(fake, patience=0.03) as board:
             await board.servos()
             fake.plan(SetAngleUnitRequest, SWALLOWED)  # done, and not answered
             with pytest.raises(OutcomeUnknown):

@@ -63,7 +63,7 @@ def test_stop_stops_and_holds_all_and_reads_that_back() -> None:
 def test_stop_goes_before_all_who_wait_and_before_who_has_the_turn(depth: int) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        fake.plan(QueryServoListRequest, late(0.2))
+        fake.plan(QueryServoListRequest, late(0.12))
         async with opened(fake, depth=depth) as board:
             ahead = asyncio.create_task(board.servo_ids())
             waiting = [asyncio.create_task(board.project_id()) for _ in range(20)]

@@ -108,7 +108,7 @@ def test_a_movement_that_came_first_goes_first_in_the_old_unit() -> None:
 def test_a_movement_is_sent_once_in_degrees_that_are_set_again_after_an_unknown_outcome() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with opened(fake, patience=0.1) as board:
+        async with opened(fake, patience=0.03) as board:
             await board.servos()
             fake.plan(SetAngleUnitRequest, SWALLOWED)
             unknown, _ = await asyncio.gather(
@@ -128,7 +128,7 @@ def test_a_movement_is_sent_once_in_degrees_that_are_set_again_after_an_unknown_
 def test_an_angle_asked_for_while_the_outcome_of_a_change_is_open_is_read_when_the_unit_is_known(depth: int) -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with opened(fake, depth=depth, patience=0.1) as board:
+        async with opened(fake, depth=depth, patience=0.03) as board:
             before = (await board.servo(1)).angle
             fake.plan(SetAngleUnitRequest, SWALLOWED)  # done
             unknown, servo = await asyncio.gather(board.set_angle_unit("adc"), board.servo(1), return_exceptions=True)
@@ -214,7 +214,7 @@ def test_a_change_that_is_given_up_before_it_is_sent_changes_nothing() -> None:
 def test_a_change_behind_one_of_which_the_outcome_is_not_known_holds() -> None:
     async def main() -> None:
         fake = FakeBoard()
-        async with opened(fake, patience=0.1) as board:
+        async with opened(fake, patience=0.03) as board:
             await board.servos()
             fake.plan(SetAngleUnitRequest, late(0), SWALLOWED)
             changes = (board.set_angle_unit("adc", servo_id) for servo_id in (1, 2, 3))

@@ -48,7 +48,7 @@ def kinds(board: FakeBoard) -> list[type[Packet]]:
 def test_nothing_overlaps_it(alone: Request[Any]) -> None:
     async def main() -> None:
         board = FakeBoard()
-        board.plan(type(alone), late(0.15))
+        board.plan(type(alone), late(0.1))
         async with connected(board, depth=4) as connection:
             await asyncio.gather(
                 connection.request(QueryProjectIDRequest()),
@@ -58,8 +58,8 @@ def test_nothing_overlaps_it(alone: Request[Any]) -> None:
             )
             times = {type(packet): at for at, packet in board.sent}
             assert times[type(alone)] > times[QueryProjectIDRequest]
-            assert times[QueryServoListRequest] >= times[type(alone)] + 0.15
-            assert times[ExecuteActionRequest] >= times[type(alone)] + 0.15
+            assert times[QueryServoListRequest] >= times[type(alone)] + 0.1
+            assert times[ExecuteActionRequest] >= times[type(alone)] + 0.1
 
     run(main())
 

@@ -181,16 +181,31 @@ def test_what_follows_a_change_has_half_a_second_at_least() -> None:
     assert timeout(ResponseTimes(), COMMAND, after_write=True) == 1.0
 
 
-def test_each_kind_is_estimated_for_itself() -> None:
+def test_each_kind_is_estimated_for_itself_and_a_new_one_by_the_quickest() -> None:
     times = measured(0.1)
     assert timeout(times, QUERY) == pytest.approx(0.3)  # 0.1 + 4 * 0.05
-    assert timeout(times, OTHER_QUERY) == 0.25
+    assert timeout(times, OTHER_QUERY) == pytest.approx(0.24)
+    times.record(COMMAND.packet_id, 0.01)
+    assert timeout(times, OTHER_QUERY) == pytest.approx(0.15)
 
 
-@pytest.mark.parametrize(("seconds", "expected"), [(0.0, 0.1), (0.001, 0.1), (0.4, 0.5), (60.0, 0.5)])
-def test_the_estimate_stays_between_a_tenth_and_half_of_a_second(seconds: float, expected: float) -> None:
+@pytest.mark.parametrize(("seconds", "expected"), [(0.0, 0.04), (0.001, 0.041), (0.4, 0.5), (60.0, 0.5)])
+def test_the_estimate_has_a_margin_of_40_ms_and_ends_at_half_a_second(seconds: float, expected: float) -> None:
     assert timeout(measured(seconds), QUERY) == expected
     assert timeout(measured(seconds, request=COMMAND), COMMAND) == expected
+
+
+def test_the_margin_grows_with_each_late_response_and_is_forgotten_slowly() -> None:
+    times = measured(0.001)
+    margins = []
+    for _ in range(5):
+        times.late()
+        times.record(OTHER_QUERY.packet_id, 0.001)
+        margins.append(timeout(times, OTHER_QUERY) - 0.001)
+    assert margins == pytest.approx([0.0784, 0.1537, 0.294, 0.294, 0.294], abs=1e-3)
+    for _ in range(200):
+        times.record(QUERY.packet_id, 0.001)
+    assert timeout(times, QUERY) == pytest.approx(0.041, abs=1e-3)
 
 
 def test_an_even_line_is_trusted_more_and_more_and_a_hiccup_less() -> None:

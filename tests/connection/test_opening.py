@@ -340,15 +340,21 @@ def test_bytes_without_a_frame_are_explained_by_byte_order_and_baud_rate() -> No
     run(main())
 
 
-def test_a_board_that_answers_too_little_has_twice_the_time_and_is_told_from_a_silent_one() -> None:
+@pytest.mark.parametrize(("spoken_at", "given_up_at"), [((1,), 7), ((1, 2.5, 5, 9), 12)])
+def test_a_board_that_answers_too_little_has_more_time_and_is_told_from_a_silent_one(
+    spoken_at: tuple[float, ...], given_up_at: float
+) -> None:
+    """Twice the patience after its latest response, and four times that in all."""
+
     async def main() -> None:
         board = FakeBoard(usual=LOST)
         async with opening(board) as connection:
             begun = now()
-            asyncio.get_running_loop().call_later(1, board.speak, QueryServoListResponse((1,)))
+            for seconds in spoken_at:
+                asyncio.get_running_loop().call_later(seconds, board.speak, QueryServoListResponse((1,)))
             with pytest.raises(OpenError, match=r"answers, but too little .*the line is bad, or the board is busy"):
                 await connection.shake_hands()
-            assert now() == pytest.approx(begun + 6)
+            assert now() == pytest.approx(begun + given_up_at)
 
     run(main())
 
