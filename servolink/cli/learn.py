@@ -22,7 +22,7 @@ from servolink.discovery.search import identity_of
 from servolink.doctor.learn import Learnt, learn_by_asking, learn_by_writing
 from servolink.doctor.learn_line import SharedTransport
 from servolink.doctor.learn_motion import interval_finding, plan_movement
-from servolink.doctor.learn_profile import Measured, is_same_board, merge_profile
+from servolink.doctor.learn_profile import Measured, merge_profile
 from servolink.doctor.learn_trial import Trial, connected
 from servolink.errors import OpenError, ServolinkError
 from servolink.profiles.profile import BoardIdentityRecord, BoardProfile
@@ -141,7 +141,7 @@ class _Lesson:
     async def _may_keep(self, identity: BoardIdentityRecord) -> bool:
         """Return whether this is the board of the profile, or may take its place."""
         kept = self._profile.identity
-        if kept is None or is_same_board(kept, identity):
+        if kept is None or kept.fits(identity):
             return True
         for line in (f"this is not the board that {self._name} was:", *_differences(kept, identity)):
             print_error(line)

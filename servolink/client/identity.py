@@ -7,10 +7,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-
-from msgspec.structs import replace
 
 from servolink.connection.connection import Connection
 from servolink.errors import DecodeError, EncodeError, NotFound, Rejected, RequestTimeout, WrongBoard
@@ -96,8 +94,7 @@ class IdentityGuard:
         """Guard `connection`, whose board must be the one of `profile`."""
         self._connection = connection
         self._profile = profile
-        expected = profile.profile.identity or BoardIdentityRecord()
-        self._expected = replace(expected, servo_ids=_in_order(expected.servo_ids))
+        self._expected = profile.profile.identity or BoardIdentityRecord()
         self._is_right = False
         self._checking = asyncio.Lock()
 
@@ -106,35 +103,36 @@ class IdentityGuard:
         is_stop = isinstance(packet, SetServoParameterRequest) and not packet.is_start
         if self._is_right or is_stop or isinstance(packet, _HARMLESS):
             return
-        async with self._checking:
-            self._is_right = self._is_right or not (difference := await self._difference())
-        if not self._is_right:
+        if difference := await self._check():
             raise WrongBoard(f"{difference}: {type(packet).__name__} was not sent. {self._remedy}", packet)
 
     async def warn(self) -> None:
         """Check the board at once, and log a warning if it is another one: it can be read all the same."""
         with suppress(RequestTimeout, DecodeError):  # asked again before it is moved or changed
-            async with self._checking:
-                difference = await self._difference()
+            if difference := await self._check():
+                _logger.warning("%s; it can be read, but neither moved nor changed", escape(difference))
+
+    async def _check(self) -> str:
+        """Return who was expected and who is here, unless this is known to be the right board; one caller asks it."""
+        async with self._checking:
+            difference = "" if self._is_right else await self._difference()
             self._is_right = not difference
-            if difference:
-                _logger.warning("%s; it is only read. %s", escape(difference), escape(self._remedy))
+        return difference
 
     async def _difference(self) -> str:
         """Return who was expected and who is here, empty if this is the right board."""
         found = await self._found()
-        pairs = [(getattr(self._expected, name), getattr(found, name)) for name in found.__struct_fields__]
-        if all(here is None or expected in {None, here} for expected, here in pairs):
+        if self._expected.fits(found):
             return ""
-        where = escape(self._connection.transport.url)
-        return f"{self._name} was learnt as {_described(self._expected)}, and at {where} is {_described(found)}"
+        expected, here = _described(self._expected), _described(found)
+        return f"{self._name} was learnt with {expected}; the board at {self._connection.transport.url} has {here}"
 
     async def _found(self) -> BoardIdentityRecord:
         """Return the identity of the board that is here, as far as it is known of the one expected."""
         expected, unsupported = self._expected, self._profile.settings.unsupported or ()
         servo_ids, memory_total, port = None, None, ANY_DEVICE
         if expected.servo_ids is not None and "QueryServoList" not in unsupported:
-            servo_ids = _in_order((await self._connection.request(QueryServoListRequest())).servo_id_list)
+            servo_ids = (await self._connection.request(QueryServoListRequest())).servo_id_list
         if expected.memory_total is not None and "QueryMemorySize" not in unsupported:
             memory_total = (await self._connection.request(QueryMemorySizeRequest())).total_size
         if (expected.vendor_id, expected.product_id, expected.serial_number) != (None, None, None):
@@ -167,7 +165,3 @@ class IdentityGuard:
 def _described(identity: BoardIdentityRecord) -> str:
     """Return what tells a board from others, such as `servos 1..16, memory total 65536`."""
     return ", ".join(map(" ".join, identity.facts())) or "unknown"
-
-
-def _in_order(numbers: Collection[int] | None) -> tuple[int, ...] | None:
-    return None if numbers is None else tuple(sorted(set(numbers)))

@@ -54,11 +54,3 @@ def _replaces(measured: Measured, value: object, evidence: Evidence | None) -> b
 def _merged(kept: BoardIdentityRecord | None, found: BoardIdentityRecord) -> BoardIdentityRecord:
     """Return what is known of the same board now: what a bad line did not tell this time stays."""
     return replace(kept or found, **{name: value for name, value in asdict(found).items() if value is not None})
-
-
-def is_same_board(kept: BoardIdentityRecord | None, found: BoardIdentityRecord) -> bool:
-    """Return whether nothing that is known of both boards differs."""
-    return kept is None or all(
-        old is None or new is None or old == new
-        for old, new in ((getattr(kept, name), getattr(found, name)) for name in kept.__struct_fields__)
-    )

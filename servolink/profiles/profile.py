@@ -92,6 +92,14 @@ class BoardIdentityRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     product_id: Annotated[_U16 | None, About("USB product id of its port", "0x0000..0xffff")] = None
     serial_number: Annotated[str | None, About("USB serial number of its port", "text")] = None
 
+    def fits(self, found: BoardIdentityRecord) -> bool:
+        """Return whether nothing that is known of both boards differs; the order of servo ids does not count."""
+        ids = self.servo_ids, found.servo_ids
+        if None not in ids and set(self.servo_ids or ()) != set(found.servo_ids or ()):
+            return False
+        others = [(getattr(self, name), getattr(found, name)) for name in self.__struct_fields__ if name != "servo_ids"]
+        return all(expected is None or here is None or expected == here for expected, here in others)
+
     def facts(self) -> list[tuple[str, str]]:
         """Return what is known, in words such as `servos`, `1..16`."""
         facts = []

@@ -197,7 +197,8 @@ def _table(value: object, path: tuple[str, ...]) -> dict[str, object]:
 
 def _label(path: tuple[str, ...]) -> str:
     """Return the last part of a path; inside a table of a setting, with the name of that."""
-    return escape(".".join(path[-2:] if len(path) > 2 or path[0] == "evidence" else path[-1:]))
+    in_setting = len(path) > 2 or path[:1] == ("evidence",)
+    return escape(".".join(path[-2:] if in_setting else path[-1:]))
 
 
 def _quoted(value: object) -> str:

@@ -15,7 +15,15 @@ from servolink.client import connect as connecting
 from servolink.connection.options import ConnectionOptions
 from servolink.discovery import names
 from servolink.discovery.names import Alias, aliases_path, resolve_board, save_alias
-from servolink.errors import MotionRefused, OpenError, ProfileError, RequestError, RequestTimeout, WrongBoard
+from servolink.errors import (
+    MotionRefused,
+    OpenError,
+    ProfileError,
+    RequestError,
+    RequestTimeout,
+    TransportUnavailable,
+    WrongBoard,
+)
 from servolink.profiles.profile import BoardIdentityRecord, BoardProfile, BoardSettings, ProfileInUse, SafetyLimits
 from servolink.profiles.store import profile_path, save_profile
 from servolink.protocol.editing import ExecuteMacroRequest
@@ -144,6 +152,13 @@ def test_a_broken_address_of_another_name_hinders_nobody() -> None:
     use("rex", "tcp://pi:9000", BoardProfile())
     use("max", "tcp://[", BoardProfile())
     assert run(resolve_board("tcp://pi:9000")).name == "rex"
+
+
+def test_damaged_names_hide_no_limits() -> None:
+    use("rex", "tcp://pi:9000", BoardProfile())
+    aliases_path().write_text("damaged")
+    with pytest.raises(TransportUnavailable, match=r"boards\.toml cannot be used"):
+        run(resolve_board("tcp://pi:9000"))
 
 
 def test_names_are_not_even_read_where_there_are_no_profiles() -> None:
@@ -302,8 +317,8 @@ def test_another_board_is_neither_moved_nor_changed(name: str, caplog: pytest.Lo
             with pytest.raises(WrongBoard) as refused:
                 await GUARDED[name](board)
             assert str(refused.value).startswith(
-                f"the board of the profile was learnt as servos 1..4, memory total {MEMORY}, and at fake://board is "
-                f"servos 1..5, memory total {MEMORY}: "
+                f"the board of the profile was learnt with servos 1..4, memory total {MEMORY}; the board at "
+                f"fake://board has servos 1..5, memory total {MEMORY}: "
             )
             with pytest.raises(WrongBoard):
                 await GUARDED[name](board)
@@ -313,7 +328,7 @@ def test_another_board_is_neither_moved_nor_changed(name: str, caplog: pytest.Lo
 
     run(main())
     assert caplog.messages.count(caplog.messages[0]) == 1
-    assert "it is only read. Connect to the right board" in caplog.messages[0]
+    assert "it can be read, but neither moved nor changed" in caplog.messages[0]
     assert caplog.records[0].levelno == logging.WARNING
 
 
@@ -463,7 +478,7 @@ def test_another_board_served_in_the_place_of_rex_is_refused() -> None:
                         continue
                     before = board.storage.used
                     for deed in (rex.move({1: 5}, duration=0.01), rex.clear_all_data(), rex.write_project_id(5)):
-                        with pytest.raises(WrongBoard, match=r"learnt as servos 1\.\.4, .* is servos 1\.\.5, "):
+                        with pytest.raises(WrongBoard, match=r"learnt with servos 1\.\.4, .* has servos 1\.\.5, "):
                             await deed
                     assert (board.storage.used, board.storage.project_id) == (before, 0)
                     await rex.stop()

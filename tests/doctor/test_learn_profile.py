@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from servolink.doctor.learn_captions import encoding_finding
-from servolink.doctor.learn_profile import Measured, is_same_board, merge_profile
+from servolink.doctor.learn_profile import Measured, merge_profile
 from servolink.profiles.profile import (
     BoardIdentityRecord,
     BoardProfile,
@@ -63,10 +63,9 @@ def test_what_is_not_found_of_the_identity_stays() -> None:
 
 
 def test_boards_differ_where_both_are_known() -> None:
-    assert is_same_board(None, REX)
-    assert is_same_board(BoardIdentityRecord(servo_ids=(1, 2)), REX)
-    assert is_same_board(REX, BoardIdentityRecord(memory_total=65536, serial_number="A1"))
-    assert not is_same_board(REX, BoardIdentityRecord(servo_ids=(1, 2, 3), memory_total=65536))
+    assert BoardIdentityRecord(servo_ids=(2, 1)).fits(REX)
+    assert REX.fits(BoardIdentityRecord(memory_total=65536, serial_number="A1"))
+    assert not REX.fits(BoardIdentityRecord(servo_ids=(1, 2, 3), memory_total=65536))
 
 
 @pytest.mark.parametrize(
