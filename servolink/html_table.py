@@ -15,4 +15,5 @@ def html_table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption
         return f"<tr>{''.join(f'<{tag}>{escape_html(escape(str(cell)))}</{tag}>' for cell in cells)}</tr>"
 
     body = "".join(row(cells, "td") for cells in rows)
-    return f"<table><caption>{escape_html(escape(caption))}</caption>{row(columns, 'th')}{body}</table>"
+    title = f"<caption>{escape_html(escape(caption))}</caption>" if caption else ""
+    return f"<table>{title}{row(columns, 'th')}{body}</table>"

@@ -99,6 +99,8 @@ class BlockingIterator(Iterator[T]):
         with suppress(StopAsyncIteration):
             while items := self._thread.run(self._reader.read, max(0.0, end - time.monotonic())):
                 yield from items
+                if seconds and time.monotonic() >= end:  # also for a loop that is slower than the items come
+                    return
 
     def close(self) -> None:
         """End the iterator; may be called again."""

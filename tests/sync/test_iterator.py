@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gc
+import itertools
 import threading
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
 
@@ -55,6 +57,19 @@ def test_a_loop_can_have_its_time(fake: FakeBoard, board: servolink.sync.Board) 
         press(fake, 7)
         assert [event.button_id for event in events.within(0.02)] == [7]
         assert not list(events.within(-1))
+
+
+def test_a_loop_slower_than_its_events_ends_in_time(
+    fake: FakeBoard, board: servolink.sync.Board, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with board.button_events() as events:
+        press(fake, *range(10))
+        clock = itertools.count()  # one second from each look at it to the next
+        monkeypatch.setattr("servolink.sync.iterator.time", SimpleNamespace(monotonic=lambda: next(clock)))
+        read = [event.button_id for event in events.within(3.5)]
+        monkeypatch.undo()
+        assert read == [0, 1]
+        assert [event.button_id for event in events.within(0)] == [2, 3, 4, 5, 6, 7, 8, 9]
 
 
 def test_an_event_after_the_time_is_up_is_not_lost(fake: FakeBoard, board: servolink.sync.Board) -> None:
