@@ -59,6 +59,10 @@ class Trial:
         self._used |= {action.action_id for action in found}
         return found
 
+    def free_ids(self, taken: set[int]) -> None:
+        """Use the ids of scratch records again, but for those in `taken`: a board may have few."""
+        self._used &= taken
+
     def _scratch_action(self, action_id: int) -> Action:
         steps = tuple(Step(servo_id, _DEGREE, _INTERVAL) for servo_id in self.servo_ids[:_MOST_STEPS])
         return Action(action_id, SCRATCH, steps)

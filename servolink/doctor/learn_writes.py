@@ -53,7 +53,8 @@ async def memory_finding(board: Board, trial: Trial) -> Measured:
     written = 0
     loop = asyncio.get_running_loop()
     end = loop.time() + _LONGEST
-    for action in trial.scratch_actions(_MOST_RECORDS):
+    for _ in range(_MOST_RECORDS):
+        (action,) = trial.scratch_actions(1)
         if not await _store(board, action):
             break
         written += ACTION.size(action)
@@ -105,6 +106,7 @@ async def _delete_scratch(board: Board, trial: Trial) -> None:
         if entry.action_id not in kept:
             with suppress(OutcomeUnknown, Rejected):
                 await board.delete_action(entry.action_id)
+    trial.free_ids({entry.action_id for entry in await board.actions()})
 
 
 async def _added_twice(board: Board, action: Action) -> tuple[str | None, str]:
