@@ -10,6 +10,7 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
+from servolink.client.servos import Servo
 from servolink.errors import ConnectionLost, EncodeError, MotionRefused, NotFound, Rejected, RequestError
 from servolink.motion import Adc, MotionLimits
 from servolink.project.model import Project
@@ -33,7 +34,7 @@ from servolink.protocol.servos import (
 )
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import FakeBoard, late, lie, opened
+from tests.client.fake_board import FakeBoard, connected, late, lie, opened
 from tests.project.pulled import contents_of
 from tests.virtual_time import run
 
@@ -333,6 +334,26 @@ def test_a_lost_connection_ends_a_run() -> None:
             await running
 
     sent_on_fake(use, angle_limits=(-60, 60))
+
+
+def test_what_was_checked_on_one_connection_is_not_run_on_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def use(board: Board, fake: FakeBoard) -> None:
+        read, other = board._servos.servos, FakeBoard()
+
+        async def replaced() -> tuple[Servo, ...]:
+            servos = await read()
+            board._session.connection = connection
+            return servos
+
+        monkeypatch.setattr(board._servos, "servos", replaced)
+        first = board._session.connection
+        async with connected(other) as connection:
+            with pytest.raises(ConnectionLost, match="macro 1 'dance' was not run: the connection was lost"):
+                await board.run_macro(1)
+        board._session.connection = first
+        assert other.sent == []
+
+    assert sent_on_fake(use, angle_limits=(-60, 60)).executed_of(ExecuteMacroRequest) == []
 
 
 # --- boards that tell anything ------------------------------------------------------------------------------------
