@@ -66,7 +66,8 @@ async def plan_movement(board: Board, servo_id: int, limits: SafetyLimits, degre
             f"servo {servo_id} is at {start}° and may only be moved within {low:g}..{high:g}°, which leaves no room "
             f"for {degrees}°: move it first"
         )
-    caps = [cap for cap in (limits.speed_cap, limits.speed_caps.get(servo_id)) if cap is not None]
+    asked = (limits.speed_cap, limits.speed_caps.get(servo_id), limits.soft_start)
+    caps = [cap for cap in asked if cap is not None]
     slowest = min(caps, default=degrees / (_INTERVAL * _UNITS[0]))
     interval = max(_INTERVAL, round(degrees / slowest / _UNITS[0]))
     if interval > _LONGEST_INTERVAL:

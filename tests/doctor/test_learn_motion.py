@@ -70,6 +70,7 @@ def test_limits_decide_how_far_and_how_fast() -> None:
         (SafetyLimits(angles={3: (-4, 4)}), "leaves no room for 10"),
         (SafetyLimits(angles={3: (100, 160)}), "may only be moved within 100..160"),
         (SafetyLimits(speed_caps={3: 2}), "too slow to be timed"),
+        (SafetyLimits(soft_start=2), "too slow to be timed"),
     ],
     ids=str,
 )
