@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from servolink.motion import AngleLimits, MotionLimits, SpeedCap, motion_limits
+from servolink.motion import INTERVAL_UNIT, AngleLimits, MotionLimits, SpeedCap, motion_limits
 from servolink.project.model import Project
 from servolink.project.records import dependency_order, name_of, with_dependencies
 from servolink.project.speed import Run
@@ -19,18 +19,19 @@ def preflight(
     *,
     speed_cap: SpeedCap | None = None,
     angle_limits: AngleLimits | None = None,
+    limits: MotionLimits | None = None,
+    interval_unit: float = INTERVAL_UNIT,
     start: Mapping[int, int] | None = None,
 ) -> list[Diagnostic]:
-    """Return where `records` and all they run (None: everything) exceed `speed_cap` or `angle_limits`.
+    """Return where `records` and all they run (None: everything) exceed `speed_cap`, `angle_limits` or `limits`.
 
-    `speed_cap` is in degrees per second, `angle_limits` in degrees, both for all servos or by servo id. `start` is the
+    `speed_cap` is in degrees per second, `angle_limits` in degrees, both for all servos or by servo id. `limits` are
+    further ones, such as `board.profile.limits`. An interval of 1 stands for `interval_unit` seconds. `start` is the
     pose before the first movement, degrees by servo id; without it, first movements are not looked at. Raise
     ProjectError for an id that is used twice, and EncodeError for limits that allow nothing.
     """
-    limits = motion_limits(angle_limits, speed_cap)
-    found = list(_too_far(project, limits))
-    if speed_cap is not None:
-        found += too_fast(project, limits, start)
+    all_limits = motion_limits(angle_limits, speed_cap).tightened(limits or MotionLimits())
+    found = [*_too_far(project, all_limits), *too_fast(project, all_limits, start, interval_unit)]
     if records is None:
         return found
     wanted = with_dependencies(project, records)

@@ -67,7 +67,9 @@ class _Effect:
     """By servo id: the angle at the end."""
 
 
-def servo_moves(project: Project, start: Mapping[int, int] | None = None) -> Iterator[ServoMove]:
+def servo_moves(
+    project: Project, start: Mapping[int, int] | None = None, interval_unit: float = INTERVAL_UNIT
+) -> Iterator[ServoMove]:
     """Yield each turn for which the pose before is known: within macros, and from the pose `start`.
 
     `start` holds degrees by servo id. A macro that another one runs is looked at twice: alone, at full speed, and
@@ -75,9 +77,9 @@ def servo_moves(project: Project, start: Mapping[int, int] | None = None) -> Ite
     """
     before = start or {}
     actions, macros = ACTION.by_id(project), MACRO.by_id(project)
-    effects = {action_id: _effect_of(action) for action_id, action in actions.items()}
+    effects = {action_id: _effect_of(action, interval_unit) for action_id, action in actions.items()}
     for at, action in enumerate(project.actions):
-        for servo_id, (_, step, seconds) in _effect_of(action).first.items():
+        for servo_id, (_, step, seconds) in _effect_of(action, interval_unit).first.items():
             if servo_id in before:
                 yield ServoMove(f"actions[{at}].steps[{step}]", action, step, before[servo_id], seconds)
     places = {macro.macro_id: f"macros[{at}]" for at, macro in enumerate(project.macros)}
@@ -147,7 +149,7 @@ class Run:
         return speeds
 
 
-def _effect_of(action: Action, interval_unit: float = INTERVAL_UNIT) -> _Effect:
+def _effect_of(action: Action, interval_unit: float) -> _Effect:
     """Return the effect of an action. Of several steps for one servo, the last one counts."""
     return _Effect(
         {

@@ -10,7 +10,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from servolink.errors import EncodeError
-from servolink.motion import MotionLimits, SpeedCap, motion_limits
+from servolink.motion import INTERVAL_UNIT, MotionLimits, SpeedCap, motion_limits
 from servolink.project.model import Project, is_unfinished
 from servolink.project.records import dependency_order, name_of, total_size, wrong_durations
 from servolink.project.speed import servo_moves
@@ -278,8 +278,13 @@ def _unknown_servos(project: Project, servo_ids: Collection[int] | None) -> Iter
             yield Diagnostic(f"{path}.servo_id", f"there is no servo {servo_id}", severity)
 
 
-def too_fast(project: Project, limits: MotionLimits, start: Mapping[int, int] | None = None) -> Iterator[Diagnostic]:
+def too_fast(
+    project: Project,
+    limits: MotionLimits,
+    start: Mapping[int, int] | None = None,
+    interval_unit: float = INTERVAL_UNIT,
+) -> Iterator[Diagnostic]:
     """Find turns that are faster than the speed caps of `limits`, with `start` as the pose before the first one."""
-    for move in servo_moves(project, start):
+    for move in servo_moves(project, start, interval_unit):
         if exceeded := limits.exceeded_cap(move.step.servo_id, move.degrees, move.seconds):
             yield Diagnostic(move.path, f"{move}; its cap is {exceeded}", "warning")

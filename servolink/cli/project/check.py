@@ -9,6 +9,8 @@ from servolink.cli.arguments import whole_number
 from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import counted, print_json, print_text
 from servolink.cli.project.source import add_source, is_address, with_project
+from servolink.motion import INTERVAL_UNIT
+from servolink.profiles.profile import ProfileInUse
 from servolink.project.fix import fix_project
 from servolink.project.model import Project
 from servolink.project.preflight import preflight
@@ -108,19 +110,23 @@ def configure_preflight(parser: argparse.ArgumentParser) -> None:
         help="angles of one servo, as in 3=-45:90; may be repeated",
     )
     parser.add_argument(
+        "--profile", metavar="NAME", help="the limits kept for this board, as in `servolink board show`"
+    )
+    parser.add_argument(
         "--from", dest="start", metavar="ACTION", help="the action whose pose the servos start from, such as Rest"
     )
 
 
 def run_preflight(args: argparse.Namespace) -> int:
     """Print the movements that are too fast or go too far; return 0 if there are none, else 1."""
-    if args.speed_cap is None and not args.limit and not args.servo_limit:
-        usage_error(args, "give --speed-cap, --limit or --servo-limit, with which movements are compared")
+    if args.speed_cap is None and not args.limit and not args.servo_limit and args.profile is None:
+        usage_error(args, "give --profile, --speed-cap, --limit or --servo-limit, with which movements are compared")
     if args.speed_cap is not None and not args.speed_cap > 0:
         usage_error(args, "--speed-cap must be above 0 degrees per second")
     if args.limit and not args.limit[0] <= args.limit[1]:
         usage_error(args, "--limit needs the lower angle first, as in --limit -90 90")
     for_all = tuple(args.limit) if args.limit else None
+    profile = None if args.profile is None else _profile(args)
 
     def examine(project: Project) -> int:
         record = find(project, args.record, (ACTION, MACRO)) if args.record else None
@@ -131,6 +137,8 @@ def run_preflight(args: argparse.Namespace) -> int:
             None if record is None else [record],
             speed_cap=args.speed_cap,
             angle_limits=limits | dict(args.servo_limit),
+            limits=None if profile is None else profile.limits,
+            interval_unit=(profile and profile.settings.interval_unit) or INTERVAL_UNIT,
             start=None if pose is None else {step.servo_id: step.degree for step in pose.steps},
         )
         if args.json:
@@ -142,6 +150,15 @@ def run_preflight(args: argparse.Namespace) -> int:
         return FAILED if found else OK
 
     return with_project(args, examine)
+
+
+def _profile(args: argparse.Namespace) -> ProfileInUse:
+    """Return the profile that is named, which must exist."""
+    from servolink.profiles.store import load_profile
+
+    if (profile := load_profile(args.profile)) is None:
+        usage_error(args, f"{args.profile!r} has no profile; `servolink board` lists those that there are")
+    return ProfileInUse(args.profile, profile)
 
 
 def _servo_limit(text: str) -> tuple[int, tuple[float, float]]:
