@@ -8,12 +8,13 @@ import inspect
 import threading
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, assert_type
 
 import pytest
 
 import servolink
 import servolink.sync
+from servolink import Servo
 from servolink.client.board import Board
 from servolink.errors import ConnectionLost, NotFound, OpenError, RequestTimeout
 from servolink.protocol.joystick import SubscribeButtonEventRequest
@@ -189,6 +190,17 @@ def test_a_lost_board_fails_the_call_that_waits() -> None:
 def test_a_request_has_its_time() -> None:
     with opened(FakeBoard(usual=LOST)) as board, pytest.raises(RequestTimeout):
         board.request(QueryServoListRequest(), timeout=0.05)
+
+
+def test_type_checkers_know_what_the_methods_return() -> None:
+    with servolink.sync.connect("virtual://?servos=1") as board:  # checked by mypy and pyright, and here too
+        assert_type(board, servolink.sync.Board)
+        assert_type(board.servos(), tuple[Servo, ...])
+        assert_type(board.move({1: 5}, speed=100), float)
+        assert_type(board.request(QueryServoListRequest()), QueryServoListResponse)
+        assert_type(next(board.states()), Literal["connected", "lost", "closed"])
+        assert_type(next(board.follow({1: 5}, 0)), tuple[Servo, ...])
+        assert_type([*board.button_events().within(0)], list[servolink.ButtonEvent])
 
 
 # --- finding and losing boards ------------------------------------------------------------------------------------
