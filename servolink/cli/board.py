@@ -41,7 +41,6 @@ COMMANDS = {
 
 _PAIR = re.compile(r"(-?[0-9.]+)\.\.(-?[0-9.]+)", re.ASCII)
 _UNSET = "unset"
-_BY_HAND = "set with `servolink board set`"
 _ANGLE = number(-0x8000, 0x7FFF, "degrees")
 _COMMON = ("byte_order", "caption_encoding")  # settings whose options every command has
 _SECONDS = ("turnaround", "clear_seconds", "interval_unit")
@@ -229,7 +228,7 @@ def run_set(args: argparse.Namespace) -> int:
     """Change the profile and keep it. What a user sets is certain."""
     from msgspec.structs import replace
 
-    from servolink.profiles.profile import BoardProfile, BoardSettings, Evidence
+    from servolink.profiles.profile import BY_HAND, BoardProfile, BoardSettings, Evidence
     from servolink.profiles.store import load_profile, save_profile
 
     name, _ = _known_name(args)
@@ -242,7 +241,7 @@ def run_set(args: argparse.Namespace) -> int:
         usage_error(args, f"--{twice[0].replace('_', '-')} is set and unset")
     evidence = {key: each for key, each in profile.evidence.items() if key not in unset}
     now = datetime.now(UTC).replace(microsecond=0)
-    evidence |= {key: Evidence("certain", _BY_HAND, now) for key in given}
+    evidence |= {key: Evidence("certain", BY_HAND, now) for key in given}
     changed = replace(
         profile,
         settings=replace(profile.settings, **given, **unset),

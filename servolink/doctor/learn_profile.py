@@ -9,7 +9,7 @@ from typing import Any
 
 from msgspec.structs import asdict, replace
 
-from servolink.profiles.profile import BoardIdentityRecord, BoardProfile, Confidence, Evidence
+from servolink.profiles.profile import BY_HAND, BoardIdentityRecord, BoardProfile, Confidence, Evidence
 
 _RANKS: dict[Confidence, int] = {"guess": 0, "likely": 1, "certain": 2}
 
@@ -46,7 +46,7 @@ def merge_profile(
 def _replaces(measured: Measured, value: object, evidence: Evidence | None) -> bool:
     if value is None:
         return True
-    if evidence is None:  # set by the user
+    if evidence is None or evidence.text == BY_HAND:
         return measured.confidence == "certain" or measured.value == value
     return measured.value != value or _RANKS[measured.confidence] >= _RANKS[evidence.confidence]
 

@@ -216,6 +216,10 @@ def _check_setting(name: str) -> None:
 SettingName = Annotated[str, About("", "the name of a setting", _check_setting)]
 
 
+BY_HAND = "set with `servolink board set`"
+"""The text of the evidence of a setting that the user has set."""
+
+
 class BoardProfile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Everything that is kept of one board."""
 

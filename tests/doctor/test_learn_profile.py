@@ -10,6 +10,7 @@ import pytest
 from servolink.doctor.learn_captions import encoding_finding
 from servolink.doctor.learn_profile import Measured, merge_profile
 from servolink.profiles.profile import (
+    BY_HAND,
     BoardIdentityRecord,
     BoardProfile,
     BoardSettings,
@@ -44,6 +45,13 @@ def test_which_finding_is_kept(
     is_new = found is not None and (result != kept or evidence is None)
     assert merged.evidence == ({"depth": Evidence(confidence, "new", NOW)} if is_new and result == found else old)
     assert merged.identity == REX
+
+
+def test_what_was_set_by_hand_is_replaced_only_by_what_is_certain() -> None:
+    by_hand = {"depth": Evidence("certain", BY_HAND, BEFORE)}
+    profile = BoardProfile(settings=BoardSettings(depth=8), evidence=by_hand)
+    assert merge_profile(profile, [Measured("depth", 4, "likely", "new")], REX, NOW).settings.depth == 8
+    assert merge_profile(profile, [Measured("depth", 4, "certain", "new")], REX, NOW).settings.depth == 4
 
 
 def test_equal_evidence_is_renewed_and_limits_stay() -> None:
