@@ -146,7 +146,7 @@ class ServoController:
         try:
             return await self._session.request(packet, timeout=timeout, unchecked=unchecked)
         finally:
-            self.soft_start.set(packet)  # whether or not it was answered: it may have been done
+            self.soft_start.forget(packet)  # whether or not it was answered: it may have been done
 
     async def move(
         self,

@@ -43,7 +43,7 @@ class SoftStart:
         for servo_id in servo_ids:
             self._known_at.setdefault(servo_id, end)
 
-    def set(self, request: SetServoParameterRequest) -> None:
+    def forget(self, request: SetServoParameterRequest) -> None:
         """Forget the pose of a servo that `request` stops or releases, or of all servos."""
         if request.is_start and request.is_hold:
             return

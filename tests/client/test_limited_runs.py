@@ -31,10 +31,11 @@ from servolink.protocol.servos import (
     QueryServoResponse,
     ServoState,
     SetAngleUnitRequest,
+    SetAngleUnitResponse,
 )
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import FakeBoard, connected, late, lie, opened
+from tests.client.fake_board import LOST, FakeBoard, connected, late, lie, opened
 from tests.project.pulled import contents_of
 from tests.virtual_time import run
 
@@ -194,6 +195,20 @@ def test_a_unit_that_was_set_by_a_packet_counts() -> None:
         await board.send(ExecuteActionRequest((Step(1, 50, 100),)))
 
     assert moved(use, angle_limits=(-60, 60)) == (50, 0, 0, 0)
+
+
+def test_a_unit_that_the_board_did_not_take_does_not_count() -> None:
+    async def use(board: Board, fake: FakeBoard) -> None:
+        await board.servos()
+        fake.plan(SetAngleUnitRequest, lie(SetAngleUnitResponse(1, 0)), LOST)
+        assert (await board.request(SetAngleUnitRequest(1, 1))).unit_type == 0
+        assert board.unit_of(1) == "degree"
+        with pytest.raises(RequestError):
+            await board.request(SetAngleUnitRequest(1, 1), timeout=0.01)
+        await board.run_action(1)  # what the board made of it is unknown, so all units are set again
+        assert [packet for _, packet in fake.sent if isinstance(packet, SetAngleUnitRequest)][-1].servo_id == ALL_SERVOS
+
+    sent_on_fake(use, speed_cap=100)
 
 
 def test_servos_without_limits_of_their_own_are_free() -> None:

@@ -165,6 +165,23 @@ def test_a_macro_that_is_run_slowly_may_be_too_fast_alone() -> None:
     assert len(texts(UP, DOWN, BEND, start=0, speed_cap=100)) == 2
 
 
+def test_a_repeated_record_starts_where_it_ended() -> None:
+    once, twice = (Macro(6, "again", (MacroCommand(5, 2, 100, loop),)) for loop in (1, 2))
+    assert not any("macro 6" in text for text in texts(UP, DOWN, BEND, once, speed_cap=200, start=90))
+    assert texts(UP, DOWN, BEND, twice, speed_cap=200, start=90) == [
+        "macro 6 'again', command 1: action 1 'up', step 1 asks servo 1 for 360 degrees/s; its cap is 200"
+    ]
+
+
+@pytest.mark.parametrize("ratios", [(100, 50), (50, 100)])
+def test_the_highest_speed_at_which_a_macro_is_run_counts(ratios: tuple[int, int]) -> None:
+    middle = Macro(3, "middle", tuple(MacroCommand(5, 2, ratio) for ratio in ratios))
+    whole = Macro(2, "whole", (MacroCommand(3, 2, 50),))
+    inner = "macro 5 'b{}nd', command 2: action 2 'down', step 1 asks servo 1 for 90 degrees/s"
+    assert [text for text in texts(UP, DOWN, BEND, middle, whole, speed_cap=80) if inner in text]
+    assert not [text for text in texts(UP, DOWN, BEND, middle, whole, speed_cap=95) if "macro 5" in text]
+
+
 def test_intervals_are_counted_in_the_unit_of_the_board() -> None:
     assert texts(UP, speed_cap=100, unit=0.02) == []
     assert texts(UP, speed_cap=179, unit=0.01) != []
