@@ -156,7 +156,7 @@ Work = Callable[[Board], Awaitable[Any]]
 async def attempt(transport: Transport, work: Work, depth: int = 1) -> ServolinkError | None:
     """Let `work` use a new connection; return what ended it early."""
     try:
-        async with connect(transport, depth=depth) as board:
+        async with connect(transport, depth=depth, write_depth=depth) as board:
             await work(board)
     except ServolinkError as error:
         return error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 
@@ -65,3 +66,30 @@ def test_a_rollback_that_is_interrupted_goes_on_when_it_is_asked_for_again(tmp_p
         assert same(board.storage.contents, NEW_CONTENTS), "a finished one can be undone itself"
 
     run(main())
+
+
+QUEUES = Make(turnaround=0.002, depth=4)
+LOSES = Make(turnaround=0.002, queue=0, depth=4)
+"""A board that does not queue, although the connection was told that it does."""
+DEEP = [
+    QUEUES,
+    LOSES,
+    replace(QUEUES, on_duplicate="append", partial_writes=True, bus_powered=True),
+    replace(LOSES, on_duplicate="append", partial_writes=True, bus_powered=True),
+    replace(LOSES, on_duplicate="reject", clear="records"),
+    replace(LOSES, queue=1, unknown_ids="silent"),
+    replace(QUEUES, unknown_ids="silent", project_id_bits=16),
+]
+
+
+@pytest.mark.parametrize("whole", [False, True], ids=["differences", "replace"])
+@pytest.mark.parametrize("make", DEEP, ids=str)
+def test_nothing_is_lost_with_several_requests_under_way(make: Make, tmp_path: Path, *, whole: bool) -> None:
+    size = run(bytes_of_import(make, whole=whole, folder=tmp_path / "size"))
+    random = Random(f"{make} {whole}")
+    for at in range(4):
+        pulls = tuple(Pull.at(random.randrange(sum(size)), size) for _ in range(1 + at % 2))
+        history = History(make, whole, pulls, seed=at)
+        verdict = run(history.judge(tmp_path / str(at)))
+        assert verdict.right, history
+        assert verdict.connections == 1, history
