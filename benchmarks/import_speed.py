@@ -43,6 +43,8 @@ class BoardLine(BaseTransport):
         super().__init__(f"line://{line.name}")
         self._line = line
         self._board = board
+        if line is not CDC:  # whose rate no program is told
+            self.bytes_per_second = line.bytes_per_second
         self._parser = FrameParser()
         self._sent_until = self._received_until = 0.0
         self._coming: deque[tuple[float, bytes]] = deque()  # when the first byte arrives, and the bytes

@@ -74,6 +74,7 @@ class DepthClimb:
         self._rival: Epoch | None = None  # during a trial: the epoch at the depth before
         self._loss = self._usual_loss = 0.0  # at this depth: smoothed, and when it was found
         self._wait = self._epochs_left = 0  # until a greater depth is tried
+        self._has_tried = False  # any other depth than 1
 
     def answered(self, now: float, *, full: bool, wanted: bool) -> None:
         """Count a response that came at `now`, in seconds.
@@ -89,6 +90,15 @@ class DepthClimb:
             epoch.seconds += now - since
             if epoch.responses % epoch.length == 0:
                 self._judge(epoch, wanted=wanted)
+
+    def leap(self) -> None:
+        """Try the bound at once, unless another depth was tried: a transfer may be over before a climb is.
+
+        It is a trial beside depth 1, which is the depth again if much is lost.
+        """
+        if not self._has_tried and self.bound > 1:
+            self._epoch = Epoch(1)  # responses to other requests, perhaps shorter ones, say nothing about the pace
+            self._try(self.bound)
 
     def lost(self) -> None:
         """Count a request whose response did not come."""
@@ -132,6 +142,7 @@ class DepthClimb:
             self._epoch = Epoch(epoch.depth)
 
     def _try(self, depth: int) -> None:
+        self._has_tried = True
         self._rival = self._epoch
         self._go_to(depth)
 

@@ -56,8 +56,11 @@ class Window:
 
     @contextmanager
     def bulk(self) -> Iterator[None]:
-        """Let the responses that are owed take longer, while much is transferred."""
+        """Allow the responses that are owed to take longer, and try the bounds at once, while much is transferred."""
         self._bulks += 1
+        if self.learns:
+            self.queries.leap()
+            self.writes.leap()
         try:
             yield
         finally:

@@ -217,3 +217,25 @@ def test_a_depth_that_still_pays_is_kept_when_the_line_gets_worse_for_all() -> N
     line.loss = 0.1
     line.run(20_000).forget()
     assert usual(line.run(20_000)) == 8
+
+
+# --- a transfer that cannot wait for a climb ----------------------------------------------------------------------
+
+
+def test_a_leap_is_a_trial_of_the_bound_that_losses_end() -> None:
+    climb = DepthClimb(8)
+    climb.leap()
+    assert climb.depth == 8
+    assert Line(climb, 0.006).run(2_000).climb.depth == 8
+    lossy = DepthClimb(8)
+    lossy.leap()
+    Line(lossy, 0.012, room=1).run(600)
+    assert lossy.depth == 1
+    lossy.leap()
+    assert lossy.depth == 1, "once is enough"
+
+
+def test_with_a_bound_of_1_there_is_nowhere_to_leap() -> None:
+    climb = DepthClimb(1)
+    climb.leap()
+    assert Line(climb).run(200).climb.depth == 1
