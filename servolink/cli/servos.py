@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.main import OK
-from servolink.cli.output import Table, print_json, print_table
+from servolink.cli.output import Table, print_error, print_json, print_table
 from servolink.cli.session import Interruption, run_with_board
-from servolink.errors import NotFound, Rejected
+from servolink.errors import NotFound, Rejected, RequestTimeout
 from servolink.motion import Angle
 
 if TYPE_CHECKING:
@@ -27,11 +27,20 @@ def run(args: argparse.Namespace) -> int:
     """Print the servos."""
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        captions = {servo.servo_id: servo.servo_caption for servo in await board.servo_parameters()}
-        print_servos(await reported(board), as_json=args.json, captions=captions)
+        servos = await reported(board)
+        print_servos(servos, as_json=args.json, captions=await _captions(board))
         return OK
 
     return run_with_board(args, talk, angle_unit="adc" if args.adc else "degree")
+
+
+async def _captions(board: Board) -> dict[int, str]:
+    """Return the stored captions by servo id. A board that does not answer this query has none, which is said."""
+    try:
+        return {servo.servo_id: servo.servo_caption for servo in await board.servo_parameters()}
+    except RequestTimeout as error:
+        print_error(f"servolink: shown without captions: {error}")
+        return {}
 
 
 async def reported(board: Board, wanted: Iterable[int] = ()) -> tuple[Servo, ...]:

@@ -34,7 +34,8 @@ class _Queue:
     def end(self, error: ConnectionLost | None = None) -> None:
         self.ended = True
         self.error = error
-        self.changed.set()
+        with suppress(RuntimeError):  # the reader's loop has ended, and nobody can be woken
+            self.changed.set()
 
 
 class ButtonSubscription:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import suppress
 from typing import Literal
 
 from servolink.connection.connection import Connection
@@ -32,7 +33,8 @@ class ConnectionStates:
         if self.now not in {state, "closed"}:
             self.now = state
             for reader in self._readers:
-                reader.put_nowait(state)
+                with suppress(RuntimeError):  # the reader's loop has ended, and nobody can be woken
+                    reader.put_nowait(state)
 
     async def read(self) -> AsyncIterator[ConnectionState]:
         """Yield the present state and then each change, up to `closed`."""

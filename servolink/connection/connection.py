@@ -139,7 +139,11 @@ class Connection:
 
     async def close(self) -> None:
         """Fail all who wait and free the port; may be called again."""
-        self.answers.end(lost(self.transport.url, None))
+        error = lost(self.transport.url, None)
+        if self._loop.is_closed():  # whoever waits has ended with the loop, and cannot be woken
+            self.answers.ended = self.answers.ended or error
+        else:
+            self.answers.end(error)
         await self.transport.close()
         self._sender.end()
 

@@ -11,6 +11,8 @@ from servolink.client.board import Board as ClientBoard
 from servolink.client.connect import connect
 from servolink.errors import OutcomeUnknown
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from tests.cli.conftest import Addresses
 from tests.cli.programs import Said, call, in_terminal, program, started
 from tests.cli.robot import Robot
@@ -105,6 +107,14 @@ def test_servos(board: Board) -> None:
         "is_start": True,
         "is_hold": True,
     }
+
+
+def test_servos_of_a_board_that_does_not_answer_for_their_captions(robot: Robot) -> None:
+    robot.board = VirtualBoard(3, kind=BoardKind(unsupported=("QueryServoParameter",)))
+    said = robot("servos", "--json")
+    assert said.code == 0
+    assert [servo["servo_caption"] for servo in said.json["servos"]] == [None] * 3
+    assert said.err.startswith("servolink: shown without captions: QueryServoParameterRequest() was not answered")
 
 
 def test_servos_in_raw_readings(board: Board) -> None:

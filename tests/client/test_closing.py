@@ -59,6 +59,28 @@ def test_a_board_whose_loop_has_ended_can_be_closed(reconnect: bool) -> None:
     assert repr(board) == "<Board virtual:// closed>"
 
 
+def test_a_board_whose_loop_ended_below_those_who_wait_can_be_closed() -> None:
+    """Waking them used to raise "Event loop is closed", and the port stayed open."""
+
+    async def wait_in_many_ways() -> tuple[Board, list[asyncio.Task[object]]]:
+        board = await connect("virtual://")
+        events, states = board.button_events(), cast("AsyncGenerator[str]", board.states())
+        await events.__aenter__()
+        assert await anext(states) == "connected"
+        waiting = [anext(events), anext(states), board.servos()]
+        tasks = [asyncio.ensure_future(each) for each in waiting]
+        await asyncio.sleep(0)
+        return board, tasks
+
+    loop = asyncio.new_event_loop()
+    board, tasks = loop.run_until_complete(wait_in_many_ways())
+    loop.close()
+    asyncio.run(asyncio.wait_for(board.close(), 60))
+    assert repr(board) == "<Board virtual:// closed>"
+    for task in tasks:
+        task._log_destroy_pending = False  # type: ignore[attr-defined]  # it was left behind on purpose
+
+
 def test_a_board_whose_loop_ended_while_it_was_lost_can_be_closed() -> None:
     async def lost() -> Board:
         async with serve(VirtualBoard(servos=1), tcp="127.0.0.1:0") as (url,):
