@@ -56,6 +56,8 @@ class ResponseDispatcher:
         self.opening: Opening | None = None
         """The opening that is under way: it gets all responses."""
         self.times = ResponseTimes()
+        self.answered_in_a_row = 0
+        """How many slots were answered since one was overdue, or over without a response."""
         self.frame_log = FrameLog(url, codec, now)
         self._url = url
         self._codec = codec
@@ -204,7 +206,10 @@ class ResponseDispatcher:
         for slot, content in settled:
             self._release_held(slot)
             call = slot.call
-            if content is not None:
+            if content is None:
+                self.answered_in_a_row = 0
+            else:
+                self.answered_in_a_row += 1
                 self._time(slot, max(asked_at, slot.sent_at))
             if call is None:
                 continue
@@ -283,6 +288,7 @@ class ResponseDispatcher:
 
     def _expire(self, slot: Slot, now: float) -> None:
         self.stats.timeouts += 1
+        self.answered_in_a_row = 0
         self._mark_overdue(slot)
         self._restart(now)
         if self._window.learns:

@@ -32,6 +32,7 @@ _AT_ONCE = 3  # so often a query that is proved to be lost is sent again without
 _FENCE_AFTER = 3  # sendings without a response
 _SAME_FENCE = 3  # so often one is sent in a silence: perhaps the board does not support it
 _MARK_EVERY = 16  # slots: equal queries in a row show no gap, so a fence is sent between them
+_MARK_GOOD_LINE_EVERY = 128  # slots, if so many have been answered since one was lost
 _MOST_UNANSWERABLE = 4  # packets without a response, after which the board must show that it keeps up
 
 
@@ -197,7 +198,9 @@ class RequestSender:
     async def _mark(self, packet: Request[Any]) -> None:
         """Send a fence behind many slots that prove nothing of each other: equal queries, or kept responses."""
         kept, unproved = self._slots.kept, self._slots.unproved
-        if not packet.alone and (unproved >= _MARK_EVERY or min(kept, unproved) * 2 >= self._window.depth):
+        is_good = self._answers.answered_in_a_row >= _MARK_GOOD_LINE_EVERY
+        every = _MARK_GOOD_LINE_EVERY if is_good else _MARK_EVERY
+        if not packet.alone and (unproved >= every or min(kept, unproved) * 2 >= self._window.depth):
             await self._send_fence(packet)
 
     async def _send_fence(self, packet: Packet) -> Slot:
