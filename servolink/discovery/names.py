@@ -149,7 +149,8 @@ def _recognised(url: str, devices: Sequence[DeviceInfo] | None) -> Resolved:
     with_profile = set(profile_names())
     aliases = {name: alias for name, alias in load_aliases().items() if name in with_profile} if with_profile else {}
     found = [name for name, alias in aliases.items() if not alias.serial_number and _is_same_place(alias.url, url)]
-    if by_number := {name: alias for name, alias in aliases.items() if alias.serial_number}:
+    by_number = {name: alias for name, alias in aliases.items() if alias.serial_number}
+    if by_number and Address.parse(url).serial_device:
         here = identity_at(url, search() if devices is None else devices)
         found += [name for name, alias in by_number.items() if here and alias.identity.fits(here)]
     if len(found) > 1:

@@ -136,6 +136,9 @@ def test_a_port_is_recognised_by_its_serial_number(monkeypatch: pytest.MonkeyPat
     for board in ("serial:///dev/ttyACM7", "/dev/ttyACM7", None):
         url, name = run(resolve_board(board))
         assert (url, name) == (board or SERIAL.url, "rex")
+    monkeypatch.setattr(names, "search", lambda: pytest.fail("looked for ports"))
+    assert run(resolve_board("tcp://pi:9000")).name is None
+    monkeypatch.setattr(names, "search", lambda: [SERIAL])
     # The port at which it was once may have another board by now.
     assert run(resolve_board("serial:///dev/ttyACM0")).name is None
 

@@ -104,6 +104,22 @@ def test_names_of_boards(tmp_path: Path, content: bytes) -> None:
         texts.names_of_boards(content)
 
 
+@examples(100)
+@given(
+    st.binary(max_size=200)
+    | st.builds(
+        lambda table, key, value: f"# \n[{table}]\n{key} = {json.dumps(value)}\n".encode(),
+        st.sampled_from(["identity", "settings", "limits", "limits.angles", "limits.speed_caps", "evidence.depth"]),
+        st.sampled_from(["servo_ids", "serial_number", "depth", "unsupported", "turnaround", "3", '"\u202e"', "text"]),
+        _anything,
+    )
+)
+def test_the_profile_of_a_board(tmp_path: Path, content: bytes) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+        texts.profile_of_a_board(content)
+
+
 @examples(60)
 @given(files(_JOURNAL, as_json))
 def test_the_journal_of_an_import(tmp_path: Path, content: bytes) -> None:

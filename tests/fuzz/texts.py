@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from pathlib import Path
 
 from servolink.discovery.announcements import candidates
 from servolink.discovery.names import Alias, aliases_path, load_aliases, save_alias
-from servolink.errors import OpenError, ProjectError, TransportUnavailable
+from servolink.errors import OpenError, ProfileError, ProjectError, TransportUnavailable
 from servolink.escaping import escape
 from servolink.listeners import host_and_port
-from servolink.profiles.store import is_name
+from servolink.profiles.store import is_name, load_profile, profile_path, save_profile
 from servolink.project.project_file import format_project, parse_project
 from servolink.project.transfer.backups import BackupStore
 from servolink.transports.address import Address
@@ -138,6 +139,25 @@ def names_of_boards(data: bytes) -> None:
     assert all(map(is_name, names))
     save_alias("more", Alias("virtual://"))
     assert load_aliases() == names | {"more": Alias("virtual://")}
+
+
+def profile_of_a_board(data: bytes) -> None:
+    """Read the bytes as the profile of a board; what was read survives being written and read again."""
+    path = profile_path("rex")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+    try:
+        read = load_profile("rex")
+    except ProfileError as error:
+        check(error)
+        lines = [int(line) for line in re.findall(r"rex\.toml, line (\d+): ", str(error))]
+    else:
+        lines = [1]
+        assert read is not None
+        save_profile("rex", read)
+        assert load_profile("rex") == read
+    assert len(lines) == 1
+    assert 1 <= lines[0] <= data.count(b"\n") + 1
 
 
 def journal(content: bytes, folder: Path, marker: int) -> None:
