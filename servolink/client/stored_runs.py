@@ -89,12 +89,9 @@ class StoredRuns:
             check_seconds("timeout", timeout)
         asked = self._asked()
         _, units_sent = await self._prepare(MACRO, packet.macro_id, asked)
+        # Nothing was awaited since `_prepare` looked for a stop, and after a later one the connection does not send it.
         return await asked.connection.request(
-            packet,
-            timeout=timeout,
-            unchecked=unchecked,
-            unless_stopped_since=asked.stops,
-            unless_units_since=units_sent,
+            packet, timeout=timeout, unchecked=unchecked, unless_units_since=units_sent
         )
 
     def _asked(self) -> _Asked:

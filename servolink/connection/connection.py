@@ -200,15 +200,14 @@ class Connection:
         timeout: float | None = None,
         first: bool = False,
         unchecked: bool = False,
-        unless_stopped_since: int | None = None,
         unless_units_since: int | None = None,
     ) -> R:
         """Send `packet` and return its response.
 
         What may be repeated is repeated until `patience` ends, and raises RequestTimeout. What changes the board
         otherwise is sent once, and raises OutcomeUnknown. `timeout` limits the whole call, waiting included. `first`
-        goes before all who wait; `unchecked` sends back what was read from a board (see Codec.encode). If `stops` is no
-        longer `unless_stopped_since`, or `units_sent` no longer `unless_units_since`, a movement raises RequestError.
+        goes before all who wait; `unchecked` sends back what was read from a board (see Codec.encode). If `units_sent`
+        is no longer `unless_units_since`, RequestError is raised and nothing sent, as for a movement after a stop.
         """
         if asyncio.get_running_loop() is not self._loop:
             self._refuse_loop()
@@ -217,8 +216,6 @@ class Connection:
             self._slots.lanes[packet.packet_id + 1].request_size = len(frame)
         call = self._call(packet, timeout)
         call.units = unless_units_since
-        if unless_stopped_since is not None:
-            call.stops = unless_stopped_since
         if self.guard is not None and not isinstance(packet, Query):
             await self._pass_guard(self.guard(packet), call, timeout)
         if not self._may_send_at_once(packet):
