@@ -249,6 +249,8 @@ def run_set(args: argparse.Namespace) -> int:
         evidence=evidence,
     )
     path = save_profile(name, changed)
+    if missing := _missing_servos(changed):
+        print_error(f"servolink: {name} was learnt to have no servo {', '.join(map(str, missing))}")
     if args.json:
         return run_show(args)
     print_text(f"{name} is set; kept in {path}")
@@ -256,6 +258,13 @@ def run_set(args: argparse.Namespace) -> int:
     if rows:
         print_table(Table((), rows))
     return OK
+
+
+def _missing_servos(profile: BoardProfile) -> list[int]:
+    """Return the servos that have limits and are not on the board, if its servos are known."""
+    if profile.identity is None or profile.identity.servo_ids is None:
+        return []
+    return sorted({*profile.limits.angles, *profile.limits.speed_caps} - set(profile.identity.servo_ids))
 
 
 def _changed_limits(args: argparse.Namespace, limits: SafetyLimits) -> SafetyLimits:

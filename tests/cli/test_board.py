@@ -9,6 +9,8 @@ import pytest
 
 from servolink.profiles.profile import BoardIdentityRecord, BoardProfile, BoardSettings, Evidence, SafetyLimits
 from servolink.profiles.store import load_profile, profile_path, save_profile
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from tests.cli.programs import Said, call, in_terminal
 from tests.cli.robot import Robot
 
@@ -168,6 +170,14 @@ def test_no_board_has_a_name(say: type) -> None:
     assert say("board").out == "no board has a name; `servolink use NAME BOARD` gives one\n"
 
 
+def test_limits_of_a_servo_that_is_not_there_are_kept_with_a_warning(say: type) -> None:
+    save_profile("rex", LEARNT)
+    assert say("board set rex --angle 9=0..5").err == ""
+    said = say("board set rex --angle 30=0..5 --speed 31=5")
+    assert (said.code, said.err) == (0, "servolink: rex was learnt to have no servo 30, 31\n")
+    assert set(profile().limits.angles) == {9, 30}
+
+
 @pytest.mark.parametrize("command", ["show", "set"])
 def test_an_unknown_name_is_wrong_usage(command: str, say: type) -> None:
     said = say(f"board {command} lassie")
@@ -233,6 +243,14 @@ def test_another_board_is_stopped_and_read_with_a_warning_and_not_moved(
     assert f"{difference}: ExecuteActionRequest was not sent" in said.err
     assert say("-b rex stop").code == 0
     assert say("-b rex release --yes").code == 0
+
+
+def test_a_board_without_project_ids_is_not_asked_for_an_unfinished_import(robot: Robot, say: type) -> None:
+    robot.board = VirtualBoard(3, kind=BoardKind(unsupported=("QueryProjectID",)))
+    say("use rex virtual://")
+    assert say("-b rex servos --timeout 0.5").code != 0
+    say("board set rex --unsupported QueryProjectID")
+    assert say("-b rex servos --timeout 0.5").code == 0
 
 
 def test_a_damaged_profile_keeps_nobody_from_stopping(robot: Robot, say: type) -> None:

@@ -107,6 +107,7 @@ def test_other_boards_have_no_profile(board: str, asked: list[ConnectionOptions]
         ("caption_encoding", "big5", "latin-1", "cp437"),
         ("transmission_mode", "keep", "auto", 1),
         ("depth", 4, 3, 2),
+        ("write_depth", 4, 3, 2),
     ],
 )
 def test_options_of_the_program_override_the_address_and_that_the_profile(
