@@ -13,6 +13,7 @@ from servolink.client.connect import connect
 from servolink.client.servos import Servo
 from servolink.errors import ConnectionLost, EncodeError, MotionRefused, NotFound, Rejected, RequestError
 from servolink.motion import Adc, MotionLimits
+from servolink.profiles.profile import BoardProfile, BoardSettings
 from servolink.project.model import Project
 from servolink.protocol.editing import (
     ExecuteMacroRequest,
@@ -34,8 +35,9 @@ from servolink.protocol.servos import (
     SetAngleUnitResponse,
 )
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import LOST, FakeBoard, connected, late, lie, opened
+from tests.client.fake_board import LOST, FakeBoard, connected, late, lie, now, opened
 from tests.project.pulled import contents_of
 from tests.virtual_time import run
 
@@ -427,6 +429,25 @@ def test_the_interval_unit_counts_for_moves_and_stored_records() -> None:
             await board.send(ExecuteActionRequest((Step(1, 0, 50),)))
             with pytest.raises(EncodeError, match=r"duration 0\.01 is outside 0\.02\.\.655\.34 s"):
                 await board.move({1: Adc(0)}, duration=0.01)
+
+    run(main())
+
+
+@pytest.mark.parametrize("unit", [0.001, 0.01, 0.1])
+def test_a_board_that_counts_otherwise_takes_the_time_that_was_said(unit: float) -> None:
+    async def main() -> None:
+        virtual = prepared(VirtualBoard(4, kind=BoardKind(interval_unit=unit)))
+        profile = BoardProfile(settings=BoardSettings(interval_unit=unit))
+        async with connect(VirtualTransport(virtual), profile=profile) as board:
+            begun = now()
+            assert await board.move({1: 60}, speed=30, wait=True) == 2.0
+            assert 2 <= now() - begun < 2.1
+            seconds = await board.run_action(1)
+            assert seconds == pytest.approx(50 * unit)
+            await asyncio.sleep(seconds / 2)
+            assert (await board.servo(2)).angle == pytest.approx(-20, abs=8)
+            await asyncio.sleep(seconds / 2)
+            assert (await board.servo(2)).angle == -40
 
     run(main())
 
