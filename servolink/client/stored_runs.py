@@ -191,4 +191,5 @@ def _is_active(servo: Servo) -> bool:
 def _refuse(record: Action | Macro, why: str) -> None:
     """Raise MotionRefused if there is a reason."""
     if why:
-        raise MotionRefused(f"{name_of(record)} was not run: {why}")
+        name = name_of(record)
+        raise MotionRefused(f"{name} was not run: {why.removeprefix(f'{name}, ')}")

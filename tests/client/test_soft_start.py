@@ -189,7 +189,9 @@ def test_no_servo_is_ever_faster_in_its_first_movement() -> None:
 
 def test_all_is_checked_before_the_slow_movement() -> None:
     async def use(board: Board, virtual: VirtualBoard) -> None:
-        with pytest.raises(MotionRefused, match=r"macro 1 'dance', command 2: .*step 1 asks servo 1 for 180 "):
+        with pytest.raises(
+            MotionRefused, match=r"macro 1 'dance' was not run: command 2: .*step 1 asks servo 1 for 180 "
+        ):
             await board.run_macro(1)
         await asyncio.sleep(2)
         assert [servo.angle for servo in await board.servos()] == [0, 0, 0, 0]
