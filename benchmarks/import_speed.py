@@ -141,7 +141,7 @@ def measure(*, short: bool) -> Result:
     """Do all cases on all lines at all depths; `short` only those that have goals."""
     wanted = {(case, line, depth) for case, line, depth, _ in GOALS}
     wanted |= set() if short else {(case, line, depth) for case in CASES for line in LINES for depth in DEPTHS}
-    seconds = {key: _in_virtual_time(*key) for key in wanted}
+    seconds = {key: seconds_of(*key) for key in wanted}
     rows = [
         (case.name, line.name, *(_text(seconds.get((case, line, depth))) for depth in DEPTHS))
         for case in CASES
@@ -169,15 +169,16 @@ def _goals(seconds: dict[tuple[Case, Line, int], float]) -> Iterator[Goal]:
         yield at_most(name, seconds[case, line, depth], most, "{:.2f} s")
 
 
-def _in_virtual_time(case: Case, line: Line, depth: int) -> float:
+def seconds_of(case: Case, line: Line, depth: int) -> float:
+    """Return the seconds that a piece of work takes."""
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         return runner.run(_time(case, line, depth))
 
 
 async def _time(case: Case, line: Line, depth: int) -> float:
     board = VirtualBoard(2, kind=BoardKind(memory=2**20))
-    wanted = _library(case.wanted)
-    held = list(_library(case.held).actions)
+    wanted = library(case.wanted)
+    held = list(library(case.held).actions)
     for at in range(case.changed):
         held[at * 7 + 5] = msgspec.structs.replace(held[at * 7 + 5], steps=(Step(1, 3, 3),) * _STEPS)
     session, codec = board.attach(lambda _: None), Codec()
@@ -195,6 +196,7 @@ async def _time(case: Case, line: Line, depth: int) -> float:
         shutil.rmtree(folder)
 
 
-def _library(count: int) -> Project:
+def library(count: int) -> Project:
+    """Return a project with so many actions."""
     steps = tuple(Step(1 + at % 2, at, 10) for at in range(_STEPS))
     return Project(7, actions=tuple(Action(at, f"Action {at}", steps) for at in range(1, count + 1)))

@@ -1,7 +1,7 @@
-"""Imports on which the cable is pulled: at each byte, at random places, on bad lines, on boards of every make.
+"""Imports: how long they take, and how they end if the cable is pulled at each byte, at random places, on bad lines.
 
-In virtual time, against the virtual board. Nothing may be lost, and each import must end with the new project on the
-board, or after a rollback with the old one; the naive import, delete all and write all, beside it.
+In virtual time, against virtual boards of every make. Nothing may be lost, and each import must end with the new
+project on the board, or after a rollback with the old one; the naive import, delete all and write all, beside it.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ import asyncio
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from random import Random
 
+from benchmarks.import_speed import measure
 from benchmarks.measuring import Result, table
 from servolink.client.board import Board
 from servolink.project.transfer.content import Content
@@ -21,10 +22,12 @@ from servolink.project.transfer.writes import writes
 from servolink.transports.faults import Faults
 from tests.project.cable import Cable
 from tests.project.pulled import (
+    DEEP_MAKES,
     MAKES,
     NEW,
     NEW_CONTENTS,
     OLD_CONTENTS,
+    WEAK_MAKES,
     History,
     Make,
     Pull,
@@ -41,13 +44,15 @@ _EACH_BYTE = [
     Make("reject", "all", partial_writes=True, bus_powered=True),
 ]
 _EACH, _TWICE, _BAD = "pulled at each byte", "pulled at two random bytes", "pulled likewise, on a bad line"
-_COUNTS = {_TWICE: 12_000, _BAD: 6_000}
+_DEEP, _WEAK = "pulled likewise, several requests under way", "pulled once, less than 32 bits of a project id"
+_COUNTS = {_TWICE: 12_000, _BAD: 6_000, _DEEP: 6_000, _WEAK: 4_000}
 _SHORT = 40
 _MEMORY = Path("/dev/shm")  # noqa: S108 - a folder in it, made by tempfile
 
 
 def run(*, short: bool) -> Result:
-    """Run all histories, or a few of each sort."""
+    """Run all histories, or a few of each sort, and time imports."""
+    speed = measure(short=short)
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         bench = _Bench(runner)
         counts = {name: bench.judge(name, histories) for name, histories in bench.sorts(short=short)}
@@ -70,7 +75,9 @@ def run(*, short: bool) -> Result:
         "naive_neither": naive[0],
         "naive_places": naive[1],
         "wrong": wrong,
-        "tables": [table("Imports with the cable pulled", columns, rows, notes)],
+        "seconds": speed["seconds"],
+        "goals": speed["goals"],
+        "tables": [*speed["tables"], table("Imports with the cable pulled", columns, rows, notes)],
     }
 
 
@@ -91,6 +98,8 @@ class _Bench:
         yield _EACH, each
         for name, faults in ((_TWICE, None), (_BAD, BAD_LINE)):
             yield name, (self._drawn(2, faults) for _ in range(_SHORT if short else _COUNTS[name]))
+        for name, pulls, makes in ((_DEEP, 2, DEEP_MAKES), (_WEAK, 1, WEAK_MAKES)):
+            yield name, (self._drawn(pulls, makes=makes) for _ in range(_SHORT if short else _COUNTS[name]))
 
     def judge(self, name: str, histories: Iterator[History]) -> Counter[str]:
         """Run `histories` and count what became of them."""
@@ -143,8 +152,8 @@ class _Bench:
         seed = self._random.randrange(2**32)
         return History(make, replace, pulls, seed, *([faults] if faults else []))
 
-    def _drawn(self, pulls: int, faults: Faults | None = None) -> History:
-        make, replace = self._random.choice(MAKES), self._random.random() < 0.5
+    def _drawn(self, pulls: int, faults: Faults | None = None, makes: Sequence[Make] = MAKES) -> History:
+        make, replace = self._random.choice(makes), self._random.random() < 0.5
         size = sum(self._size(make, replace=replace))
         return self._history(make, replace, *(self._random.randrange(size) for _ in range(pulls)), faults=faults)
 

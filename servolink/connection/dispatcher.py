@@ -24,6 +24,8 @@ from servolink.protocol.parser import FrameParser
 
 _PAUSE = 0.05
 """Seconds without a byte after which the rest of a partial frame is no longer expected."""
+_LONGEST_ARRIVAL = 20.0
+"""Seconds that a response may take to arrive. One that would take longer at its rate is a false start."""
 _MOST_PAUSES = 20  # a board that never stops sending must not put deadlines off for ever
 _MOST_OVERDUE = 2 * FENCES_ONLY
 """A board that sends something, but answers nothing of so much, would fill the memory."""
@@ -317,7 +319,9 @@ class ResponseDispatcher:
         while self._parser.partial_frame:
             packet_id, received, wanted = self._parser.partial_frame
             lane = self._slots.lanes.get(packet_id)
-            if lane is not None and lane.slots and received - self._arrived >= wanted / 100:
+            # By its rate, as tries can be short: at 115200 baud the longest list takes 6 s.
+            least = wanted * (now - self._restarted_at) / _LONGEST_ARRIVAL
+            if lane is not None and lane.slots and received - self._arrived >= least:
                 self._restarted_at, self._arrived = now, received
                 return
             if now < self._heard_at + _PAUSE and self._pauses < _MOST_PAUSES:

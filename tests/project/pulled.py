@@ -115,6 +115,21 @@ MAKES = [
     for clear in ("all", "records")
     for partial_writes, bus_powered in ((False, False), (False, True), (True, True))
 ]
+_BITS: tuple[ProjectIDBits, ...] = (16, 0)
+WEAK_MAKES = [replace(make, project_id_bits=bits) for bits in _BITS for make in MAKES]
+"""Boards that keep less than 32 bits of a project id."""
+QUEUES = Make(turnaround=0.002, depth=4)
+LOSES = Make(turnaround=0.002, queue=0, depth=4)
+"""A board that does not queue, although the connection was told that it does."""
+DEEP_MAKES = [
+    QUEUES,
+    LOSES,
+    replace(QUEUES, on_duplicate="append", partial_writes=True, bus_powered=True),
+    replace(LOSES, on_duplicate="append", partial_writes=True, bus_powered=True),
+    replace(LOSES, on_duplicate="reject", clear="records"),
+    replace(LOSES, queue=1, unknown_ids="silent"),
+    replace(QUEUES, unknown_ids="silent", project_id_bits=16),
+]
 
 
 def contents_of(project: Project) -> Contents:

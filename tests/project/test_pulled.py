@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from random import Random
 
@@ -12,6 +11,7 @@ from servolink.project.model import UNFINISHED
 from servolink.transports.faults import Faults
 from tests.project.cable import Cable
 from tests.project.pulled import (
+    DEEP_MAKES,
     MAKES,
     NEW,
     NEW_CONTENTS,
@@ -68,22 +68,8 @@ def test_a_rollback_that_is_interrupted_goes_on_when_it_is_asked_for_again(tmp_p
     run(main())
 
 
-QUEUES = Make(turnaround=0.002, depth=4)
-LOSES = Make(turnaround=0.002, queue=0, depth=4)
-"""A board that does not queue, although the connection was told that it does."""
-DEEP = [
-    QUEUES,
-    LOSES,
-    replace(QUEUES, on_duplicate="append", partial_writes=True, bus_powered=True),
-    replace(LOSES, on_duplicate="append", partial_writes=True, bus_powered=True),
-    replace(LOSES, on_duplicate="reject", clear="records"),
-    replace(LOSES, queue=1, unknown_ids="silent"),
-    replace(QUEUES, unknown_ids="silent", project_id_bits=16),
-]
-
-
 @pytest.mark.parametrize("whole", [False, True], ids=["differences", "replace"])
-@pytest.mark.parametrize("make", DEEP, ids=str)
+@pytest.mark.parametrize("make", DEEP_MAKES, ids=str)
 def test_nothing_is_lost_with_several_requests_under_way(make: Make, tmp_path: Path, *, whole: bool) -> None:
     size = run(bytes_of_import(make, whole=whole, folder=tmp_path / "size"))
     random = Random(f"{make} {whole}")
