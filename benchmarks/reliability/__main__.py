@@ -20,6 +20,7 @@ from benchmarks.reliability import (
     flood,
     framing,
     hidden,
+    lossy,
     model,
     reopening,
     simulation,
@@ -76,6 +77,7 @@ def _work(args: argparse.Namespace) -> Callable[[], Result]:
         "sums": sums.run,
         "stalls": partial(stalls.run, pythons=pythons, real=args.real),
         "flood": flood.run,
+        "lossy": lossy.run,
         "reopening": reopening.run,
         "soak": partial(soak.run, hours=args.hours, virtual=args.virtual),
     }

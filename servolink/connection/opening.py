@@ -130,8 +130,10 @@ class Opening:
                 now = self._time()
                 self._give_up_if_late(now, begun)
                 kind = self._handshake.query()
-                self._timed = kind or self._timed
-                if kind is None and now >= due:
+                if kind is not None:
+                    self._timed = kind
+                    self._asked_at.pop(kind, None)
+                elif now >= due:
                     kind, self._timed = await self._repeat(), None
                 if kind is not None and not self._handshake.is_provable:
                     return await self._open_unproved(_BY_ID[kind])
