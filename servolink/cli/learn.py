@@ -20,7 +20,7 @@ from servolink.connection.options import options_in
 from servolink.discovery.names import resolve_url
 from servolink.discovery.search import identity_of
 from servolink.doctor.learn import Learnt, learn_by_asking, learn_by_writing
-from servolink.doctor.learn_line import SharedTransport
+from servolink.doctor.learn_line import Line, SharedTransport
 from servolink.doctor.learn_motion import interval_finding, plan_movement
 from servolink.doctor.learn_profile import Measured, merge_profile
 from servolink.doctor.learn_trial import Trial, connected
@@ -28,6 +28,7 @@ from servolink.errors import OpenError, ServolinkError
 from servolink.profiles.profile import BoardIdentityRecord, BoardProfile
 from servolink.profiles.store import is_name, load_profile, save_profile
 from servolink.project.transfer.backups import BackupStore
+from servolink.protocol.codec import Codec
 from servolink.transports.registry import create
 
 _NOTHING = "nothing was changed on the board"
@@ -76,7 +77,7 @@ class _Lesson:
 
     async def run(self) -> int:
         power_cycled = self._args.power_cycled or await self._ask_for_power()
-        transport = SharedTransport(create(await self._url(may_wait=power_cycled)))
+        transport = await self._opened(may_wait=power_cycled)
         try:
             with self._interruption.watched():
                 return await self._learn(transport, power_cycled=power_cycled)
@@ -124,15 +125,19 @@ class _Lesson:
         """Ask for the board to be switched off and on; return whether it was."""
         if not can_ask() or self._args.yes or self._args.json:
             return False
-        return await wait_for_enter(f"switch {self._name} off and on, then press Enter (or n and Enter to skip this): ")
+        return await wait_for_enter(
+            f"switch {self._name} off and on, and press Enter when it has started (n to skip): "
+        )
 
-    async def _url(self, *, may_wait: bool) -> str:
-        """Return where the board is; one that was just switched on may take a while to be there again."""
+    async def _opened(self, *, may_wait: bool) -> SharedTransport:
+        """Open the board; the port of one that was just switched on may take a while to be there again."""
         loop = asyncio.get_running_loop()
         end = loop.time() + (_REOPENING if may_wait else 0.0)
         while True:
             try:
-                return await resolve_url(self._name)
+                transport = SharedTransport(create(await resolve_url(self._name)))
+                async with Line(transport, Codec()):
+                    return transport
             except OpenError:
                 if loop.time() >= end:
                     raise

@@ -194,14 +194,17 @@ class Line:
 
     async def _wait(self, until: float) -> bool:
         """Return whether anything has come before `until` (loop time). Raise ConnectionLost if the line has ended."""
+        before = self.received
         self._news.clear()
         if self._ended is None:
-            with suppress(TimeoutError):
-                async with asyncio.timeout_at(until):
-                    await self._news.wait()
+            timer = self._loop.call_at(until, self._news.set)
+            try:
+                await self._news.wait()
+            finally:
+                timer.cancel()
         if self._ended is not None:
             raise ConnectionLost(str(self._ended)) from self._ended
-        return self._news.is_set()
+        return self.received > before
 
 
 @dataclass(frozen=True, slots=True)

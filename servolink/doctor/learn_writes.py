@@ -29,6 +29,7 @@ _MOST_RECORDS = 128
 _ENOUGH_BYTES = 5 * 1024  # written to see a unit of 1,024 bytes in spite of rounding
 _FEWEST_UNITS = 3
 _LONGEST = 60.0  # seconds for storing records
+_LONGEST_CLEARING = 180.0  # seconds
 _NEAR = (0.5, 2.0)  # a unit fits if it explains the bytes written within these factors
 
 
@@ -63,6 +64,8 @@ async def memory_finding(board: Board, trial: Trial) -> Measured:
         if written >= _ENOUGH_BYTES or (used >= _FEWEST_UNITS and _fits(1, used, written)) or loop.time() > end:
             break
     await _delete_scratch(board, trial)
+    if not written:
+        return Measured("memory_unit", None, "guess", "the board stores no more records")
     used = before - free
     text = f"records of {written:,} bytes in all took {used:,} of {before:,} free units"
     fitting = [unit for unit in (1, 1024) if _fits(unit, used, written)]
@@ -112,7 +115,7 @@ async def _delete_scratch(board: Board, trial: Trial) -> None:
 async def _added_twice(board: Board, action: Action) -> tuple[str | None, str]:
     """Return what adding an action again does, and what was seen."""
     if not await _store(board, action):
-        return None, "the first was not stored"
+        return None, "the board stores no more records"
     again = replace(action, action_caption=f"{SCRATCH} 2")
     said_yes: bool | None = None
     with suppress(OutcomeUnknown):
@@ -173,12 +176,14 @@ async def clear_findings(board: Board, trial: Trial) -> list[Measured]:
     """Clear the board, and see what it kept and how long that took. The caller has consent."""
     loop = asyncio.get_running_loop()
     if not await _store(board, trial.scratch_actions(1)[0]):
-        return [Measured("clear", None, "guess", "no record could be stored first, so nothing would show")]
-    kept_id = (await board.request(QueryProjectIDRequest())).project_id
+        return [Measured("clear", None, "guess", "the board stores no more records, so nothing was cleared")]
+    marked_id = (await board.request(QueryProjectIDRequest())).project_id
+    if marked_id == trial.content.project_id:
+        marked_id = 0  # the board keeps no project ids, so clearing shows nothing there
     await trial.note("clearing")
     begun = loop.time()
     try:
-        said_yes: bool | None = bool((await board.request(ClearAllDataRequest())).result)
+        said_yes: bool | None = bool((await board.request(ClearAllDataRequest(), timeout=_LONGEST_CLEARING)).result)
     except OutcomeUnknown:
         said_yes = None
     seconds = loop.time() - begun
@@ -190,7 +195,7 @@ async def clear_findings(board: Board, trial: Trial) -> list[Measured]:
     if left or said_yes is False:
         seen = f"the board said {'no' if said_yes is False else 'yes'} and lists {left} records"
         return [Measured("clear", None, "guess", f"after clearing {seen}")]
-    return [_clear_finding(trial, kept_id, found, parameters), _clear_time(seconds, said_yes)]
+    return [_clear_finding(trial, marked_id, found, parameters), _clear_time(seconds, said_yes)]
 
 
 def _clear_finding(trial: Trial, before: int, after: int, parameters: Sequence[ServoParameter]) -> Measured:

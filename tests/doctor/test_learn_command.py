@@ -12,6 +12,7 @@ import pytest
 
 from servolink import Action, Step
 from servolink.client.board import Board
+from servolink.errors import OpenError
 from servolink.profiles.profile import BoardProfile, BoardSettings, SafetyLimits
 from servolink.profiles.store import load_profile, save_profile
 from servolink.project.transfer.backups import BackupStore
@@ -208,6 +209,24 @@ def test_a_pulled_cable_names_the_way_back(robot: Robot, learnt: Any, capsys: py
     assert robot.board.storage.contents == before
 
 
+def test_a_board_that_was_just_switched_on_is_waited_for(robot: Robot, learnt: Any) -> None:
+    robot.board.powered = True
+    tries = []
+
+    def opened() -> None:
+        tries.append(1)
+        if len(tries) < 10:
+            raise OpenError("its port is not there yet")
+
+    robot.opened = opened  # type: ignore[method-assign]
+    assert learnt("--power-cycled").code == 0
+    assert len(tries) == 10
+    tries.clear()
+    said = learnt()
+    assert (said.code, len(tries)) == (3, 1)
+    assert "its port is not there yet" in said.err
+
+
 def test_in_a_terminal_it_asks(capsys: pytest.CaptureFixture[str]) -> None:
     board = started("virtual", "--tcp", "127.0.0.1:0", "--servos", "2")
     try:
@@ -216,7 +235,7 @@ def test_in_a_terminal_it_asks(capsys: pytest.CaptureFixture[str]) -> None:
         assert call(capsys, "use", "rex", url).code == 0
         said = in_terminal("doctor", "rex", "--learn", "--write", typed="\n", later=("restored [y/N]", "n\n"))
         assert said.code == 0
-        assert "switch rex off and on, then press Enter" in said.out
+        assert "switch rex off and on, and press Enter when it has started" in said.out
         assert re.search("power_up_mode +1 +certain", said.out)
         assert "memory_unit" not in said.out
         said = in_terminal("doctor", "rex", "--learn", typed="n\n")

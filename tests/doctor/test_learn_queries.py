@@ -8,8 +8,10 @@ import pytest
 
 from servolink.errors import OpenError
 from servolink.protocol.codec import Codec
+from servolink.protocol.editing import QueryMacroRequest
 from servolink.transports.faults import Faults
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.handlers import HANDLERS
 from servolink.virtual.kind import BoardKind
 from tests.doctor.learning import CHINESE, FULL, board_of, described, learn
 
@@ -92,6 +94,19 @@ def test_an_empty_board_tells_less() -> None:
     assert found["caption_encoding"].evidence == "no caption is stored on the board"
     assert found["unknown_ids"].value == "empty"
     assert found["depth"].value == 16
+
+
+def test_a_slow_board_is_not_tried_for_ever() -> None:
+    found = learn(board_of(BoardKind(turnaround=0.35)))
+    assert (found["depth"].value, found["depth"].confidence) == (4, "certain")
+    assert "more were not tried, as the board is slow" in found["depth"].evidence
+
+
+def test_boards_may_answer_some_unknown_ids_and_not_others(monkeypatch: Any) -> None:
+    monkeypatch.setitem(HANDLERS, QueryMacroRequest, lambda context: None)
+    found = learn(VirtualBoard(servos=2))
+    assert (found["unknown_ids"].value, found["unknown_ids"].confidence) == ("silent", "likely")
+    assert "QueryMacro 1 had none in 6 tries each" in found["unknown_ids"].evidence
 
 
 def test_nothing_is_learnt_where_no_board_answers() -> None:

@@ -14,9 +14,12 @@ from servolink.errors import ConnectionLost, OpenError, ProjectError, ServolinkE
 from servolink.project.model import UNFINISHED
 from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.codec import Codec
+from servolink.protocol.editing import AddActionRequest
 from servolink.protocol.record_types import ACTION, STORED_TYPES
+from servolink.protocol.settings import ClearAllDataRequest
 from servolink.transports.faults import Faults
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.handlers import HANDLERS
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.transport import VirtualTransport
 from tests.doctor.learning import CHINESE, FULL, URL, board_of, described, learn
@@ -68,6 +71,7 @@ def test_a_board_as_the_document_describes_it(tmp_path: Path) -> None:
         (BoardKind(clear="all"), None, "clear", "all"),
         (BoardKind(clear="records", turnaround=BUSY, queue=0), Codec("big"), "clear", "records"),
         (BoardKind(clear_seconds=8.0), None, "clear_seconds", 8.0),
+        (BoardKind(clear_seconds=70.0), None, "clear_seconds", 70.0),
         (BoardKind(clear_seconds=8.0, clear="records", on_duplicate="append"), None, "clear_seconds", 8.0),
     ],
     ids=described,
@@ -108,6 +112,66 @@ def test_memory_that_is_not_reported_stays_unknown(tmp_path: Path) -> None:
 def test_clearing_a_board_with_nothing_to_keep(tmp_path: Path) -> None:
     found = learn(VirtualBoard(servos=2, kind=FULL), tmp_path, clear=True)
     assert (found["clear"].value, found["clear"].confidence) == ("all", "likely"), "only by the marker"
+
+
+def test_a_full_board_tells_little(tmp_path: Path) -> None:
+    board = board_of()
+    kind = BoardKind(memory=board.storage.used)
+    board = board_of(kind)
+    before = everything(board)
+    found = learn(board, tmp_path, clear=True)
+    for setting in ("memory_unit", "on_duplicate", "write_depth", "clear"):
+        assert found[setting].value is None, setting
+    assert found["memory_unit"].evidence == "the board stores no more records"
+    assert everything(board) == before
+
+
+@pytest.mark.parametrize(
+    ("clearing", "evidence"),
+    [
+        (lambda context: False, "after clearing the board said no and lists"),
+        (lambda context: True, "after clearing the board said yes and lists"),
+    ],
+)
+def test_a_board_that_does_not_clear(clearing: Any, evidence: str, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setitem(HANDLERS, ClearAllDataRequest, clearing)
+    board = board_of()
+    before = everything(board)
+    found = learn(board, tmp_path, clear=True)
+    assert (found["clear"].value, "clear_seconds" in found) == (None, False)
+    assert found["clear"].evidence.startswith(evidence)
+    assert everything(board) == before
+
+
+def test_a_board_that_does_not_say_when_it_has_cleared(tmp_path: Path, monkeypatch: Any) -> None:
+    clear = HANDLERS[ClearAllDataRequest]
+    monkeypatch.setitem(HANDLERS, ClearAllDataRequest, lambda context: None if clear(context) else False)
+    board = board_of()
+    before = everything(board)
+    found = learn(board, tmp_path, clear=True)
+    assert found["clear"].value == "all"
+    assert found["clear_seconds"].value is None
+    assert "did not say so within" in found["clear_seconds"].evidence
+    assert everything(board) == before
+
+
+def test_a_constant_project_id_says_nothing_about_clearing(tmp_path: Path) -> None:
+    board = board_of(BoardKind(project_id_bits=0, clear="all"))
+    found = learn(board, tmp_path, clear=True)
+    assert (found["clear"].value, found["clear"].confidence) == ("all", "likely"), "by the servo parameters alone"
+
+
+def test_a_board_that_keeps_old_records_and_says_yes(tmp_path: Path, monkeypatch: Any) -> None:
+    add = HANDLERS[AddActionRequest]
+
+    def pretend(context: Any) -> Any:
+        known = context.hardware.storage.get(ACTION, context.request.action_id)
+        return True if known is not None else add(context)
+
+    monkeypatch.setitem(HANDLERS, AddActionRequest, pretend)
+    found = learn(board_of(), tmp_path)
+    assert found["on_duplicate"].value is None
+    assert "said yes, lists the id once and returns the old record" in found["on_duplicate"].evidence
 
 
 def test_an_unfinished_import_is_refused(tmp_path: Path) -> None:
