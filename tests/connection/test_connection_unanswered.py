@@ -550,6 +550,19 @@ def test_a_timeout_blames_the_line_when_the_board_has_answered_before() -> None:
 # --- damaged responses --------------------------------------------------------------------------------------------
 
 
+def test_a_response_that_comes_in_the_pause_after_damaged_ones_ends_the_call_at_once() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        damaged = Fate(mangle=cut_content)
+        board.plan(QueryServoListRequest, *[damaged] * 3, Fate(after=0.06, mangle=cut_content), late(0.4))
+        async with connected(board) as connection:
+            assert (await connection.request(LIST)).servo_id_list == (1, 2, 3, 4)
+            assert len(board.sent) == 5
+            assert now() == pytest.approx(board.sent[-1][0] + 0.4)
+
+    run(main())
+
+
 def test_a_damaged_response_to_a_query_is_asked_for_again_at_once() -> None:
     async def main() -> None:
         board = FakeBoard()
