@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from servolink.client.events import ButtonEvent as ButtonEvent
     from servolink.client.events import ButtonEvents as ButtonEvents
     from servolink.client.servos import Servo as Servo
+    from servolink.client.watch import ServoReading as ServoReading
+    from servolink.client.watch import ServoReadings as ServoReadings
     from servolink.connection.stats import Stats as Stats
     from servolink.discovery.search import discover as discover
     from servolink.errors import ConnectionLost as ConnectionLost
@@ -134,6 +136,8 @@ else:
         "Servo": "servolink.client.servos",
         "ServolinkError": "servolink.errors",
         "ServoParameter": "servolink.protocol.records",
+        "ServoReading": "servolink.client.watch",
+        "ServoReadings": "servolink.client.watch",
         "Stats": "servolink.connection.stats",
         "Step": "servolink.protocol.records",
         "TransportError": "servolink.errors",

@@ -13,6 +13,7 @@ from servolink.client.records import RecordStore
 from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
 from servolink.client.stored_runs import StoredRuns
+from servolink.client.watch import ServoReadings, ServoWatch
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
 from servolink.escaping import escape, quote
@@ -53,8 +54,8 @@ class Board:
 
     - Connection: `url`, `codec`, `profile`, `connection`, `stats`, `states`, `request`, `send`, `took_effect`, `close`
     - 3.1 settings: `set_transmission_mode`, `clear_all_data`, `memory`, `battery`, `send_dummy_data`
-    - 3.2 servos: `servo_ids`, `servos`, `servo`, `set_servo`, `release`, `stop`, `set_angle_unit`, `unit_of`, `move`,
-      `follow`, `run_action`
+    - 3.2 servos: `servo_ids`, `servos`, `watch`, `servo`, `set_servo`, `release`, `stop`, `set_angle_unit`, `unit_of`,
+      `move`, `follow`, `run_action`
     - 3.3 stored records: `actions`, `action`, `add_action`, `delete_action`, `macros`, `macro`, `add_macro`,
       `delete_macro`, `run_macro`, `servo_parameters`, `add_servo_parameters`, `write_project_id`, `project_id`
     - 3.4 joystick: `joystick_tables`, `joystick_table`, `add_joystick_table`, `delete_joystick_table`,
@@ -81,6 +82,7 @@ class Board:
         self._runs = StoredRuns(session, self._servos, self._records, limits, interval_unit)
         self._packets = RawPackets(session, self._servos, self._runs, limits)
         self._buttons = ButtonSubscription(session)
+        self._watch = ServoWatch(session, self._servos)
         self._reported_unfinished = False
 
     def __repr__(self) -> str:
@@ -154,6 +156,7 @@ class Board:
         try:
             if at_home:  # otherwise the tasks that would be awaited here have ended with their loop
                 await self._session.stop_reconnecting()
+                await self._watch.close()
                 await self._buttons.close()
         finally:
             await self._session.close()
@@ -201,6 +204,14 @@ class Board:
     async def servos(self) -> tuple[Servo, ...]:
         """Return the state of all servos (3.2.2)."""
         return await self._servos.servos()
+
+    def watch(self, hz: float | None = None) -> ServoReadings:
+        """Return an iterator over readings of all servos (3.2.2), `hz` times a second (0 < hz <= 1000).
+
+        Without `hz`, as often as the line allows; a `depth` above 1 (see `connect`) makes that more. All iterators of
+        a board share what is read. A reading has `seconds`, `servos` and `missed` (see `ServoReading`).
+        """
+        return ServoReadings(self._watch, hz)
 
     async def servo(self, servo_id: int) -> Servo:
         """Return the state of one servo (3.2.2). Raise NotFound if the board has no such servo."""

@@ -42,8 +42,7 @@ class Session:
         self.profile = profile
         """What is known of the board; None if nothing is."""
         self.identity = BoardIdentity()
-        self.on_end: Callable[[ConnectionLost], None] = lambda error: None
-        """Called when the connection is lost and will not be replaced."""
+        self._enders: list[Callable[[ConnectionLost], None]] = []
         self._restorers: list[Callable[[Connection], Awaitable[None]]] = []
         self._mode: int | None = None  # the transmission mode set by this session; None if it was left alone
         self._states = ConnectionStates()
@@ -80,6 +79,10 @@ class Session:
     def restore_with(self, restore: Callable[[Connection], Awaitable[None]]) -> None:
         """Call `restore` with each new connection before the session uses it; it raises if it cannot restore."""
         self._restorers.append(restore)
+
+    def end_with(self, end: Callable[[ConnectionLost], None]) -> None:
+        """Call `end` when the connection is lost and will not be replaced, or closed."""
+        self._enders.append(end)
 
     # --- requests -----------------------------------------------------------------------------------------------
 
@@ -154,17 +157,21 @@ class Session:
 
     async def close(self) -> None:
         """Close the connection and free the port."""
-        self.connection.answers.on_end = self.on_end
+        self.connection.answers.on_end = self._end
         try:
             await self.connection.close()
         finally:
-            self.on_end(lost(self.url, None))
+            self._end(lost(self.url, None))
             self._states.change("closed")
 
     def _connection_ended(self, error: ConnectionLost) -> None:
         self._states.change("lost")
         if self._reconnector is None or not self._reconnector.start():
-            self.on_end(error)
+            self._end(error)
+
+    def _end(self, error: ConnectionLost) -> None:
+        for end in self._enders:
+            end(error)
 
     async def _open_again(self, reopen: Callable[[], Awaitable[Connection]]) -> Connection:
         await self.connection.close()  # a connection that ended by silence still holds its port

@@ -114,6 +114,16 @@ class Connection:
         """How many requests may ever be under way while one of them is a change."""
         return self._window.writes.bound
 
+    @property
+    def has_waiting(self) -> bool:
+        """Whether somebody waits until less is under way."""
+        return bool(self._scheduler.waiting)
+
+    @property
+    def callers(self) -> int:
+        """How many callers keep the line full: one waits, as long as a greater depth may be tried."""
+        return min(self._window.queries.depth + 1, self._window.queries.bound)
+
     def bulk(self) -> AbstractContextManager[None]:
         """Return a context in which much is transferred: a stop may then take 0.1 s instead of 0.05 s."""
         return self._window.bulk()
@@ -140,7 +150,7 @@ class Connection:
     async def close(self) -> None:
         """Fail all who wait and free the port; may be called again."""
         error = lost(self.transport.url, None)
-        if self._loop.is_closed():  # whoever waits has ended with the loop, and cannot be woken
+        if self._loop.is_closed():  # those who wait have ended with the loop, and cannot be woken
             self.answers.ended = self.answers.ended or error
         else:
             self.answers.end(error)

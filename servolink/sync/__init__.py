@@ -18,11 +18,11 @@ from servolink.client import connect as client
 from servolink.client.board import Board as AsyncBoard
 from servolink.discovery.search import search
 from servolink.sync.board import Board
-from servolink.sync.iterator import BlockingIterator, ButtonEvents
+from servolink.sync.iterator import BlockingIterator, ButtonEvents, ServoReadings
 from servolink.sync.loop_thread import LoopThread, running_thread
 from servolink.transports.device_info import DeviceInfo
 
-__all__ = ["BlockingIterator", "Board", "ButtonEvents", "connect", "discover", "reconnecting"]
+__all__ = ["BlockingIterator", "Board", "ButtonEvents", "ServoReadings", "connect", "discover", "reconnecting"]
 
 P = ParamSpec("P")
 

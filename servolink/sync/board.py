@@ -15,7 +15,7 @@ from servolink.connection.stats import Stats
 from servolink.motion import AngleUnit
 from servolink.profiles.profile import ProfileInUse
 from servolink.protocol.codec import Codec
-from servolink.sync.iterator import BlockingIterator, ButtonEvents
+from servolink.sync.iterator import BlockingIterator, ButtonEvents, ServoReadings
 from servolink.sync.loop_thread import LoopThread
 
 P = ParamSpec("P")
@@ -129,6 +129,15 @@ class Board:
 
     servo_ids = _blocking(client.Board.servo_ids)
     servos = _blocking(client.Board.servos)
+
+    def watch(self, hz: float | None = None) -> ServoReadings:
+        """Return an iterator over readings of all servos (3.2.2), `hz` times a second (0 < hz <= 1000).
+
+        Without `hz`, as often as the line allows; a `depth` above 1 (see `connect`) makes that more. All iterators of
+        a board share what is read. A reading has `seconds`, `servos` and `missed` (see `ServoReading`).
+        """
+        return ServoReadings(self._thread, self._board.watch(hz), self)
+
     servo = _blocking(client.Board.servo)
     set_servo = _blocking(client.Board.set_servo)
     release = _blocking(client.Board.release)

@@ -10,7 +10,9 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
-from servolink.client import events
+from servolink.client import events, watch
+from servolink.client.readers import SharedIterator
+from servolink.client.watch import ServoReading
 from servolink.errors import ServolinkError
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.sync.loop_thread import LoopThread
@@ -48,7 +50,7 @@ class _Reader(Generic[T]):
             pending.cancel()
             await asyncio.wait((pending,))
         with suppress(ServolinkError):  # the board may be gone
-            if isinstance(self._source, AsyncGenerator | events.ButtonEvents):
+            if isinstance(self._source, AsyncGenerator | SharedIterator):
                 await self._source.aclose()
 
     async def _read(self) -> T:
@@ -116,6 +118,24 @@ class BlockingIterator(Iterator[T]):
     ) -> None:
         """Close the iterator."""
         self.close()
+
+
+class ServoReadings(BlockingIterator[ServoReading]):
+    """Readings of all servos; `with` or the first one asked for begins to read.
+
+    A program that is too slow gets the latest reading, and `missed` counts the others.
+    """
+
+    _source: watch.ServoReadings
+
+    def __repr__(self) -> str:
+        """Return rate and state, such as `<ServoReadings at 50 Hz, reading>`."""
+        return repr(self._source)
+
+    def __enter__(self) -> Self:
+        """Begin to read."""
+        self._thread.run(self._source.__aenter__)
+        return self
 
 
 class ButtonEvents(BlockingIterator[ButtonEventResponse]):

@@ -168,7 +168,7 @@ def test_a_flood_with_the_reader_stopped_stays_bounded() -> None:
             flood = fake.codec.encode(press(7)) * 100
             for _ in range(1000):
                 fake.deliver(flood)
-            assert len(events._queue.events) == 100
+            assert len(events._reader.items) == 100
             assert events.dropped == board.stats.events_dropped == 100_000 - 100
             assert (await board.servos())[0].servo_id == 1
 

@@ -36,6 +36,11 @@ async def _two_events(board: Board) -> int:
     return events
 
 
+async def _three_readings(board: Board) -> int:
+    async with board.watch(50) as readings:
+        return sum([(await anext(readings)).missed for _ in range(3)])
+
+
 async def _followed(readings: AsyncIterator[tuple[Servo, ...]]) -> int:
     return len([servos async for servos in readings])
 
@@ -47,6 +52,7 @@ def calls(folder: Path) -> dict[str, Call]:
         "send": lambda board: board.send(ExecuteActionRequest((Step(1, 5, 10),))),
         "servo_ids": lambda board: board.servo_ids(),
         "servos": lambda board: board.servos(),
+        "watch": _three_readings,
         "servo": lambda board: board.servo(2),
         "set_servo": lambda board: board.set_servo(1, start=True, hold=True),
         "set_angle_unit": lambda board: board.set_angle_unit("adc", 1),

@@ -36,6 +36,12 @@ async def button_events(board: Board) -> None:
         pass
 
 
+async def watch(board: Board) -> None:
+    async with board.watch() as readings:
+        for _ in range(3):
+            await anext(readings)
+
+
 COMMANDS: dict[str, Command] = {
     "set_transmission_mode": lambda board: board.set_transmission_mode(1),
     "clear_all_data": lambda board: board.clear_all_data(),
@@ -44,6 +50,7 @@ COMMANDS: dict[str, Command] = {
     "send_dummy_data": lambda board: board.send_dummy_data(bytes(100)),
     "servo_ids": lambda board: board.servo_ids(),
     "servos": lambda board: board.servos(),
+    "watch": watch,
     "servo": lambda board: board.servo(2),
     "set_servo": lambda board: board.set_servo(1, start=True, hold=True),
     "set_angle_unit": lambda board: board.set_angle_unit("adc", 1),

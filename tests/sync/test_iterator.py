@@ -44,6 +44,16 @@ def test_events_come_in_order(fake: FakeBoard, board: servolink.sync.Board) -> N
         next(events)
 
 
+def test_servos_are_read_until_the_end_of_the_block(fake: FakeBoard, board: servolink.sync.Board) -> None:
+    with board.watch(500) as readings:
+        assert repr(readings) == "<ServoReadings at 500 Hz, reading>"
+        first, second = next(readings), next(readings)
+        assert first.seconds < second.seconds
+        assert len(first.servos) == len(second.servos) == 4
+    with pytest.raises(StopIteration):
+        next(readings)
+
+
 def test_a_slow_reader_loses_the_oldest(fake: FakeBoard, board: servolink.sync.Board) -> None:
     with board.button_events(limit=2) as events:
         press(fake, 1, 2, 3)
