@@ -229,7 +229,7 @@ async def finish_import(scene: Scene) -> Outcome:
     project = load_project(scene.file)
     async with connect(scene.second_url) as board:
         applied = await board.apply_project(project, folder=scene.file.parent)
-        scene.stage.say("the same import again: it goes on where it was, and reads the whole board twice at the end")
+        scene.stage.say("the same import again: it goes on where it was, and reads back what it writes")
         plan = await board.plan_project(project)
         scene.stage.say(f"plan: {len(plan.changes)} differences")
     return Outcome(
