@@ -55,7 +55,7 @@ COMMANDS = {
     "doctor": Command(
         FIRST_STEPS,
         "doctor:configure",
-        "find out why a board does not work",
+        "find out why a board does not work, and learn what it does",
         ("doctor", "doctor virtual://"),
     ),
     "move": Command(
