@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from servolink.client.watch import ServoReadings as ServoReadings
     from servolink.connection.stats import Stats as Stats
     from servolink.discovery.search import discover as discover
+    from servolink.errors import AmbiguousName as AmbiguousName
     from servolink.errors import ConnectionLost as ConnectionLost
     from servolink.errors import DecodeError as DecodeError
     from servolink.errors import EncodeError as EncodeError
@@ -84,6 +85,7 @@ else:
         "ActionEntry": "servolink.protocol.records",
         "Adc": "servolink.motion",
         "ALL_SERVOS": "servolink.protocol.servos",
+        "AmbiguousName": "servolink.errors",
         "Angle": "servolink.motion",
         "Board": "servolink.client.board",
         "BoardProfile": "servolink.profiles.profile",

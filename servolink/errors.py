@@ -15,6 +15,7 @@ ServolinkError
 │  ├─ RequestTimeout (TimeoutError)   no response in time; the request changed nothing on the board
 │  ├─ Rejected                        the board refused
 │  ├─ NotFound                        the board has no such servo, action, macro or table
+│  ├─ AmbiguousName                   several things on the board have this caption; the text lists them
 │  ├─ WrongBoard                      another board than the one of that name; nothing was moved or written
 │  └─ OutcomeUnknown                  sent without a response: the board may have obeyed or not
 └─ ProjectError (ValueError)          a project, its file or a board's content is unusable; the text says where
@@ -115,7 +116,11 @@ class Rejected(RequestError):
 
 
 class NotFound(RequestError):
-    """The board has nothing under this id."""
+    """The board has nothing with this id or caption."""
+
+
+class AmbiguousName(RequestError):
+    """Several things on the board have the caption that was given in place of an id; the text lists them."""
 
 
 class WrongBoard(RequestError):

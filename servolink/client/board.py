@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import AsyncIterator, Iterable, Mapping
+from collections.abc import AsyncIterator, Iterable
 from typing import TYPE_CHECKING, TypeVar
 
 from servolink.client.events import ButtonEvents, ButtonSubscription
+from servolink.client.names import Targets
 from servolink.client.raw_packets import RawPackets
 from servolink.client.reconnect import ConnectionState
 from servolink.client.records import RecordStore
@@ -66,6 +67,11 @@ class Board:
     other ids are 32-bit integers. A method that asks the board raises RequestTimeout if it does not answer,
     OutcomeUnknown if a command was sent and not answered, ConnectionLost if the connection is lost, and EncodeError,
     before anything is sent, for a value that does not fit the protocol.
+
+    In place of an id, methods take a caption, such as `"hip"`, and for all servos `"all"`. A text of digits is an id,
+    `"name:3"` the caption `3`. A caption that is written exactly so comes first, then one that differs in case only.
+    Captions are read from the board each time; for an integer nothing more is sent. An unknown caption raises NotFound,
+    one that several things have AmbiguousName.
     """
 
     def __init__(
@@ -213,18 +219,18 @@ class Board:
         """
         return ServoReadings(self._watch, hz)
 
-    async def servo(self, servo_id: int) -> Servo:
+    async def servo(self, servo_id: int | str) -> Servo:
         """Return the state of one servo (3.2.2). Raise NotFound if the board has no such servo."""
         return await self._servos.servo(servo_id)
 
-    async def set_servo(self, servo_id: int, *, start: bool, hold: bool) -> None:
+    async def set_servo(self, servo_id: int | str, *, start: bool, hold: bool) -> None:
         """Start a servo or stop it, hold its angle or release it (3.2.3).
 
         A stopped servo ignores movements; a released one is limp. Raise Rejected if the board reports another state.
         """
         await self._servos.set_servo(servo_id, start=start, hold=hold)
 
-    async def release(self, servo_id: int = ALL_SERVOS) -> None:
+    async def release(self, servo_id: int | str = ALL_SERVOS) -> None:
         """Stop and release a servo, or all (3.2.3). It goes limp, and a raised limb falls."""
         await self._servos.set_servo(servo_id, start=False, hold=False)
 
@@ -236,17 +242,17 @@ class Board:
         """
         await self._servos.stop()
 
-    async def set_angle_unit(self, unit: AngleUnit, servo_id: int = ALL_SERVOS) -> None:
+    async def set_angle_unit(self, unit: AngleUnit, servo_id: int | str = ALL_SERVOS) -> None:
         """Set the unit of a servo's angles, `degree` or `adc` (3.2.4). Raise Rejected if the board refuses."""
         await self._servos.units.set(unit, servo_id)
 
     def unit_of(self, servo_id: int) -> AngleUnit | None:
-        """Return the unit of a servo's angles, None if it is unknown. Does not ask the board."""
+        """Return the unit of a servo's angles, None if it is unknown. Does not ask the board: takes no caption."""
         return self._servos.units.of(servo_id)
 
     async def move(
         self,
-        targets: Mapping[int, float],
+        targets: Targets,
         *,
         duration: float | None = None,
         speed: float | None = None,
@@ -271,9 +277,7 @@ class Board:
         """
         return await self._servos.move(targets, duration=duration, speed=speed, wait=wait, dry_run=dry_run)
 
-    def follow(
-        self, targets: Mapping[int, float], seconds: float, *, settle: bool = False
-    ) -> AsyncIterator[tuple[Servo, ...]]:
+    def follow(self, targets: Targets, seconds: float, *, settle: bool = False) -> AsyncIterator[tuple[Servo, ...]]:
         """Read all servos every 40 ms (3.2.2): for `seconds`, and until those in `targets` have arrived there.
 
         For a movement that takes `seconds`, as returned by `move`. With `settle`, reading goes on until two readings
@@ -281,10 +285,12 @@ class Board:
         """
         return self._servos.follow(targets, seconds, settle=settle)
 
-    async def run_action(self, action_id: int, *, dry_run: bool = False) -> float:
+    async def run_action(self, action_id: int | str, *, wait: bool = False, dry_run: bool = False) -> float:
         """Run a stored action (3.2.6) and return its duration in seconds. Raise NotFound if there is none.
 
-        Returns when the command is sent: the board does not answer it.
+        Returns when the command is sent: the board does not answer it. With `wait`, returns when the duration is over
+        and the servos rest at their last angles. Raise RequestTimeout that names the servos that are not within 2
+        degrees of them a second later, and RequestError if `stop` ends the run. A cancelled wait stops nothing.
 
         If movements are limited, the action and the servos are read first. Raise MotionRefused, with nothing moved, for
         a step beyond a servo's limits, or too fast from where the servo is now. With `soft_start`, servos whose first
@@ -292,7 +298,7 @@ class Board:
         arrived, everything is checked again, and the action is run. A stop in between ends this with RequestError, a
         servo that does not arrive with RequestTimeout. With `dry_run`, everything is checked and nothing moves.
         """
-        return await self._runs.run_action(action_id, dry_run=dry_run)
+        return await self._runs.run_action(action_id, wait=wait, dry_run=dry_run)
 
     # --- 3.3 stored records -------------------------------------------------------------------------------------
 
@@ -300,7 +306,7 @@ class Board:
         """Return id and caption of each stored action (3.3.1)."""
         return await self._records.entries(ACTION)
 
-    async def action(self, action_id: int) -> Action:
+    async def action(self, action_id: int | str) -> Action:
         """Return a stored action (3.3.2). Raise NotFound if there is none."""
         return await self._records.get(ACTION, action_id)
 
@@ -311,7 +317,7 @@ class Board:
         """
         return await self._records.add(ACTION, action)
 
-    async def delete_action(self, action_id: int) -> None:
+    async def delete_action(self, action_id: int | str) -> None:
         """Delete a stored action (3.3.4). Raise Rejected if there is none."""
         await self._records.delete(ACTION, action_id)
 
@@ -319,7 +325,7 @@ class Board:
         """Return id and caption of each stored macro (3.3.5)."""
         return await self._records.entries(MACRO)
 
-    async def macro(self, macro_id: int) -> Macro:
+    async def macro(self, macro_id: int | str) -> Macro:
         """Return a stored macro (3.3.6). Raise NotFound if there is none."""
         return await self._records.get(MACRO, macro_id)
 
@@ -331,19 +337,22 @@ class Board:
         """
         return await self._records.add(MACRO, macro)
 
-    async def delete_macro(self, macro_id: int) -> None:
+    async def delete_macro(self, macro_id: int | str) -> None:
         """Delete a stored macro (3.3.8). Raise Rejected if there is none."""
         await self._records.delete(MACRO, macro_id)
 
-    async def run_macro(self, macro_id: int, *, dry_run: bool = False) -> None:
-        """Start a stored macro (3.3.9) and return at once. Raise Rejected if it does not start.
+    async def run_macro(self, macro_id: int | str, *, wait: bool = False, dry_run: bool = False) -> None:
+        """Start a stored macro (3.3.9). Raise NotFound if the board lists none, Rejected if it does not start.
+
+        Returns when the board has answered. With `wait`, everything that the macro runs is read first, and it returns
+        when the motion is over, as `run_action` does.
 
         If movements are limited, everything that the macro runs is read and checked as by `run_action`: each step from
         where the steps before it end, and at the speed that ratios give it. With `soft_start`, servos whose first
         movement this would be first go to the first angle that the macro has for them. Raise NotFound if a record is
-        missing, MotionRefused also for a macro that runs itself. Without limits nothing is read.
+        missing, MotionRefused also for a macro that runs itself. Without limits only the list of macros is read.
         """
-        await self._runs.run_macro(macro_id, dry_run=dry_run)
+        await self._runs.run_macro(macro_id, wait=wait, dry_run=dry_run)
 
     async def servo_parameters(self) -> tuple[ServoParameter, ...]:
         """Return caption and angle correction of each servo (3.3.10); empty also after an error on the board."""
@@ -378,7 +387,7 @@ class Board:
         """Return id and caption of each stored joystick table (3.4.1)."""
         return await self._records.entries(TABLE)
 
-    async def joystick_table(self, table_id: int) -> JoystickTable:
+    async def joystick_table(self, table_id: int | str) -> JoystickTable:
         """Return a stored joystick table (3.4.2). Raise NotFound if there is none."""
         return await self._records.get(TABLE, table_id)
 
@@ -389,13 +398,14 @@ class Board:
         """
         return await self._records.add(TABLE, table)
 
-    async def delete_joystick_table(self, table_id: int) -> None:
+    async def delete_joystick_table(self, table_id: int | str) -> None:
         """Delete a stored joystick table (3.4.4). Raise Rejected if there is none."""
         await self._records.delete(TABLE, table_id)
 
-    async def set_active_joystick_table(self, table_id: int) -> None:
+    async def set_active_joystick_table(self, table_id: int | str) -> None:
         """Make a stored joystick table the active one (3.4.5). Raise Rejected if there is none."""
-        await self._session.command(SetActiveJoystickTableRequest(table_id), "it may have no such joystick table")
+        request = SetActiveJoystickTableRequest(await self._records.id_of(TABLE, table_id))
+        await self._session.command(request, "it may have no such joystick table")
 
     async def active_joystick_table(self) -> int | None:
         """Return the id of the active joystick table, None if the board has no table (3.4.6)."""

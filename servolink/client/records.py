@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 from msgspec import Struct
 from msgspec.structs import replace
 
+from servolink.client.names import record_id as id_of_record
 from servolink.client.session import Session
 from servolink.errors import EncodeError, NotFound
 from servolink.escaping import quote
@@ -36,8 +37,13 @@ class RecordStore:
         """Return id and caption of each record of a type."""
         return record_type.entries_in(await self._session.request(record_type.list_request))
 
-    async def get(self, record_type: RecordType[T], record_id: int) -> T:
-        """Return a record. Raise NotFound if the board has none with this id."""
+    async def id_of(self, record_type: RecordType[Any], record: int | str, *, must_exist: bool = False) -> int:
+        """Return the id of a record that may be given by caption (see `servolink.client.names`)."""
+        return await id_of_record(self._session, record_type, record, must_exist=must_exist)
+
+    async def get(self, record_type: RecordType[T], record: int | str) -> T:
+        """Return a record. Raise NotFound if the board has none with this id or caption."""
+        record_id = await self.id_of(record_type, record)
         found = await self._find(record_type, record_id)
         if found is None:
             raise NotFound(f"the board has no {record_type} {record_id}", record_type.query(record_id))
@@ -57,8 +63,9 @@ class RecordStore:
             await self._session.command(record_type.add(record), _NOT_STORED)
         return record
 
-    async def delete(self, record_type: RecordType[Any], record_id: int) -> None:
+    async def delete(self, record_type: RecordType[Any], record: int | str) -> None:
         """Delete a record. Raise Rejected if there is none."""
+        record_id = await self.id_of(record_type, record)
         await self._session.command(record_type.delete(record_id), f"it may have no such {record_type}")
 
     async def took_effect(self, request: Packet) -> bool | None:

@@ -7,6 +7,8 @@ from collections.abc import AsyncGenerator, AsyncIterator, Iterable, Mapping
 
 from msgspec import Struct
 
+from servolink.client.names import ALL, Targets, servo_targets
+from servolink.client.names import servo_id as id_of_servo
 from servolink.client.session import Session
 from servolink.client.soft_start import SoftStart
 from servolink.client.units import AngleUnits
@@ -17,6 +19,7 @@ from servolink.errors import (
     NotFound,
     OutcomeUnknown,
     Rejected,
+    RequestError,
     RequestTimeout,
     TransportError,
 )
@@ -50,6 +53,7 @@ _ARRIVED = 2  # within this many degrees (or ADC steps) of the target
 _GRACE = 1.0  # seconds that a movement may take longer than planned
 _PAUSE = 0.04  # seconds between two readings of moving servos
 _STOP_TRIES = 3
+_MOST_NAMED = 8  # servos that have not arrived
 
 
 class Servo(Struct, frozen=True):
@@ -120,17 +124,25 @@ class ServoController:
         """Return the state of all servos (3.2.2)."""
         return await self._read(QueryServoRequest(ALL_SERVOS))
 
-    async def servo(self, servo_id: int) -> Servo:
+    async def servo(self, which: int | str) -> Servo:
         """Return the state of one servo (3.2.2). Raise NotFound if the board has no such servo."""
+        if which == ALL:
+            raise NotFound("'all' stands for all servos, whose states `servos` returns; for a caption write 'name:all'")
+        servo_id = await id_of_servo(self._session, which)
         request = QueryServoRequest(servo_id)
         for servo in await self._read(request):
             if servo.servo_id == servo_id:
                 return servo
         raise NotFound(f"the board has no servo {servo_id}", request)
 
-    async def set_servo(self, servo_id: int, *, start: bool, hold: bool) -> None:
+    async def set_servo(self, which: int | str, *, start: bool, hold: bool) -> None:
         """Start or stop, hold or release a servo (3.2.3). Raise Rejected if the board reports another state."""
-        request = SetServoParameterRequest(servo_id, flag("start", start), flag("hold", hold))
+        is_start, is_hold = flag("start", start), flag("hold", hold)
+        stops = self._session.connection.stops
+        servo_id = await id_of_servo(self._session, which)
+        request = SetServoParameterRequest(servo_id, is_start, is_hold)
+        if is_start and stops != self._session.connection.stops:
+            raise RequestError(f"servo {servo_id} was not started: a stop came first", request)
         response = await self.request(request)
         if (response.servo_id, response.is_start, response.is_hold) != (servo_id, request.is_start, request.is_hold):
             raise Rejected(
@@ -150,7 +162,7 @@ class ServoController:
 
     async def move(
         self,
-        targets: Mapping[int, float],
+        targets: Targets,
         *,
         duration: float | None = None,
         speed: float | None = None,
@@ -161,11 +173,11 @@ class ServoController:
         connection = self._session.connection
         stops = connection.stops
         seconds_for(0, duration, speed, self._interval_unit)  # refuse an impossible pace before anything is sent
-        targets = checked_targets(targets)  # a copy, because the caller may change the original meanwhile
+        angles = checked_targets(await servo_targets(self._session, targets))  # a copy, as the caller may change them
         if not self.units.is_changing:  # while they change, only `_planned` can say what is possible
-            self._goals(targets, speed)
+            self._goals(angles, speed)
         while True:
-            goals, intervals, moving = await self._planned(targets, duration, speed)
+            goals, intervals, moving = await self._planned(angles, duration, speed)
             steps = tuple(Step(servo_id, int(goal), intervals[servo_id]) for servo_id, goal in goals.items())
             request = ExecuteActionRequest(steps)
             longest = round(max(intervals.values()) * self._interval_unit, 9)  # 0.07 s, not 0.07000000000000001
@@ -183,13 +195,18 @@ class ServoController:
         return longest
 
     async def follow(
-        self, targets: Mapping[int, float], seconds: float, *, settle: bool = False
+        self, targets: Targets, seconds: float, *, settle: bool = False
     ) -> AsyncIterator[tuple[Servo, ...]]:
         """Yield what the servos report until they have arrived (see `Board.follow`)."""
+        angles = checked_targets(await servo_targets(self._session, targets))
         await self.units.ensure()
-        goals = self._in_units(wire_angles(checked_targets(targets), self.units.of))
+        goals = self._in_units(wire_angles(angles, self.units.of))
         async for servos in self.until_arrived(goals, seconds, settle=settle):
             yield servos
+
+    def until_at_rest(self, angles: Mapping[int, int]) -> AsyncGenerator[tuple[Servo, ...], None]:
+        """Yield readings until servos rest at `angles`, which are in the unit of each servo."""
+        return self.until_arrived(self._in_units(angles), 0.0, settle=True)
 
     async def until_arrived(
         self, goals: Mapping[int, int], seconds: float, *, settle: bool = False
@@ -208,12 +225,7 @@ class ServoController:
             if elapsed >= seconds and not away and (too_late or not settle or here == before):
                 return
             if too_late:
-                where, goal = here[away[0]], goals[away[0]]
-                raise RequestTimeout(
-                    f"servo {away[0]} is at {where}, not at {goal}, {_GRACE:.0f} s after it should have arrived: "
-                    "it may be stopped or released (then start and hold it first), blocked, overloaded or unable to "
-                    "turn that far"
-                )
+                raise RequestTimeout(_not_arrived({servo_id: (here[servo_id], goals[servo_id]) for servo_id in away}))
             before = here
             await asyncio.sleep(_PAUSE)
 
@@ -340,6 +352,18 @@ def _angles(wanted: Iterable[int], servos: Iterable[Servo]) -> dict[int, int]:
     if missing := [servo_id for servo_id in wanted if servo_id not in here]:
         raise NotFound(f"the board has no servo {missing[0]}", QueryServoRequest(ALL_SERVOS))
     return {servo_id: here[servo_id] for servo_id in wanted}
+
+
+def _not_arrived(away: Mapping[int, tuple[int, int]]) -> str:
+    """Return a text about servos that are at one angle and should be at another."""
+    places = [f"servo {servo_id} is at {here}, not at {goal}" for servo_id, (here, goal) in away.items()]
+    if len(places) > _MOST_NAMED:
+        places[_MOST_NAMED:] = [f"{len(places) - _MOST_NAMED} more servos are on their way"]
+    they = "it" if len(away) == 1 else "they"
+    return (
+        f"{'; '.join(places)}, {_GRACE:.0f} s after {they} should have arrived: {they} may be stopped or released "
+        "(then start and hold first), blocked, overloaded or unable to turn that far"
+    )
 
 
 def _distance(servo_id: int, here: int, goal: int) -> int:

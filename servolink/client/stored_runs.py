@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Mapping
+import asyncio
+from collections.abc import Iterable, Mapping
 from contextlib import aclosing
 from typing import Any, NamedTuple
 
+from servolink.client.collect import collect
 from servolink.client.records import RecordStore
 from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
@@ -20,12 +21,11 @@ from servolink.project.preflight import preflight_run, uncheckable
 from servolink.project.records import name_of
 from servolink.project.speed import Run
 from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse
-from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of
+from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro
 from servolink.protocol.servos import ExecuteActionExRequest
 
-_DEEPEST = 32  # macros within macros: no robot needs more, and a board that makes them up is not read for ever
-_MOST = ACTION.list_limit + MACRO.list_limit  # no board can list more
+_LOOK_EVERY = 0.1  # seconds
 
 
 class _Asked(NamedTuple):
@@ -53,31 +53,44 @@ class StoredRuns:
         self._limits = limits
         self._interval_unit = interval_unit
 
-    async def run_action(self, action_id: int, *, dry_run: bool = False) -> float:
+    async def run_action(self, action: int | str, *, wait: bool = False, dry_run: bool = False) -> float:
         """Run a stored action and return its duration in seconds (see `Board.run_action`)."""
         asked = self._asked()
+        action_id = await self._records.id_of(ACTION, action)
         if self._limits:
-            action, units_sent = await self._prepare(ACTION, action_id, asked, dry_run=dry_run)
+            run, units_sent = await self._prepare(ACTION, action_id, asked, wait=wait, dry_run=dry_run)
         else:  # read all the same: the board does not answer the command itself, and ignores unknown ids
-            action, units_sent = await self._records.get(ACTION, action_id), None
+            run, units_sent = await self._read(ACTION, action_id, wait=wait), None
         request = ExecuteActionExRequest(action_id)
-        if not dry_run and not await asked.connection.send(
-            request, unless_stopped_since=asked.stops, unless_units_since=units_sent
-        ):
-            raise RequestError(f"{name_of(action)} was not run: an angle unit was set while it was checked", request)
-        longest = max((step.interval for step in action.steps), default=0)
-        return round(longest * self._interval_unit, 9)
-
-    async def run_macro(self, macro_id: int, *, dry_run: bool = False) -> None:
-        """Start a stored macro (see `Board.run_macro`)."""
         if dry_run:
-            if self._limits:
-                await self._prepare(MACRO, macro_id, self._asked(), dry_run=True)
+            return run.seconds()
+        if not await asked.connection.send(request, unless_stopped_since=asked.stops, unless_units_since=units_sent):
+            raise RequestError(
+                f"{name_of(run.record)} was not run: an angle unit was set while it was checked", request
+            )
+        if wait:
+            await self._until_over(run, asked)
+        return run.seconds()
+
+    async def run_macro(self, macro: int | str, *, wait: bool = False, dry_run: bool = False) -> None:
+        """Start a stored macro (see `Board.run_macro`)."""
+        asked = self._asked()
+        macro_id = await self._records.id_of(MACRO, macro, must_exist=not (self._limits or wait))
+        run, units_sent = None, None
+        if self._limits:
+            run, units_sent = await self._prepare(MACRO, macro_id, asked, wait=wait, dry_run=dry_run)
+        elif wait:
+            run = await self._read(MACRO, macro_id, wait=True)
+        if dry_run:
             return
+        self._check_is_wanted(f"macro {macro_id}", asked)  # after a later stop the connection does not send it
         request = ExecuteMacroRequest(macro_id)
-        if not (await self.request(request)).result:
-            cause = "it may have no such macro, or the macro runs itself"
+        response = await asked.connection.request(request, unless_units_since=units_sent)
+        if not response.result:
+            cause = "the macro may run itself, or something that is not stored"
             raise Rejected(f"{self._session.url} refused {described(request)}: {cause}", request)
+        if wait and run is not None:
+            await self._until_over(run, asked)
 
     async def request(
         self, packet: ExecuteMacroRequest, *, timeout: float | None = None, unchecked: bool = False
@@ -98,21 +111,28 @@ class StoredRuns:
         connection = self._session.connection
         return _Asked(connection, connection.stops)
 
+    async def _read(self, kind: RecordType[Any], record_id: int, *, wait: bool) -> Run:
+        """Read what runs when a record is run. Raise RequestError if its end shall be waited for and cannot be."""
+        stored = await collect(self._records.get, kind, record_id)
+        run = Run(stored, kind.by_id(stored)[record_id], self._interval_unit)
+        if wait:
+            _check_can_wait(run, await self._servos.servos())
+        return run
+
     async def _prepare(
-        self, kind: RecordType[Any], record_id: int, asked: _Asked, *, dry_run: bool = False
-    ) -> tuple[Any, int]:
-        """Return a record that may run now, and how many angle units had been sent when it was checked.
+        self, kind: RecordType[Any], record_id: int, asked: _Asked, *, wait: bool = False, dry_run: bool = False
+    ) -> tuple[Run, int]:
+        """Return the run of a record that may run now, and how many angle units had been sent when it was checked.
 
         Servos in an unknown pose are moved to the first pose of the record. That takes seconds, so everything is read
         and checked again. Raise MotionRefused for a record that exceeds the limits or cannot be checked.
         """
         while True:
-            stored = await self._collect(kind, record_id)
-            record = kind.by_id(stored)[record_id]
+            run = await self._read(kind, record_id, wait=False)
+            stored, record = run.stored, run.record
             servos = {servo.servo_id: servo for servo in await self._servos.servos()}
             units_sent = asked.connection.units_sent
             _refuse(record, next(uncheckable(stored), ""))
-            run = Run(stored, record, self._interval_unit)
             pose = run.first_pose()
             self._check_servos(record, stored, servos)
             active = {servo_id for servo_id in pose if servo_id in servos and _is_active(servos[servo_id])}
@@ -120,10 +140,31 @@ class StoredRuns:
             start = {servo_id: int(servo.angle) for servo_id, servo in servos.items()}
             start |= {servo_id: pose[servo_id] for servo_id in first}
             _refuse(record, next(preflight_run(run, stored, self._limits, start), ""))
-            self._check_is_wanted(record, asked)
+            if wait:
+                _check_can_wait(run, servos.values())
+            self._check_is_wanted(name_of(record), asked)
             if dry_run or not first:
-                return record, units_sent
+                return run, units_sent
             await self._move_softly(record, {servo_id: pose[servo_id] for servo_id in first}, asked)
+
+    async def _until_over(self, run: Run, asked: _Asked) -> None:
+        """Wait until a run is over and its servos rest where it leaves them (see `Board.run_action`)."""
+        loop = asyncio.get_running_loop()
+        end = loop.time() + run.seconds()
+        # The line is left free meanwhile, so a stop and a loss are looked for here.
+        while (left := end - loop.time()) > 0:
+            await asyncio.sleep(min(left, _LOOK_EVERY))
+            self._check_goes_on(run.record, asked)
+        async with aclosing(self._servos.until_at_rest(run.last_pose())) as readings:
+            async for _ in readings:
+                self._check_goes_on(run.record, asked)
+
+    def _check_goes_on(self, record: Action | Macro, asked: _Asked) -> None:
+        """Raise RequestError if a stop has ended a run, ConnectionLost if the connection it was asked for is gone."""
+        if asked.connection is not self._session.connection or self._session.state != "connected":
+            raise ConnectionLost(f"{name_of(record)} was started, and the connection was lost before it was over")
+        if asked.connection.stops != asked.stops:
+            raise RequestError(f"{name_of(record)} was started, and then ended by a stop")
 
     async def _move_softly(self, record: Action | Macro, pose: Mapping[int, int], asked: _Asked) -> None:
         """Move servos to the first pose of a record and wait until they have arrived. A stop ends it."""
@@ -132,14 +173,14 @@ class StoredRuns:
         goals = {servo_id: Degrees(angle) for servo_id, angle in pose.items()}
         async with aclosing(self._servos.until_arrived(goals, seconds)) as readings:
             async for _ in readings:
-                self._check_is_wanted(record, asked)
+                self._check_is_wanted(name_of(record), asked)
 
-    def _check_is_wanted(self, record: Action | Macro, asked: _Asked) -> None:
+    def _check_is_wanted(self, name: str, asked: _Asked) -> None:
         """Raise RequestError if there was a stop since a run was asked for, ConnectionLost if the connection is new."""
         if asked.connection is not self._session.connection:
-            raise ConnectionLost(f"{name_of(record)} was not run: the connection was lost while it was checked")
+            raise ConnectionLost(f"{name} was not run: the connection was lost while it was checked")
         if asked.connection.stops != asked.stops:
-            raise RequestError(f"{name_of(record)} was not run: a stop came first")
+            raise RequestError(f"{name} was not run: a stop came first")
 
     def _check_servos(self, record: Action | Macro, stored: Project, servos: Mapping[int, Servo]) -> None:
         """Raise MotionRefused for a servo whose limits cannot be applied."""
@@ -153,34 +194,15 @@ class StoredRuns:
                 if step.servo_id not in servos and self._limits.limit_speed_of(step.servo_id):
                     _refuse(record, f"{where}, which the board does not report, so its speed is unknown")
 
-    async def _collect(self, kind: RecordType[Any], record_id: int) -> Project:
-        """Read an action or a macro and all that it runs.
 
-        Raise NotFound if the board does not return one of them, MotionRefused if they are too many or nested too deep.
-        """
-        record = await self._records.get(kind, record_id)
-        found: dict[tuple[RecordType[Any], int], Any] = {(kind, record_id): record}
-        waiting = deque([(record, 0)])
-        while waiting:
-            caller, depth = waiting.popleft()
-            for called in type_of(caller).references(caller):
-                if called in found:
-                    continue
-                if depth == _DEEPEST or len(found) == _MOST:
-                    _refuse(record, f"it runs {len(found):,} records, in macros up to {depth + 1} deep")
-                found[called] = await self._called(record, caller, *called)
-                waiting.append((found[called], depth + 1))
-        return Project(
-            actions=tuple(one for one in found.values() if isinstance(one, Action)),
-            macros=tuple(one for one in found.values() if isinstance(one, Macro)),
-        )
-
-    async def _called(self, record: Action | Macro, caller: Macro, kind: RecordType[Any], record_id: int) -> Any:
-        try:
-            return await self._records.get(kind, record_id)
-        except NotFound as error:
-            text = f"{name_of(record)} was not run: {name_of(caller)} runs {kind} {record_id}, which could not be read"
-            raise NotFound(text, error.request) from error
+def _check_can_wait(run: Run, servos: Iterable[Servo]) -> None:
+    """Raise RequestError for a run that would never be over, NotFound for one of servos that are not there."""
+    name = name_of(run.record)
+    if why := next(uncheckable(run.stored), ""):
+        raise RequestError(f"{name} was not run, because its end could not be known: {why}")
+    there = {servo.servo_id for servo in servos}
+    if missing := sorted(servo_id for servo_id in run.last_pose() if servo_id not in there):
+        raise NotFound(f"{name} was not run: it moves servo {missing[0]}, which the board does not have")
 
 
 def _is_active(servo: Servo) -> bool:

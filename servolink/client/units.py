@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
+from servolink.client.names import servo_id as id_of_servo
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.errors import EncodeError, Rejected
@@ -38,10 +39,11 @@ class AngleUnits:
         """Return the unit of a servo, None if it is unknown."""
         return self._units.get(servo_id) or self._unit
 
-    async def set(self, unit: AngleUnit, servo_id: int = ALL_SERVOS) -> None:
+    async def set(self, unit: AngleUnit, servo: int | str = ALL_SERVOS) -> None:
         """Set the unit of a servo (255: all). Raise Rejected if the board refuses."""
         if unit not in ("degree", "adc"):
             raise EncodeError(f"unit must be 'degree' or 'adc', not {quote(unit)}")
+        servo_id = await id_of_servo(self._session, servo)
         async with self._setting:
             if servo_id != ALL_SERVOS:
                 await self._set_first()  # or a later command would set all servos over this one

@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from servolink.errors import ProjectError
 from servolink.escaping import escape
 from servolink.project.model import Project, without_neutral
+from servolink.project.naming import Named, captioned, closest, id_or_caption
 from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, Record, RecordType, stored_size, type_of
 from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, ServoParameter
 
@@ -189,33 +190,32 @@ def _duration_once(
             return None
 
 
-_NUMBERED = re.compile(r"(?:([a-z]+):)?([0-9]{1,10})", re.ASCII)
+_NUMBERED = re.compile(r"(action|macro|table):([0-9]{1,10})", re.ASCII)
 
 
 def find(project: Project, name: str, kinds: Iterable[RecordType[Any]]) -> Any:
-    """Return the record with this name: a caption, an id, or type and id as in `action:3`.
+    """Return the record with this name: a caption, an id, type and id as in `action:3`, or as in `name:3` a caption.
 
-    Case counts only where captions differ in nothing else. Raise ProjectError if no record matches, or several do.
+    Captions are compared as by `servolink.project.naming`. Raise ProjectError if no record matches, or several do.
     """
     kinds = tuple(kinds)
-    numbered = _NUMBERED.fullmatch(name)
-    word, number = (numbered[1] or "", int(numbered[2])) if numbered else ("", -1)
     records = [(kind, record) for kind in kinds for record in getattr(project, kind.field)]
-    found = [
-        record
-        for kind, record in records
-        if kind.caption_of(record) == name or (kind.id_of(record) == number and word in ("", _short_label(kind)))
-    ]
-    if not found:
-        found = [record for kind, record in records if kind.caption_of(record).casefold() == name.casefold()]
+    numbered = _NUMBERED.fullmatch(name)
+    meant = int(numbered[2]) if numbered else id_or_caption(name)
+    if isinstance(meant, int):
+        word = numbered and numbered[1]
+        found = [one for kind, one in records if kind.id_of(one) == meant and word in (None, _short_label(kind))]
+    else:
+        named = (Named(kind.label, at, kind.caption_of(one)) for at, (kind, one) in enumerate(records))
+        found = [records[one.record_id][1] for one in captioned(named, meant)]
     if len(found) == 1:
         return found[0]
     labels = " or ".join(kind.label for kind in kinds)
     if found:
         ids = " or ".join(f"{_short_label(type_of(one))}:{type_of(one).id_of(one)}" for one in found)
         raise ProjectError(f"'{name}' may be {' or '.join(map(name_of, found))}; write {ids}")
-    existing = ", ".join(name_of(record) for _, record in records[:10]) + (", ..." if len(records) > 10 else "")
-    raise ProjectError(f"there is no {labels} '{name}'; " + (f"there is {existing}" if existing else "there is none"))
+    existing = [Named(kind.label, kind.id_of(record), kind.caption_of(record)) for kind, record in records]
+    raise ProjectError(f"there is no {labels} '{name}'; {closest(existing, str(meant))}")
 
 
 def _short_label(kind: RecordType[Any]) -> str:

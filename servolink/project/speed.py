@@ -100,7 +100,9 @@ class Run:
 
     def __init__(self, stored: Project, record: Action | Macro, interval_unit: float = INTERVAL_UNIT) -> None:
         """Start with the run of `record`."""
-        self._record = record
+        self.stored = stored
+        self.record = record
+        self._interval_unit = interval_unit
         self._macros = MACRO.by_id(stored)
         self._order = dependency_order(self._macros)
         self._actions = {one.action_id: _effect_of(one, interval_unit) for one in stored.actions}
@@ -111,23 +113,42 @@ class Run:
 
     def first_pose(self) -> dict[int, int]:
         """Return, by servo id, the first angle that each servo is moved to."""
-        record = self._record
+        record = self.record
         effect = self._actions[record.action_id] if isinstance(record, Action) else self._effects[record.macro_id]
         return {servo_id: action.steps[at].degree for servo_id, (action, at, _) in effect.first.items()}
+
+    def last_pose(self) -> dict[int, int]:
+        """Return, by servo id, the angle that each servo is moved to last."""
+        record = self.record
+        effect = self._actions[record.action_id] if isinstance(record, Action) else self._effects[record.macro_id]
+        return dict(effect.last)
+
+    def seconds(self) -> float:
+        """Return how long the run takes. A command takes its `total_interval`, or longer if what it runs does."""
+        actions = {one.action_id: self._seconds_of(one) for one in self.stored.actions}
+        if isinstance(self.record, Action):
+            return actions[self.record.action_id]
+        macros: dict[int, float] = {}
+        for macro_id in self._order:
+            macros[macro_id] = sum(_command_seconds(one, actions, macros) for one in self._macros[macro_id].commands)
+        return round(macros[self.record.macro_id], 9)
+
+    def _seconds_of(self, action: Action) -> float:
+        return round(max((step.interval for step in action.steps), default=0) * self._interval_unit, 9)
 
     def moves(self, start: Mapping[int, int]) -> Iterator[ServoMove]:
         """Yield each turn, at the highest speed at which it happens, from the pose `start`, degrees by servo id.
 
         The place of a turn is the name of the macro and the number of the command that leads to it.
         """
-        if isinstance(self._record, Action):
-            for servo_id, (action, at, seconds) in self._actions[self._record.action_id].first.items():
+        if isinstance(self.record, Action):
+            for servo_id, (action, at, seconds) in self._actions[self.record.action_id].first.items():
                 if servo_id in start:
                     yield ServoMove("", action, at, start[servo_id], seconds)
             return
-        yield from self._play(self._record.macro_id, start)[0]
-        for macro_id, speed in self._speeds(self._record.macro_id).items():
-            if macro_id != self._record.macro_id:
+        yield from self._play(self.record.macro_id, start)[0]
+        for macro_id, speed in self._speeds(self.record.macro_id).items():
+            if macro_id != self.record.macro_id:
                 yield from (replace(move, seconds=move.seconds / speed) for move in self._turns[macro_id])
 
     def _play(self, macro_id: int, start: Mapping[int, int]) -> tuple[list[ServoMove], _Effect]:
@@ -165,6 +186,19 @@ def _called(command: MacroCommand, actions: Mapping[int, _Effect], macros: Mappi
     effects: dict[int, Mapping[int, _Effect]] = {MacroCommandType.ACTION: actions, MacroCommandType.MACRO: macros}
     called = effects.get(command.type, {})
     return called.get(command.command_id, _Effect()) if command.ratio > 0 else _Effect()
+
+
+def _command_seconds(command: MacroCommand, actions: Mapping[int, float], macros: Mapping[int, float]) -> float:
+    """Return how long a macro waits for a command."""
+    match command.type:
+        case MacroCommandType.ACTION:
+            once = actions[command.command_id]
+        case MacroCommandType.MACRO:
+            once = macros[command.command_id]
+        case _:
+            once = max(command.command_id, 0) / 1000
+    looped = once * max(command.loop, 0) * 100 / command.ratio if command.ratio > 0 else 0.0
+    return max(looped, command.total_interval / 1000)
 
 
 def _moves_of_macro(

@@ -145,7 +145,7 @@ class Board:
     set_angle_unit = _blocking(client.Board.set_angle_unit)
 
     def unit_of(self, servo_id: int) -> AngleUnit | None:
-        """Return the unit of a servo's angles, None if it is unknown. Does not ask the board."""
+        """Return the unit of a servo's angles, None if it is unknown. Does not ask the board: takes no caption."""
         return self._board.unit_of(servo_id)
 
     move = _blocking(client.Board.move)

@@ -21,6 +21,7 @@ from servolink.protocol.records import (
     JoystickTableEntry,
     Macro,
     MacroCommand,
+    MacroCommandType,
     MacroEntry,
     ServoParameter,
     Step,
@@ -103,9 +104,13 @@ async def use_macros(board: Board) -> None:
     with pytest.raises(NotFound, match="no macro 4"):
         await board.macro(4)
     await board.delete_macro(3)
-    for refused in (board.delete_macro(3), board.run_macro(3)):
-        with pytest.raises(Rejected, match="may have no such macro"):
-            await refused
+    with pytest.raises(Rejected, match="may have no such macro"):
+        await board.delete_macro(3)
+    with pytest.raises(NotFound, match=r"^the board has no macro 3; there is none$"):
+        await board.run_macro(3)
+    await board.add_macro(Macro(4, "itself", (MacroCommand(4, MacroCommandType.MACRO),)))
+    with pytest.raises(Rejected, match="may run itself, or something that is not stored"):
+        await board.run_macro(4)
 
 
 async def use_parameters(board: Board) -> None:

@@ -11,7 +11,7 @@ import pytest
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.client.servos import Servo
-from servolink.errors import ConnectionLost, EncodeError, MotionRefused, NotFound, Rejected, RequestError
+from servolink.errors import ConnectionLost, EncodeError, MotionRefused, NotFound, RequestError
 from servolink.motion import Adc, MotionLimits
 from servolink.profiles.profile import BoardProfile, BoardSettings
 from servolink.project.model import Project
@@ -19,6 +19,7 @@ from servolink.protocol.editing import (
     ExecuteMacroRequest,
     QueryActionRequest,
     QueryActionResponse,
+    QueryMacroListRequest,
     QueryMacroRequest,
     QueryMacroResponse,
 )
@@ -253,23 +254,24 @@ def sent_on_fake(use: Callable[[Board, FakeBoard], Awaitable[Any]], **options: A
     return fake
 
 
-def test_without_limits_nothing_more_is_sent() -> None:
+def test_without_limits_only_the_list_of_macros_is_read() -> None:
     async def use(board: Board, fake: FakeBoard) -> None:
         assert await board.run_action(1) == 0.5
         await board.run_macro(1)
         await board.request(ExecuteMacroRequest(2))
         await board.send(ExecuteActionRequest(WAVE.steps))
-        with pytest.raises(Rejected):
+        with pytest.raises(NotFound, match="the board has no macro 99; there is macro 1 'dance', macro 7 'lacking'"):
             await board.run_macro(99)
 
     packets = [packet for _, packet in sent_on_fake(use).sent]
     assert packets == [
         QueryActionRequest(1),
         ExecuteActionExRequest(1),
+        QueryMacroListRequest(),
         ExecuteMacroRequest(1),
         ExecuteMacroRequest(2),
         ExecuteActionRequest(WAVE.steps),
-        ExecuteMacroRequest(99),
+        QueryMacroListRequest(),
     ]
 
 

@@ -40,14 +40,17 @@ TWO = Project(actions=(Action(3, "Wave"), Action(4, "wave")), macros=(Macro(3, "
     [
         ("Wave", "'Wave' may be action 3 'Wave' or macro 3 'Wave'; write action:3 or macro:3"),
         ("3", "'3' may be action 3 'Wave' or macro 3 'Wave'"),
-        ("4", "'4' may be action 4 'wave' or macro 5 '4'"),
+        ("action:9", "there is no action or macro 'action:9'; there is action 3 'Wave', action 4 'wave', macro 3"),
+        (
+            "Wavy",
+            r"there is no action or macro 'Wavy'; did you mean action 3 'Wave', action 4 'wave' or macro 3",
+        ),
         ("WAVE", "may be action 3 'Wave' or action 4 'wave' or macro 3 'Wave'"),
         (
             "none",
-            "there is no action or macro 'none'; there is action 3 'Wave', action 4 'wave', macro 3 'Wave', macro",
+            "there is no action or macro 'none'; there is action 3 'Wave', action 4 'wave', macro 3 'Wave' and macro",
         ),
         ("table:3", "there is no action or macro 'table:3'"),
-        ("action:9", "there is no"),
         ("٣", "there is no"),
         ("\x1b[2J", r"there is no action or macro '\\x1b\[2J'"),
     ],
@@ -60,6 +63,8 @@ def test_what_is_not_clear(name: str, text: str) -> None:
 def test_exactly_that_caption_comes_first() -> None:
     assert find(TWO, "wave", (ACTION, MACRO)).action_id == 4
     assert find(TWO, "action:3", (ACTION, MACRO)).action_id == 3
+    assert find(TWO, "4", (ACTION, MACRO)).action_id == 4
+    assert find(TWO, "name:4", (ACTION, MACRO)).macro_id == 5
 
 
 @pytest.mark.parametrize("kind", [ACTION, MACRO, TABLE], ids=str)
@@ -67,5 +72,5 @@ def test_of_nothing_nothing_is_found(kind: RecordType[Any]) -> None:
     with pytest.raises(ProjectError, match="there is none"):
         find(Project(), "1", (kind,))
     many = Project(actions=tuple(Action(number) for number in range(1, 40)))
-    with pytest.raises(ProjectError, match=r"action 10 '', \.\.\.$"):
+    with pytest.raises(ProjectError, match=r"there is action 1, action 2, action 3, action 4, action 5 and 34 more$"):
         find(many, "none", (ACTION,))

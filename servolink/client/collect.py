@@ -1,0 +1,47 @@
+"""Read what is stored on a board, together with everything that it runs."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Awaitable, Callable
+from typing import Any, TypeAlias
+
+from servolink.errors import MotionRefused, NotFound
+from servolink.project.model import Project
+from servolink.project.records import name_of
+from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of
+from servolink.protocol.records import Action, Macro
+
+_DEEPEST = 32  # macros within macros: no robot needs more, and a board that makes them up is not read for ever
+_MOST = ACTION.list_limit + MACRO.list_limit  # no board can list more
+
+Get: TypeAlias = Callable[[RecordType[Any], int], Awaitable[Any]]
+"""Returns a record by type and id. Raises NotFound if there is none."""
+
+
+async def collect(get: Get, kind: RecordType[Any], record_id: int) -> Project:
+    """Read an action or a macro and all that it runs.
+
+    Raise NotFound if the board does not return one of them, MotionRefused if they are too many or nested too deep.
+    """
+    record = await get(kind, record_id)
+    found: dict[tuple[RecordType[Any], int], Any] = {(kind, record_id): record}
+    waiting = deque([(record, 0)])
+    while waiting:
+        caller, depth = waiting.popleft()
+        for called in type_of(caller).references(caller):
+            if called in found:
+                continue
+            if depth == _DEEPEST or len(found) == _MOST:
+                many = f"it runs {len(found):,} records, in macros up to {depth + 1} deep"
+                raise MotionRefused(f"{name_of(record)} was not run: {many}")
+            try:
+                found[called] = await get(*called)
+            except NotFound as error:
+                missing = f"{name_of(caller)} runs {called[0]} {called[1]}, which could not be read"
+                raise NotFound(f"{name_of(record)} was not run: {missing}", error.request) from error
+            waiting.append((found[called], depth + 1))
+    return Project(
+        actions=tuple(one for one in found.values() if isinstance(one, Action)),
+        macros=tuple(one for one in found.values() if isinstance(one, Macro)),
+    )

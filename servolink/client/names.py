@@ -1,0 +1,130 @@
+"""Servos, records and buttons by caption: what a program may give in place of an id.
+
+An integer is an id, and so is a text of digits; `name:3` is the caption `3`. A caption that is written exactly so comes
+first, then one that differs in case only. Captions are read from the board each time, because another program may have
+changed them: an outdated one would run, move or delete something else. For an integer nothing is sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Protocol, TypeAlias, TypeVar
+
+from servolink.errors import AmbiguousName, EncodeError, NotFound
+from servolink.escaping import quote
+from servolink.project.naming import Named, captioned, closest, id_or_caption, listed
+from servolink.protocol.editing import QueryServoParameterRequest
+from servolink.protocol.joystick import QueryActiveJoystickTableRequest
+from servolink.protocol.packet import Request, Response
+from servolink.protocol.record_types import TABLE, RecordType
+from servolink.protocol.servos import ALL_SERVOS, QueryServoListRequest
+
+ALL = "all"
+"""The name of all servos; one with this caption is `name:all`."""
+
+Targets: TypeAlias = Mapping[int, float] | Mapping[str, float] | Mapping[int | str, float]
+"""Angles by id or caption of the servo."""
+
+R = TypeVar("R", bound=Response)
+
+
+class Source(Protocol):
+    """A board or a session, which reads the captions."""
+
+    async def request(self, packet: Request[R], /) -> R:
+        """Send `packet` and return the response."""
+        ...
+
+
+async def servo_ids(source: Source, servos: Iterable[int | str]) -> list[int]:
+    """Return the ids of servos, 255 for `all`, with one query at most.
+
+    Raise NotFound or AmbiguousName for what is not one servo's caption.
+    """
+    names = [_servo(servo) for servo in servos]
+    request, named = QueryServoParameterRequest(), list[Named]()
+    if any(isinstance(name, str) for name in names):
+        stored = (await source.request(request)).servos
+        # An entry for 255 would make one caption mean all servos.
+        named = [Named("servo", one.servo_id, one.servo_caption) for one in stored if one.servo_id != ALL_SERVOS]
+    return [_the_one(named, "servo", name, request) if isinstance(name, str) else name for name in names]
+
+
+async def servo_id(source: Source, servo: int | str) -> int:
+    """Return the id of a servo, as `servo_ids` does."""
+    return (await servo_ids(source, (servo,)))[0]
+
+
+async def servo_targets(source: Source, targets: Targets) -> Mapping[int, float]:
+    """Return `targets` by id, `all` as each servo of the board. Raise EncodeError for a servo that is given twice."""
+    if not isinstance(targets, Mapping) or not any(isinstance(servo, str) for servo in targets):
+        return targets  # type: ignore[return-value]  # by id, or refused later
+    targets = dict(targets)  # a copy, because the caller may change the original meanwhile
+    request = QueryServoListRequest()
+    every = (await source.request(request)).servo_id_list if ALL in targets else ()
+    if ALL in targets and not every:
+        raise NotFound("the board has no servos", request)
+    found: dict[int, float] = {}
+    for number, (servo, angle) in zip(await servo_ids(source, targets), targets.items(), strict=True):
+        for each in dict.fromkeys(every) if servo == ALL else (number,):
+            if each in found:
+                raise EncodeError(f"servo {each} is given twice, the second time as {quote(servo)}")
+            found[each] = angle
+    return found
+
+
+async def record_id(
+    source: Source, record_type: RecordType[Any], record: int | str, *, must_exist: bool = False
+) -> int:
+    """Return the id of a stored record. Raise NotFound or AmbiguousName for what is not one record's caption.
+
+    With `must_exist`, raise NotFound also for an id that the board does not list.
+    """
+    name = id_or_caption(record) if isinstance(record, str) else record
+    if not (must_exist or isinstance(name, str)):
+        return name
+    request = record_type.list_request
+    entries = record_type.entries_in(await source.request(request))
+    # A board that has no record may list one with the id 0.
+    ids = {record_type.id_of(one): record_type.caption_of(one) for one in entries if record_type.id_of(one)}
+    named = [Named(record_type.label, number, caption) for number, caption in ids.items()]
+    if isinstance(name, str):
+        return _the_one(named, record_type.label, name, request)
+    if name not in ids:
+        raise NotFound(f"the board has no {record_type} {quote(name)}; {closest(named, '')}", request)
+    return name
+
+
+async def button_id(source: Source, button: int | str) -> int:
+    """Return the id of a button of the active joystick table: only there do buttons have captions.
+
+    Raise NotFound or AmbiguousName for what is not one button's caption.
+    """
+    name = id_or_caption(button) if isinstance(button, str) else button
+    if not isinstance(name, str):
+        return name
+    active = (await source.request(QueryActiveJoystickTableRequest())).table_id
+    request = TABLE.query(active)
+    table = TABLE.record_in(await source.request(request)) if active else None
+    if table is None:
+        raise NotFound(f"no button is captioned {quote(name)}: the board has no active joystick table", request)
+    named = [Named("button", one.button_id, one.button_caption) for one in table.buttons]
+    return _the_one(named, "button", name, request)
+
+
+def _servo(servo: int | str) -> int | str:
+    """Return an id, 255 for `all`, or a caption."""
+    if not isinstance(servo, str):
+        return servo
+    return ALL_SERVOS if servo == ALL else id_or_caption(servo)
+
+
+def _the_one(things: Iterable[Named], label: str, caption: str, request: Request[Any]) -> int:
+    things = list(things)
+    found = captioned(things, caption)
+    if len(found) == 1:
+        return found[0].record_id
+    if found:
+        text = f"{quote(caption)} may be {listed(found, 'or')}; give the id"
+        raise AmbiguousName(text, request)
+    raise NotFound(f"the board has no {label} {quote(caption)}; {closest(things, caption)}", request)

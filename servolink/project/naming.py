@@ -1,0 +1,76 @@
+"""Names of servos and records: what a person may write in place of an id, and what was meant by it."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from typing import NamedTuple
+
+from servolink.escaping import escape
+
+_ID = re.compile(r"[0-9]{1,10}", re.ASCII)
+_PREFIX = "name:"
+_MOST_LISTED = 5
+_COMPARED = 64  # characters; a caption has at most 32 bytes, and what is typed may be endless
+
+
+class Named(NamedTuple):
+    """A servo or a record with its caption."""
+
+    label: str
+    """The type, such as `action`."""
+    record_id: int
+    caption: str
+
+    def __str__(self) -> str:
+        """Return a text such as `action 3 'Wave'`, safe to show."""
+        text = f"{self.label} {self.record_id}"
+        return f"{text} '{escape(self.caption)}'" if self.caption else text
+
+
+def id_or_caption(text: str) -> int | str:
+    """Return the id that a text of digits stands for, otherwise the caption.
+
+    `name:3` is the caption `3`, and `name:name:3` the caption `name:3`.
+    """
+    return int(text) if _ID.fullmatch(text) else text.removeprefix(_PREFIX)
+
+
+def captioned(things: Iterable[Named], caption: str) -> list[Named]:
+    """Return what has exactly this caption or, if nothing has it, what differs from it in case only.
+
+    What is listed twice is returned once. Nothing has the empty caption.
+    """
+    different = [one for one in dict.fromkeys(things) if one.caption and caption]
+    same = [one for one in different if one.caption == caption]
+    return same or [one for one in different if _folded(one.caption) == _folded(caption)]
+
+
+def closest(things: Iterable[Named], caption: str) -> str:
+    """Return a text that lists what may have been meant by `caption`, such as `did you mean action 3 'Wave'?`.
+
+    Without a similar caption it lists the first few things, those with captions first.
+    """
+    different = sorted(dict.fromkeys(things), key=lambda one: not one.caption)
+    by_text: dict[str, list[Named]] = {}
+    for one in different:
+        by_text.setdefault(_folded(one.caption), []).append(one)
+    close = get_close_matches(_folded(caption[:_COMPARED]), by_text, n=3)
+    if close:
+        return f"did you mean {listed([one for text in close for one in by_text[text]], 'or')}?"
+    return f"there is {listed(different)}" if different else "there is none"
+
+
+def listed(things: Sequence[Named], word: str = "and") -> str:
+    """Return a list of at most 5 things for people, with the number of those left out."""
+    shown = [*map(str, things[:_MOST_LISTED])]
+    if len(things) > _MOST_LISTED:
+        shown.append(f"{len(things) - _MOST_LISTED:,} more")
+    return f" {word} ".join(filter(None, (", ".join(shown[:-1]), shown[-1])))
+
+
+def _folded(caption: str) -> str:
+    """Return a text that is the same for captions that differ only in case, or in how their accents are encoded."""
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", caption).casefold())

@@ -1,0 +1,179 @@
+"""`wait=True`: a run returns when its motion is over, or says why it never was."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+
+from servolink.client.board import Board
+from servolink.errors import ConnectionLost, NotFound, RequestError, RequestTimeout
+from servolink.project.model import Project
+from servolink.project.speed import Run
+from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
+from servolink.protocol.servos import ExecuteActionExRequest
+from tests.client.fake_board import FakeBoard, now, opened
+from tests.project.pulled import contents_of
+from tests.virtual_time import run
+
+WAVE = Action(1, "wave", (Step(1, 40, 50), Step(2, -40, 100)))
+BACK = Action(2, "back", (Step(1, -40, 50),))
+ALL_FAR = Action(3, "far", tuple(Step(servo_id, 90, 100) for servo_id in (1, 2, 3)))
+LACKING = Action(4, "lacking", (Step(9, 0, 10),))
+DANCE = Macro(1, "dance", (MacroCommand(1, ratio=50), MacroCommand(500, 1), MacroCommand(2, loop=2)))
+LONG = Macro(2, "long", (MacroCommand(1, 2), MacroCommand(2, total_interval=3000)))
+ENDLESS = Macro(3, "endless", (MacroCommand(3, 2),))
+PAUSE = Macro(4, "pause", (MacroCommand(700, 1),))
+STORED = Project(actions=(WAVE, BACK, ALL_FAR, LACKING), macros=(DANCE, LONG, ENDLESS, PAUSE))
+
+Use = Callable[[Board, FakeBoard], Awaitable[Any]]
+
+
+def used(use: Use, **options: Any) -> FakeBoard:
+    """Return a fake board with all that stored, and servos at 0, on which `use` was done."""
+    fake = FakeBoard()
+    fake.virtual.storage.contents = contents_of(STORED)
+    for servo in fake.virtual.servos.values():
+        servo.angle = 0.0
+
+    async def main() -> None:
+        async with opened(fake, **options) as board:
+            await use(board, fake)
+
+    run(main())
+    return fake
+
+
+def not_run(use: Use) -> None:
+    """Check that `use` runs nothing."""
+    fake = used(use)
+    assert not fake.executed_of(ExecuteActionExRequest)
+    assert not fake.executed_of(ExecuteMacroRequest)
+
+
+@pytest.mark.parametrize("options", [{}, {"speed_cap": 1000}])
+@pytest.mark.parametrize(
+    ("start", "seconds", "pose"),
+    [
+        (lambda board: board.run_action("wave", wait=True), 1.0, (40, -40)),
+        (lambda board: board.run_macro("dance", wait=True), 2 + 0.5 + 1, (-40, -40)),
+        (lambda board: board.run_macro(2, wait=True), 3.5 + 3, (-40, -40)),
+        (lambda board: board.run_macro("pause", wait=True), 0.7, (0, 0)),
+    ],
+)
+def test_it_returns_when_the_servos_rest(
+    start: Callable[[Board], Awaitable[Any]], seconds: float, pose: tuple[int, int], options: dict[str, Any]
+) -> None:
+    async def use(board: Board, fake: FakeBoard) -> None:
+        began = now()
+        await start(board)
+        assert now() - began == pytest.approx(seconds, abs=0.3)
+        assert (fake.virtual.servos[1].angle, fake.virtual.servos[2].angle) == pose
+
+    used(use, **options)
+
+
+def test_the_line_is_free_while_it_waits() -> None:
+    async def use(board: Board, fake: FakeBoard) -> None:
+        await board.run_macro(2, wait=True)
+        assert len(fake.sent) < 20
+
+    used(use)
+
+
+def test_all_servos_that_do_not_arrive_are_named() -> None:
+    async def use(board: Board, fake: FakeBoard) -> None:
+        await board.set_servo(1, start=False, hold=True)
+        await board.set_servo(3, start=False, hold=True)
+        with pytest.raises(
+            RequestTimeout, match=r"^servo 1 is at 0, not at 90; servo 3 is at 0, not at 90, 1 s after they"
+        ):
+            await board.run_action(3, wait=True)
+
+    used(use)
+
+
+def test_a_stop_ends_it() -> None:
+    async def use(board: Board, fake: FakeBoard) -> None:
+        waiting = asyncio.ensure_future(board.run_macro("long", wait=True))
+        await asyncio.sleep(1.0)
+        await board.stop()
+        began = now()
+        with pytest.raises(RequestError, match=r"^macro 2 'long' was started, and then ended by a stop$"):
+            await waiting
+        assert now() - began < 0.3
+
+    used(use)
+
+
+def test_the_loss_of_the_board_ends_it() -> None:
+    async def use(board: Board, fake: FakeBoard) -> None:
+        waiting = asyncio.ensure_future(board.run_macro("long", wait=True))
+        await asyncio.sleep(1.0)
+        fake.vanish()
+        began = now()
+        with pytest.raises(ConnectionLost, match=r"^macro 2 'long' was started, and the connection was lost before"):
+            await waiting
+        assert now() - began < 0.3
+
+    used(use)
+
+
+@pytest.mark.parametrize(
+    ("start", "error", "text"),
+    [
+        (
+            lambda board: board.run_action(4, wait=True),
+            NotFound,
+            "action 4 'lacking' was not run: it moves servo 9",
+        ),
+        (
+            lambda board: board.run_macro(3, wait=True),
+            RequestError,
+            "macro 3 'endless' was not run, because its end could not be known: macro 3 'endless' never ends",
+        ),
+        (lambda board: board.run_macro(9, wait=True), NotFound, "the board has no macro 9"),
+        (lambda board: board.run_action("x", wait=True), NotFound, "the board has no action 'x'"),
+    ],
+)
+def test_what_cannot_be_waited_for_is_not_run(
+    start: Callable[[Board], Awaitable[Any]], error: type[Exception], text: str
+) -> None:
+    async def use(board: Board, fake: FakeBoard) -> None:
+        with pytest.raises(error, match=f"^{text}"):
+            await start(board)
+
+    not_run(use)
+
+
+def test_a_dry_run_waits_for_nothing() -> None:
+    async def use(board: Board, fake: FakeBoard) -> None:
+        began = now()
+        assert await board.run_action("wave", wait=True, dry_run=True) == 1.0
+        await board.run_macro("dance", wait=True, dry_run=True)
+        with pytest.raises(NotFound):
+            await board.run_macro("nothing", dry_run=True)
+        assert now() - began < 0.3
+
+    not_run(use)
+
+
+@pytest.mark.parametrize(
+    ("record", "unit", "seconds"),
+    [
+        (WAVE, 0.01, 1.0),
+        (WAVE, 0.02, 2.0),
+        (Action(5), 0.01, 0.0),
+        (DANCE, 0.01, 3.5),
+        (DANCE, 0.02, 6.5),
+        (LONG, 0.01, 6.5),
+        (Macro(6), 0.01, 0.0),
+        (Macro(6, "", (MacroCommand(1, loop=0), MacroCommand(-5, MacroCommandType.DELAY))), 0.01, 0.0),
+    ],
+)
+def test_how_long_a_run_takes(record: Action | Macro, unit: float, seconds: float) -> None:
+    macros = {DANCE, LONG, PAUSE} | ({record} if isinstance(record, Macro) else set())
+    assert Run(Project(actions=(WAVE, BACK, Action(5)), macros=tuple(macros)), record, unit).seconds() == seconds
