@@ -134,6 +134,10 @@ class Session:
         with self.identity.changing(self.connection, project_id):
             await self.command(WriteProjectIDRequest(project_id), "it was not written")
         self.identity.set(project_id)
+        if self._reconnector is not None:
+            # Only to recognise the board later: it may keep less of the id than it was given.
+            with suppress(ServolinkError):
+                self.identity.add((await self.request(QueryProjectIDRequest())).project_id)
 
     # --- loss and end -------------------------------------------------------------------------------------------
 

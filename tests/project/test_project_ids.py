@@ -9,6 +9,7 @@ from random import Random
 import msgspec
 import pytest
 
+from servolink.client import connect as connecting
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import ProjectError
@@ -20,6 +21,8 @@ from servolink.project.transfer.plan import plan_project
 from servolink.project.transfer.results import ignore_progress
 from servolink.virtual.storage import Storage
 from servolink.virtual.transport import VirtualTransport
+from tests.client.sockets import Socket
+from tests.client.test_reconnect import connected, until
 from tests.project.boards import (
     HERE,
     OTHER,
@@ -231,3 +234,22 @@ def test_nothing_is_lost_wherever_the_cable_is_pulled(
         history = History(make, whole, (Pull.at(random.randrange(sum(size)), size),), seed=at)
         verdict = run(history.judge(tmp_path / str(at)))
         assert verdict.right, history
+
+
+@weak
+def test_a_board_that_keeps_less_of_its_id_is_recognised_when_it_comes_back(
+    bits: ProjectIDBits, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    socket = Socket(Make(project_id_bits=bits).board(OLD_CONTENTS, 1))
+    monkeypatch.setattr(connecting, "create", socket.transport)
+
+    async def main() -> None:
+        async with connected() as board:
+            await board.write_project_id(0x12345)
+            there = socket.board
+            assert there is not None
+            socket.pull()
+            socket.plug(there)
+            await until(board, "connected")
+
+    run(main())
