@@ -148,14 +148,21 @@ class RequestScheduler:
         )
 
     def _has_room(self, packet: Request[Any] | Command) -> bool:
-        owed = 0
-        if self.window.learns:
-            # By permits, not by slots: a caller whose slot is overdue sends again without asking.
-            owed = sum(lane.size * count for lane, count in self._of_lane.items())
-            if isinstance(packet, Request):
-                owed += self._lane(packet).size
+        """Return whether the depth allows one more, and a stop would not wait for too long; one always has room."""
         # The board is done with a request whose response is kept.
-        return self.window.has_room(packet, self._permits - self._slots.kept, self._changes, owed)
+        under_way = self._permits - self._slots.kept
+        if under_way <= 0:
+            return True
+        window = self.window
+        if under_way >= window.climb(packet, self._changes).depth:
+            return False
+        return not window.learns or window.fits(self._owed_with(packet), under_way)
+
+    def _owed_with(self, packet: Request[Any] | Command) -> int:
+        """Return the bytes of the line that are owed once `packet` is sent."""
+        # By permits, not by slots: a caller whose slot is overdue sends again without asking.
+        owed = sum(lane.size * count for lane, count in self._of_lane.items())
+        return owed + self._lane(packet).size if isinstance(packet, Request) else owed
 
     def _take(self, packet: Request[Any] | Command) -> None:
         self._permits += 1

@@ -70,17 +70,8 @@ class Window:
         """Return whose depth holds for `packet` beside `writes` changes."""
         return self.queries if not writes and isinstance(packet, Query) else self.writes
 
-    def has_room(self, packet: Request[Any] | Command, under_way: int, writes: int, owed: int) -> bool:
-        """Return whether `packet` may be sent beside `under_way` requests.
-
-        `writes` of them are changes; with `packet` they take `owed` bytes of the line.
-        """
-        if under_way <= 0:
-            return True
-        if under_way >= self.climb(packet, writes).depth:
-            return False
-        if not self.learns:
-            return True
+    def fits(self, owed: int, under_way: int) -> bool:
+        """Return whether a stop may wait for `owed` bytes: those of `under_way` requests and of one more."""
         pace = self.pace
         return owed <= pace * (MOST_OWED_IN_BULK if self._bulks else MOST_OWED) if pace else under_way < _UNMEASURED
 

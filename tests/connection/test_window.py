@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
-from itertools import count
+from itertools import count, pairwise
 from typing import Any
 
 import pytest
@@ -42,41 +42,32 @@ def climbed(window: Window, depth: int) -> Window:
 # --- the window alone ---------------------------------------------------------------------------------------------
 
 
-def test_one_request_always_has_room_however_long_its_response_takes() -> None:
-    window = Window(16, 16, bytes_per_second=SERIAL)
-    assert window.has_room(TELEMETRY, 0, 0, UNKNOWN_SIZE)
-    assert window.has_room(WRITE, 0, 0, UNKNOWN_SIZE)
-
-
 def test_queries_and_changes_have_their_own_depths_and_beside_a_change_its_depth_holds() -> None:
     window = Window(8, 2, learn=False)
-    assert window.has_room(TELEMETRY, 7, 0, 0)
-    assert not window.has_room(TELEMETRY, 8, 0, 0)
-    assert window.has_room(WRITE, 1, 0, 0)
-    assert not window.has_room(WRITE, 2, 0, 0)
-    assert window.has_room(TELEMETRY, 1, 1, 0)
-    assert not window.has_room(TELEMETRY, 2, 1, 0)
-    assert not window.has_room(ExecuteActionRequest((Step(1, 5, 10),)), 2, 0, 0)
+    assert window.climb(TELEMETRY, 0).depth == 8
+    assert window.climb(WRITE, 0).depth == 2
+    assert window.climb(TELEMETRY, 1).depth == 2
+    assert window.climb(ExecuteActionRequest((Step(1, 5, 10),)), 0).depth == 2
 
 
 def test_a_stop_waits_for_50_ms_of_responses_and_for_100_ms_while_much_is_transferred() -> None:
-    window = climbed(Window(16, bytes_per_second=1000), 16)
-    assert window.has_room(TELEMETRY, 1, 0, round(1000 * MOST_OWED))
-    assert not window.has_room(TELEMETRY, 1, 0, round(1000 * MOST_OWED) + 1)
+    window = Window(16, bytes_per_second=1000)
+    assert window.fits(round(1000 * MOST_OWED), 1)
+    assert not window.fits(round(1000 * MOST_OWED) + 1, 1)
     with window.bulk():
         with window.bulk():
-            assert window.has_room(TELEMETRY, 1, 0, round(1000 * MOST_OWED_IN_BULK))
-        assert not window.has_room(TELEMETRY, 1, 0, round(1000 * MOST_OWED_IN_BULK) + 1)
-    assert not window.has_room(TELEMETRY, 1, 0, round(1000 * MOST_OWED) + 1)
+            assert window.fits(round(1000 * MOST_OWED_IN_BULK), 1)
+        assert not window.fits(round(1000 * MOST_OWED_IN_BULK) + 1, 1)
+    assert not window.fits(round(1000 * MOST_OWED) + 1, 1)
 
 
 def test_as_long_as_the_pace_of_the_line_is_unknown_two_may_be_under_way() -> None:
-    window = climbed(Window(16), 16)
-    assert window.has_room(TELEMETRY, 1, 0, 10)
-    assert not window.has_room(TELEMETRY, 2, 0, 15)
+    window = Window(16)
+    assert window.fits(10, 1)
+    assert not window.fits(15, 2)
     window.heard(100, 0.01)
     assert window.pace == pytest.approx(10_000)
-    assert window.has_room(TELEMETRY, 2, 0, 15)
+    assert window.fits(15, 2)
 
 
 def test_the_pace_of_the_line_is_that_of_the_latest_responses_and_not_less_than_what_is_known() -> None:
@@ -172,6 +163,19 @@ def test_during_an_import_a_stop_is_delayed_by_less_than_100_ms() -> None:
     board = LineBoard()
     found = delays(pairs, board, bulk=True, depth=16, write_depth=16)
     assert 0.04 < max(found) < 0.1
+
+
+def test_a_response_that_takes_long_is_alone_on_the_line() -> None:
+    async def main() -> None:
+        board = LineBoard(pace=1000)
+        board.bytes_per_second = 1000  # type: ignore[attr-defined]
+        async with connected(board, learn=True, depth=16) as connection:
+            climbed(connection._window, 16)
+            await asyncio.gather(*(connection.request(TELEMETRY) for _ in range(10)))
+            asked = [at for at, packet in board.sent if packet == TELEMETRY]
+            assert all(later - earlier > 0.1 for earlier, later in pairwise(asked))
+
+    run(main())
 
 
 def test_who_asks_one_thing_after_the_other_gets_no_more_than_one_under_way() -> None:
