@@ -19,7 +19,6 @@ from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
 from servolink.escaping import escape, quote
 from servolink.motion import INTERVAL_UNIT, AngleUnit, MotionLimits
-from servolink.profiles.profile import BoardSettings, ProfileInUse
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
 from servolink.protocol.codec import Codec
@@ -44,8 +43,10 @@ from servolink.protocol.settings import (
     SendDummyDataRequest,
 )
 
-if TYPE_CHECKING:  # loading it takes as long as loading all packets
+if TYPE_CHECKING:  # loading them takes longer than loading all packets
     from pathlib import Path
+
+    from servolink.profiles.profile import BoardSettings, ProfileInUse
 
 R = TypeVar("R", bound=Response)
 
@@ -534,6 +535,8 @@ class Board:
 
     def _known_settings(self) -> BoardSettings:
         """Return the settings in the board's profile; all of them unknown without one."""
+        from servolink.profiles.profile import BoardSettings
+
         return BoardSettings() if self.profile is None else self.profile.profile.settings
 
 

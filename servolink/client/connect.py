@@ -8,7 +8,6 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from servolink.client.board import Board
-from servolink.client.identity import IdentityGuard
 from servolink.client.reconnect import FIRST_PAUSE, LONGEST_PAUSE
 from servolink.client.session import Session, set_mode
 from servolink.connection.connection import Connection
@@ -17,12 +16,15 @@ from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, OpenError, ProfileError, RequestError, RequestTimeout, TransportUnavailable
 from servolink.escaping import escape, quote
 from servolink.motion import INTERVAL_UNIT, AngleLimits, AngleUnit, SpeedCap, motion_limits
-from servolink.profiles.profile import BoardProfile, ProfileInUse
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport
 from servolink.transports.lifecycle import BaseTransport, WrappedTransport
 from servolink.transports.registry import create
+
+if TYPE_CHECKING:  # loaded when it is used: most boards have no profile
+    from servolink.client.identity_guard import IdentityGuard
+    from servolink.profiles.profile import BoardProfile, ProfileInUse
 
 _HOW = (
     "use `async with servolink.connect(...) as board:` or `board = await servolink.connect(...)`, or servolink.sync "
@@ -96,8 +98,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
             raise ValueError(f"angle_unit must be 'degree', 'adc' or None, not {quote(angle_unit)}")
         if not (url is None or isinstance(url, str | Transport)):
             raise TypeError(f"url must be an address as text, a transport or None, not {quote(url)}")
-        if not (profile is None or isinstance(profile, str | BoardProfile)):
-            raise TypeError(f"profile must be a BoardProfile, the name of a board or None, not {quote(profile)}")
+        _check_profile(profile)
         if reconnect:
             _refuse_transport(url, "reconnect")
         self._url = url
@@ -180,12 +181,13 @@ class connect:  # noqa: N801 - reads as the function it stands for
 
     def _profile_of(self, name: str | None) -> ProfileInUse | None:
         """Return the profile given, or else that of the board `name`. Raise ProfileError if it cannot be used."""
-        if isinstance(self._profile, BoardProfile):
-            return ProfileInUse(name, self._profile)
         if (wanted := self._profile or name) is None:
             return None
+        from servolink.profiles.profile import ProfileInUse  # late: most boards have no profile
         from servolink.profiles.store import load_profile, profile_names
 
+        if not isinstance(wanted, str):
+            return ProfileInUse(name, wanted)
         if (found := load_profile(wanted)) is not None:
             return ProfileInUse(wanted, found)
         if self._profile is None:
@@ -206,9 +208,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
             unsupported=(profile and profile.settings.unsupported) or (),
             stats=stats,
         )
-        guard = IdentityGuard(connection, profile) if profile and profile.profile.identity else None
-        if guard is not None:
-            connection.guard = guard.pass_packet
+        guard = _guard(connection, profile)
         try:
             await connection.open()
             if self._handshake:
@@ -243,6 +243,27 @@ class connect:  # noqa: N801 - reads as the function it stands for
         """Close the board."""
         if self._board is not None:
             await self._board.close()
+
+
+def _check_profile(profile: object) -> None:
+    """Raise TypeError unless this is a profile, a name or None."""
+    if profile is None or isinstance(profile, str):
+        return
+    from servolink.profiles.profile import BoardProfile
+
+    if not isinstance(profile, BoardProfile):
+        raise TypeError(f"profile must be a BoardProfile, the name of a board or None, not {quote(profile)}")
+
+
+def _guard(connection: Connection, profile: ProfileInUse | None) -> IdentityGuard | None:
+    """Guard a connection whose board is known by its profile; None if it is not."""
+    if profile is None or profile.profile.identity is None:
+        return None
+    from servolink.client.identity_guard import IdentityGuard
+
+    guard = IdentityGuard(connection, profile)
+    connection.guard = guard.pass_packet
+    return guard
 
 
 def _options_in(profile: ProfileInUse | None) -> dict[str, Any]:

@@ -1,25 +1,13 @@
-"""Which board this is. A board has no serial number in the protocol.
-
-After a loss it is recognised by its project id, and under its name by what its profile says of it.
-"""
+"""Which board this is: a board has no serial number in the protocol, so it is recognised by its project id."""
 
 from __future__ import annotations
 
-import asyncio
-import logging
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
 from servolink.connection.connection import Connection
-from servolink.errors import DecodeError, EncodeError, NotFound, Rejected, RequestTimeout, WrongBoard
-from servolink.escaping import escape
-from servolink.profiles.profile import BoardIdentityRecord, ProfileInUse
+from servolink.errors import EncodeError, NotFound, Rejected, RequestTimeout
 from servolink.protocol.editing import QueryProjectIDRequest
-from servolink.protocol.joystick import SubscribeButtonEventRequest
-from servolink.protocol.packet import Packet, Query
-from servolink.protocol.servos import QueryServoListRequest, SetAngleUnitRequest, SetServoParameterRequest
-from servolink.protocol.settings import QueryMemorySizeRequest, SendDummyDataRequest, TransmissionModeSettingRequest
-from servolink.transports.device_info import ANY_DEVICE
 
 _NOT_DONE = (EncodeError, Rejected, RequestTimeout)
 """After these errors the board is unchanged: nothing was sent, or the board says so."""
@@ -74,94 +62,3 @@ class BoardIdentity:
             known = " or ".join(str(project_id) for project_id in sorted(self._project_ids))
             raise NotFound(f"the board there has project id {found}, not {known}", request)
         self.set(found)
-
-
-_HARMLESS = (
-    Query,
-    SendDummyDataRequest,
-    SetAngleUnitRequest,  # in which a board is read, too
-    SubscribeButtonEventRequest,
-    TransmissionModeSettingRequest,
-)
-"""What neither moves nor changes a board."""
-_logger = logging.getLogger(__name__)
-
-
-class IdentityGuard:
-    """Refuses what moves or changes a board on a connection, if the board there is not the one of the profile."""
-
-    def __init__(self, connection: Connection, profile: ProfileInUse) -> None:
-        """Guard `connection`, whose board must be the one of `profile`."""
-        self._connection = connection
-        self._profile = profile
-        self._expected = profile.profile.identity or BoardIdentityRecord()
-        self._is_right = False
-        self._checking = asyncio.Lock()
-
-    async def pass_packet(self, packet: Packet) -> None:
-        """Return if `packet` may be sent: a stop and a release always. Raise WrongBoard if the board is another one."""
-        is_stop = isinstance(packet, SetServoParameterRequest) and not packet.is_start
-        if self._is_right or is_stop or isinstance(packet, _HARMLESS):
-            return
-        if difference := await self._check():
-            raise WrongBoard(f"{difference}: {type(packet).__name__} was not sent. {self._remedy}", packet)
-
-    async def warn(self) -> None:
-        """Check the board at once, and log a warning if it is another one: it can be read all the same."""
-        with suppress(RequestTimeout, DecodeError):  # asked again before it is moved or changed
-            if difference := await self._check():
-                _logger.warning("%s; it can be read, but neither moved nor changed", escape(difference))
-
-    async def _check(self) -> str:
-        """Return who was expected and who is here, unless this is known to be the right board; one caller asks it."""
-        async with self._checking:
-            difference = "" if self._is_right else await self._difference()
-            self._is_right = not difference
-        return difference
-
-    async def _difference(self) -> str:
-        """Return who was expected and who is here, empty if this is the right board."""
-        found = await self._found()
-        if self._expected.fits(found):
-            return ""
-        expected, here = _described(self._expected), _described(found)
-        return f"{self._name} was learnt with {expected}; the board at {self._connection.transport.url} has {here}"
-
-    async def _found(self) -> BoardIdentityRecord:
-        """Return the identity of the board that is here, as far as it is known of the one expected."""
-        expected, unsupported = self._expected, self._profile.settings.unsupported or ()
-        servo_ids, memory_total, port = None, None, ANY_DEVICE
-        if expected.servo_ids is not None and "QueryServoList" not in unsupported:
-            servo_ids = (await self._connection.request(QueryServoListRequest())).servo_id_list
-        if expected.memory_total is not None and "QueryMemorySize" not in unsupported:
-            memory_total = (await self._connection.request(QueryMemorySizeRequest())).total_size
-        if (expected.vendor_id, expected.product_id, expected.serial_number) != (None, None, None):
-            from servolink.discovery.search import identity_of  # late: most profiles know no port
-
-            found = await asyncio.to_thread(identity_of, self._connection.transport.url)
-            port = ANY_DEVICE if found is None else found
-        return BoardIdentityRecord(
-            servo_ids=servo_ids,
-            memory_total=memory_total,
-            vendor_id=port.vendor_id,
-            product_id=port.product_id,
-            serial_number=port.serial_number or None,
-        )
-
-    @property
-    def _name(self) -> str:
-        return self._profile.name or "the board of the profile"
-
-    @property
-    def _remedy(self) -> str:
-        if self._profile.name is None:
-            return "Connect to the right board, or with another profile"
-        return (
-            f"If it is the same robot, learn it again: servolink doctor {self._profile.name} --learn; else connect "
-            "to the right one, or give this one a name of its own: servolink use"
-        )
-
-
-def _described(identity: BoardIdentityRecord) -> str:
-    """Return what tells a board from others, such as `servos 1..16, memory total 65536`."""
-    return ", ".join(map(" ".join, identity.facts())) or "unknown"

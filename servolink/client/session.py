@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from servolink.client.identity import BoardIdentity
 from servolink.client.reconnect import ConnectionState, ConnectionStates, Reconnector
@@ -15,11 +15,13 @@ from servolink.connection.options import check_seconds
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, Rejected, ServolinkError
 from servolink.escaping import escape
-from servolink.profiles.profile import ProfileInUse
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.packet import Command, Request, Response, Result
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
+
+if TYPE_CHECKING:  # most boards have no profile
+    from servolink.profiles.profile import ProfileInUse
 
 R = TypeVar("R", bound=Response)
 

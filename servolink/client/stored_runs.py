@@ -17,9 +17,7 @@ from servolink.connection.options import check_seconds
 from servolink.errors import ConnectionLost, MotionRefused, NotFound, Rejected, RequestError
 from servolink.motion import INTERVAL_UNIT, Degrees, MotionLimits
 from servolink.project.model import Project
-from servolink.project.preflight import preflight_run, uncheckable
 from servolink.project.records import name_of
-from servolink.project.speed import Run
 from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro
@@ -127,6 +125,9 @@ class StoredRuns:
         Servos in an unknown pose are moved to the first pose of the record. That takes seconds, so everything is read
         and checked again. Raise MotionRefused for a record that exceeds the limits or cannot be checked.
         """
+        from servolink.project.preflight import preflight_run, uncheckable  # late: most programs set no limits
+        from servolink.project.speed import Run
+
         while True:
             run = await self._read(kind, record_id, wait=False)
             stored, record = run.stored, run.record
