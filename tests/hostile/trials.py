@@ -116,7 +116,7 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("virtual --tcp 127.0.0.1:0 --script {script}"),
         Trial("virtual --tcp 127.0.0.1:0 --script {missing}"),
     ),
-    "bench": (Trial("--url {few} bench --requests 1"),),
+    "bench": (Trial("--url {few} bench --requests 1", timed=True),),
     "teach": (Trial("--url {few} teach wave 250 --yes"), Trial("--url {few} teach wave --file {mixed} --yes")),
 }
 """The trials of each command, in their order; each command has them for itself, in a world of its own."""
