@@ -61,6 +61,12 @@ def test_a_stop_waits_for_50_ms_of_responses_and_for_100_ms_while_much_is_transf
     assert not window.fits(round(1000 * MOST_OWED) + 1, 1)
 
 
+def test_much_that_is_transferred_changes_nothing_where_nothing_is_learnt() -> None:
+    window = Window(4, 2, learn=False)
+    with window.bulk():
+        assert (window.queries.depth, window.writes.depth) == (4, 2)
+
+
 def test_as_long_as_the_pace_of_the_line_is_unknown_two_may_be_under_way() -> None:
     window = Window(16)
     assert window.fits(10, 1)
