@@ -49,7 +49,7 @@ def readings(fake: FakeBoard) -> tuple[int, Counter[int]]:
 def test_what_is_as_it_should_be_is_read_once_and_the_list_too(tmp_path: Path) -> None:
     lists, times = readings(imported(CHANGED, tmp_path, FakeBoard()))
     assert lists == 1
-    assert times.pop(1) == 3, "twice before it is deleted, once after it was added"
+    assert times.pop(1) == 4, "twice before it is deleted, once after that, once after it was added"
     assert set(times.values()) == {1}
 
 
@@ -84,6 +84,20 @@ def test_a_write_that_was_done_and_does_not_show_makes_everything_be_read_again(
     lists, times = readings(imported(CHANGED, tmp_path, fake))
     assert lists >= 2
     assert min(times.values()) >= 2
+
+
+def test_a_deletion_that_was_done_and_does_not_show_makes_everything_be_read_again(tmp_path: Path) -> None:
+    fake = FakeBoard()
+    delete, damaged = fake.virtual.storage.delete, [True]
+
+    def damaging(of: AnyType, record_id: int) -> bool:
+        if damaged:
+            damaged.clear()
+            return delete(of, 7)
+        return delete(of, record_id)
+
+    setattr(fake.virtual.storage, "delete", damaging)  # noqa: B010 - only this board
+    assert readings(imported(CHANGED, tmp_path, fake))[0] >= 2
 
 
 def test_a_list_that_does_not_fit_its_records_is_read_again(tmp_path: Path) -> None:

@@ -100,7 +100,7 @@ def test_a_fault_at_any_operation_loses_no_project(name: str, fault: Fault, step
         return transport.operations >= at
 
     points = next(at for at in some(1, 1000, step) if not run(main(at))) - 1
-    assert points > 40
+    assert points > 20
 
 
 @every(31)

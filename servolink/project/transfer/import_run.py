@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
 import msgspec
 
-from servolink.errors import OutcomeUnknown, ProjectError, Rejected, RequestTimeout
+from servolink.errors import OutcomeUnknown, ProjectError, Rejected
 from servolink.project.model import Project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.content import Content
@@ -124,7 +125,7 @@ class ImportRun:
 
     async def _write_all(self, reader: BoardReader, content: Content | None) -> None:
         """Write what differs until nothing does."""
-        writer = RecordWriter(self._board, reader, self._on_progress, self._stay_alone, unchecked=self._unchecked)
+        writer = RecordWriter(self._board, reader, self._on_progress, self._marker.keep, unchecked=self._unchecked)
         if content is None:
             await self._marker.keep()
             content = await reader.read("verifying", self._marker.found)
@@ -138,14 +139,12 @@ class ImportRun:
             same = 0 if len(todo) < len(before) or items_of(todo) != items_of(before) else same + 1
             if same == _STUCK or not left:
                 break
-            await writer.run(work)
-            content = await self._check(reader, writer, content, todo)
+            lists = doubled_types(content) | self._lists_worth_reading(content, todo)
+            await writer.run(work, lists)
+            content = await self._check(reader, writer, lists)
         raise ProjectError(not_taken(self._board, explain_failed_writes(content, todo, writer.refused)))
 
-    async def _stay_alone(self) -> None:
-        await self._marker.keep()
-
-    async def _check(self, reader: BoardReader, writer: RecordWriter, before: Content, todo: list[Write]) -> Content:
+    async def _check(self, reader: BoardReader, writer: RecordWriter, lists: set[RecordType[Any]]) -> Content:
         """Return what the board holds after a pass.
 
         Each record that was added was read back, and the others were read before. The lists show the rest: whether
@@ -156,28 +155,13 @@ class ImportRun:
         is_alone = await self._marker.keep()
         if writer.is_suspicious or not is_alone:
             return await reader.read("verifying", self._marker.found)
-        lists = writer.doubtful | doubled_types(before)
-        lists |= {each for each in RECORD_TYPES if self._is_worth_a_list(each, writer, before)}
+        return await reader.check("verifying", self._marker.found, lists | writer.doubtful)
+
+    def _lists_worth_reading(self, content: Content, todo: Sequence[Write]) -> set[RecordType[Any]]:
+        """Return the types whose list costs no more to read than the writing that it checks, or nearly nothing."""
+        sizes: Counter[RecordType[Any]] = Counter()
         for write in todo:
-            record_type = write.record_type
-            if record_type is not None and record_type not in lists and not await self._is_deleted(reader, write):
-                lists.add(record_type)
-        return await reader.check("verifying", self._marker.found, lists)
-
-    def _is_worth_a_list(self, record_type: RecordType[Any], writer: RecordWriter, before: Content) -> bool:
-        """Return whether reading the list costs no more than the writing that it checks, or nearly nothing."""
-        count = max(len(before.records[record_type]), len(record_type.by_id(self._target)))
-        return record_type.list_size(count) <= max(_SHORT_LIST, writer.written[record_type])
-
-    async def _is_deleted(self, reader: BoardReader, write: Write) -> bool:
-        """Look at a record that was deleted and not added again. Return False if the board does not answer."""
-        if write.record_type is None or write.record is not None:
-            return True
-        if write.record_id in write.record_type.by_id(self._target):
-            return True  # the reading behind the addition is the proof
-        try:
-            found = await reader.query(write.record_type, write.record_id)
-        except RequestTimeout:
-            return False
-        reader.known[write.record_type, write.record_id] = found
-        return True
+            if write.record_type is not None:
+                sizes[write.record_type] += len(self._board.codec.encode(write.request, unchecked=True))
+        counts = {each: max(len(content.records[each]), len(each.by_id(self._target))) for each in RECORD_TYPES}
+        return {each for each in RECORD_TYPES if each.list_size(counts[each]) <= max(_SHORT_LIST, sizes[each])}

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Collection, Sequence
 from typing import Any
 
 from servolink.errors import OutcomeUnknown, RequestTimeout
@@ -36,35 +35,35 @@ class RecordWriter:
         board: BoardConnection,
         reader: BoardReader,
         on_progress: ProgressCallback,
-        stay_alone: Callable[[], Awaitable[None]],
+        is_alone: Callable[[], Awaitable[bool]],
         *,
         unchecked: bool,
     ) -> None:
-        """`stay_alone` raises ProjectError if another program has begun to import."""
+        """`is_alone` is asked now and then: False if somebody has changed the project id; it may raise ProjectError."""
         self.refused: set[str] = set()
         """Items of the latest pass that the board refused."""
         self.doubtful: set[RecordType[Any]] = set()
         """Types of which a write of the latest pass was not proved at once: only their lists show the outcome."""
         self.is_suspicious = False
-        """Whether the board said of a write that it was done, and a reading shows nothing of it.
+        """Whether another record than the written ones may have changed.
 
-        It may have been damaged on the way, and have changed another record.
+        That is if the board said of a write that it was done and a reading shows nothing of it, as the write may have
+        been damaged on its way, and if somebody else has changed the project id.
         """
-        self.written: Counter[RecordType[Any]] = Counter()
-        """Bytes sent in the latest pass, by type."""
         self._board = board
         self._reader = reader
         self._on_progress = on_progress
-        self._stay_alone = stay_alone
+        self._is_alone = is_alone
+        self._listed: Collection[RecordType[Any]] = ()
         self._unchecked = unchecked
         self._depth = board.connection.write_depth_bound
         self._sent = self._lost = self._done = self._total = 0
         self._next_check = _CHECK_EVERY
         self._one_by_one = asyncio.Lock()
 
-    async def run(self, stages: Sequence[Sequence[Write]]) -> None:
-        """Send all writes, stage by stage."""
-        self.refused, self.doubtful, self.written = set(), set(), Counter()
+    async def run(self, stages: Sequence[Sequence[Write]], listed: Collection[RecordType[Any]]) -> None:
+        """Send all writes, stage by stage. The lists of the types `listed` will be read afterwards in any case."""
+        self.refused, self.doubtful, self._listed = set(), set(), listed
         self.is_suspicious = False
         self._done, self._total = 0, sum(map(len, stages))
         for stage in stages:
@@ -74,7 +73,8 @@ class RecordWriter:
     async def _write(self, write: Write) -> None:
         if self._sent >= self._next_check:
             self._next_check = self._sent + _CHECK_EVERY
-            await self._stay_alone()
+            if not await self._is_alone():
+                self.is_suspicious = True
         self._on_progress(Progress("writing", self._done, self._total, write.item))
         if self._queues():
             await self._write_one(write)
@@ -132,28 +132,29 @@ class RecordWriter:
         return result, await self._read(record_type, write.record_id)  # type: ignore[return-value]  # the same
 
     async def _delete(self, write: Write, record_type: RecordType[Any]) -> None:
-        """Delete a record. The list, or the addition that follows, proves that it is gone."""
+        """Delete a record. Its list proves that it is gone, and no other, or a reading where no list will be read."""
         key = record_type, write.record_id
         for _ in range(_TRIES):
             result = await self._send(write)
-            if result == 1:
-                self._reader.known[key] = None
+            self._reader.known[key] = None
+            if result == 1 and (record_type in self._listed or record_type in self.doubtful):
+                return
+            found = await self._read(record_type, write.record_id)
+            if found is None and result == 1:
                 return
             self.doubtful.add(record_type)
-            found = await self._read(record_type, write.record_id)
             if found is _NOT_READ or found is None:
-                self._reader.known[key] = None
                 return
             self._reader.known[key] = found
             if result == 0:
                 self.refused.add(write.item)
+            if result is not None:
+                self.is_suspicious = self.is_suspicious or result == 1
                 return
 
     async def _send(self, write: Write) -> int | None:
         """Send a write once; return its result, None if no response came."""
         self._sent += 1
-        if write.record_type is not None:
-            self.written[write.record_type] += len(self._board.codec.encode(write.request, unchecked=True))
         try:
             return (await self._board.request(write.request, unchecked=self._unchecked)).result
         except OutcomeUnknown:
