@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     __all__: list[str]
     __version__: str
     from servolink import sync as sync
+    from servolink.client.alarms import Alarm as Alarm
+    from servolink.client.alarms import RaisedAlarm as RaisedAlarm
     from servolink.client.board import Board as Board
     from servolink.client.connect import connect as connect
     from servolink.client.connect import reconnecting as reconnecting
@@ -85,6 +87,7 @@ else:
         "ActionEntry": "servolink.protocol.records",
         "Adc": "servolink.motion",
         "ALL_SERVOS": "servolink.protocol.servos",
+        "Alarm": "servolink.client.alarms",
         "AmbiguousName": "servolink.errors",
         "Angle": "servolink.motion",
         "Board": "servolink.client.board",
@@ -126,6 +129,7 @@ else:
         "ProfileError": "servolink.errors",
         "Project": "servolink.project.model",
         "ProjectError": "servolink.errors",
+        "RaisedAlarm": "servolink.client.alarms",
         "reconnecting": "servolink.client.connect",
         "Rejected": "servolink.errors",
         "rename_record": "servolink.project.adjust",

@@ -6,6 +6,7 @@ import logging
 from collections.abc import AsyncIterator, Iterable
 from typing import TYPE_CHECKING, TypeVar
 
+from servolink.client.alarms import Alarm
 from servolink.client.events import ButtonEvents, ButtonSubscription
 from servolink.client.names import Targets
 from servolink.client.raw_packets import RawPackets
@@ -212,13 +213,14 @@ class Board:
         """Return the state of all servos (3.2.2)."""
         return await self._servos.servos()
 
-    def watch(self, hz: float | None = None) -> ServoReadings:
+    def watch(self, hz: float | None = None, *, alarms: Iterable[Alarm] = ()) -> ServoReadings:
         """Return an iterator over readings of all servos (3.2.2), `hz` times a second (0 < hz <= 1000).
 
         Without `hz`, as often as the line allows; a `depth` above 1 (see `connect`) makes that more. All iterators of
-        a board share what is read. A reading has `seconds`, `servos` and `missed` (see `ServoReading`).
+        a board share what is read. A reading has `seconds`, `servos`, `missed` and `alarms` (see `ServoReading`): which
+        of the given alarms were raised. An alarm with `stops` stops all servos at once.
         """
-        return ServoReadings(self._watch, hz)
+        return ServoReadings(self._watch, hz, alarms)
 
     async def servo(self, servo_id: int | str) -> Servo:
         """Return the state of one servo (3.2.2). Raise NotFound if the board has no such servo."""

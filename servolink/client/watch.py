@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterable
 from typing import cast
 
 from msgspec import Struct
 
+from servolink.client.alarms import Alarm, AlarmWatch, RaisedAlarm
 from servolink.client.readers import Reader, SharedIterator, Source
 from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
 from servolink.connection.explain import same
-from servolink.errors import ConnectionLost, ServolinkError
+from servolink.errors import ConnectionLost, OutcomeUnknown, ServolinkError
 from servolink.escaping import quote
+from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 
 MOST_HZ = 1000.0
 """Readings per second that can be asked for."""
@@ -28,28 +31,43 @@ class ServoReading(Struct, frozen=True):
     servos: tuple[Servo, ...]
     missed: int = 0
     """Readings left out directly before this one: the program was too slow for them, or the board."""
+    alarms: tuple[RaisedAlarm, ...] = ()
+    """Alarms raised since the reading before, also by readings that were left out."""
 
 
 class _RatedReader(Reader[ServoReading]):
     """The latest reading, at most so often as its iterator wants one."""
 
-    def __init__(self, hz: float | None) -> None:
+    def __init__(self, hz: float | None, alarms: tuple[Alarm, ...]) -> None:
         super().__init__(1)
         self.hz = hz
+        self._alarms = AlarmWatch(alarms)
+        self.can_stop = any(alarm.stops for alarm in alarms)
+        self._raised: tuple[RaisedAlarm, ...] = ()  # not in an item yet
         self.due = 0.0
         """When the next reading is to be asked for, or later."""
 
-    def offer(self, asked_at: float, reading: ServoReading) -> None:
-        """Take a reading that was asked for at `asked_at`, unless it is too early; in place of an unread one."""
-        if asked_at < self.due - _SLACK:
-            return
+    def offer(self, asked_at: float, reading: ServoReading) -> bool:
+        """Take a reading that was asked for at `asked_at`, unless it is too early; in place of an unread one.
+
+        Return whether it raises an alarm that stops the servos.
+        """
+        raised = self._alarms.check(reading.servos, reading.seconds)
+        self._raised += raised
+        if asked_at >= self.due - _SLACK:
+            self._take(asked_at, reading)
+        return any(each.alarm.stops for each in raised)
+
+    def _take(self, asked_at: float, reading: ServoReading) -> None:
         missed = 0
         if self.hz is not None:
             missed = int((asked_at - self.due + _SLACK) * self.hz)
             self.due += (missed + 1) / self.hz
+        raised, self._raised = self._raised, ()
         if self.items:
             missed += self.items[0].missed + 1
-        self.put(ServoReading(reading.seconds, reading.servos, missed))
+            raised = self.items[0].alarms + raised
+        self.put(ServoReading(reading.seconds, reading.servos, missed, raised))
 
 
 class ServoWatch(Source[_RatedReader]):
@@ -67,6 +85,7 @@ class ServoWatch(Source[_RatedReader]):
         self._readers: set[_RatedReader] = set()
         self._queries: set[asyncio.Task[None]] = set()
         self._resuming: asyncio.Task[None] | None = None
+        self._stopping: asyncio.Task[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._period: float | None = None  # None: as fast as possible
         self._began_at = 0.0
@@ -98,7 +117,9 @@ class ServoWatch(Source[_RatedReader]):
             self._begin()
 
     async def close(self) -> None:
-        """End every reader and stop reading."""
+        """End every reader and stop reading, once a stop that an alarm asked for has ended."""
+        if self._stopping is not None:
+            await asyncio.wait((self._stopping,))
         for reader in list(self._readers):
             self.leave_soon(reader)
         tasks = [*self._queries, *([] if self._resuming is None else [self._resuming])]
@@ -175,12 +196,28 @@ class ServoWatch(Source[_RatedReader]):
             self._loop.call_soon(self._fill)  # when this one is on its way, or waits
         servos = await self._servos.servos()
         reading = ServoReading(self._loop.time(), servos)
-        for reader in self._readers:
-            reader.offer(due, reading)
+        stopping = [reader for reader in self._readers if reader.offer(due, reading)]
+        if stopping and self._stopping is None:
+            self._stopping = self._loop.create_task(self._stop())
         if self._period is None:
             return len(self._queries) == 1 or not self._session.connection.has_waiting
         is_late, self._is_late = self._is_late, False
         return is_late
+
+    async def _stop(self) -> None:
+        """Stop the servos, because of an alarm. End the readers that asked for that if it cannot be confirmed."""
+        try:
+            await self._servos.stop()
+        except ServolinkError as error:
+            request = SetServoParameterRequest(ALL_SERVOS, 0, 1)
+            unknown = OutcomeUnknown(f"an alarm was raised, and the servos may still move: {error}", request)
+            unknown.__cause__ = error
+            for reader in [reader for reader in self._readers if reader.can_stop]:
+                reader.end(unknown)
+                self._readers.discard(reader)
+            self._begin()
+        finally:
+            self._stopping = None
 
     def _resume_later(self) -> None:
         """Read again once the connection is restored, if it will be."""
@@ -200,15 +237,19 @@ class ServoReadings(SharedIterator[ServoReading, _RatedReader]):
 
     It ends when the board is closed and raises ConnectionLost when the connection is lost for good; any other error of
     a reading ends it too. A program that is too slow gets the latest reading, and `missed` counts the others.
+
+    Alarms are compared with every reading, also with those that a slow program misses. An alarm that stops the servos
+    does so at once, and reading goes on; if the stop cannot be confirmed, the iterator raises OutcomeUnknown.
     """
 
-    def __init__(self, watch: ServoWatch, hz: float | None) -> None:
+    def __init__(self, watch: ServoWatch, hz: float | None, alarms: Iterable[Alarm] = ()) -> None:
         """Read `hz` times a second, 0 < hz <= 1000; None: as often as possible."""
         if hz is not None and (not isinstance(hz, int | float) or isinstance(hz, bool)):
             raise TypeError(f"hz must be a number of readings per second or None, not {quote(hz)}")
         if hz is not None and not 0 < hz <= MOST_HZ:
             raise ValueError(f"hz must be above 0 and at most {MOST_HZ:g}, not {quote(hz)}")
         self._hz = hz
+        self._alarms = tuple(alarms)
         super().__init__(watch)
 
     def __repr__(self) -> str:
@@ -218,4 +259,4 @@ class ServoReadings(SharedIterator[ServoReading, _RatedReader]):
         return f"<ServoReadings {rate}, {state}>"
 
     def _new_reader(self) -> _RatedReader:
-        return _RatedReader(self._hz)
+        return _RatedReader(self._hz, self._alarms)

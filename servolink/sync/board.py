@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterable
 from functools import wraps
 from inspect import signature
 from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 from servolink.client import board as client
+from servolink.client.alarms import Alarm
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
 from servolink.motion import AngleUnit
@@ -130,13 +131,14 @@ class Board:
     servo_ids = _blocking(client.Board.servo_ids)
     servos = _blocking(client.Board.servos)
 
-    def watch(self, hz: float | None = None) -> ServoReadings:
+    def watch(self, hz: float | None = None, *, alarms: Iterable[Alarm] = ()) -> ServoReadings:
         """Return an iterator over readings of all servos (3.2.2), `hz` times a second (0 < hz <= 1000).
 
         Without `hz`, as often as the line allows; a `depth` above 1 (see `connect`) makes that more. All iterators of
-        a board share what is read. A reading has `seconds`, `servos` and `missed` (see `ServoReading`).
+        a board share what is read. A reading has `seconds`, `servos`, `missed` and `alarms` (see `ServoReading`): which
+        of the given alarms were raised. An alarm with `stops` stops all servos at once.
         """
-        return ServoReadings(self._thread, self._board.watch(hz), self)
+        return ServoReadings(self._thread, self._board.watch(hz, alarms=alarms), self)
 
     servo = _blocking(client.Board.servo)
     set_servo = _blocking(client.Board.set_servo)

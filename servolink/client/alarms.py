@@ -1,0 +1,126 @@
+"""Alarms on what servos report, such as `current_raw>800 for 0.5s`; the time of each reading is passed in."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from typing import Literal, TypeAlias, cast, get_args
+
+from msgspec import Struct
+
+from servolink.client.servos import Servo
+from servolink.escaping import quote
+
+Quantity: TypeAlias = Literal["current_raw", "temperature_raw"]
+"""Raw readings of a servo (3.2.2); the document gives no units for them."""
+
+LONGEST = 3600.0
+"""Seconds that a value may be asked to last."""
+
+_SLACK = 1e-6  # seconds: sums of periods are not exact
+_RULE = re.compile(
+    r"\s*([a-z_]{1,20})\s*([<>])\s*(-?[0-9]{1,10})(?:\s+for\s+([0-9]{1,6}(?:\.[0-9]{1,6})?)\s*s)?\s*", re.ASCII
+)
+_ATTRIBUTES: dict[str, str] = {"current_raw": "current", "temperature_raw": "temperature"}
+
+
+class Alarm(Struct, frozen=True):
+    """A value that no servo should have, for some time or at all.
+
+    It is raised once for each servo, and again after a reading in which the servo's value was good. Raise ValueError
+    for a quantity, sign or time that there is not.
+    """
+
+    quantity: Quantity
+    """`current_raw` or `temperature_raw`."""
+    sign: Literal["<", ">"]
+    """Whether values below or above the limit are bad."""
+    limit: int
+    seconds: float = 0.0
+    """How long every reading has to be bad, 0..3600 s; 0: one reading is enough."""
+    stops: bool = False
+    """Whether all servos are stopped and held when it is raised (see `Board.stop`)."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be watched."""
+        if self.quantity not in get_args(Quantity):
+            raise ValueError(f"an alarm is about current_raw or temperature_raw, not {quote(self.quantity)}")
+        if self.sign not in ("<", ">"):
+            raise ValueError(f"the sign of an alarm must be '<' or '>', not {quote(self.sign)}")
+        if not isinstance(self.limit, int) or isinstance(self.limit, bool):
+            raise TypeError(f"the limit of an alarm must be an integer, not {quote(self.limit)}")
+        if not math.isfinite(self.seconds) or not 0 <= self.seconds <= LONGEST:
+            raise ValueError(f"the time of an alarm must be from 0 to {LONGEST:g} s, not {quote(self.seconds)}")
+
+    @classmethod
+    def parse(cls, text: str, *, stops: bool = False) -> Alarm:
+        """Return the alarm that `text` describes, such as `temperature_raw>300` or `current_raw>800 for 0.5s`."""
+        found = _RULE.fullmatch(text)
+        if found is None:
+            raise ValueError(
+                f"an alarm looks like 'temperature_raw>300' or 'current_raw>800 for 0.5s', not like {quote(text)}"
+            )
+        quantity, sign, limit, seconds = found.groups()
+        return cls(cast("Quantity", quantity), cast("Literal['<', '>']", sign), int(limit), float(seconds or 0), stops)
+
+    def __str__(self) -> str:
+        """Return what `parse` takes."""
+        return f"{self.quantity}{self.sign}{self.limit}" + (f" for {self.seconds:g}s" if self.seconds else "")
+
+    def value_of(self, servo: Servo) -> int:
+        """Return the value of a servo that this alarm is about."""
+        value: int = getattr(servo, _ATTRIBUTES[self.quantity])
+        return value
+
+    def is_bad(self, value: int) -> bool:
+        """Return whether no servo should have this value."""
+        return value > self.limit if self.sign == ">" else value < self.limit
+
+
+class RaisedAlarm(Struct, frozen=True):
+    """An alarm that was raised for a servo."""
+
+    alarm: Alarm
+    servo_id: int
+    value: int
+    """The raw value in the reading that raised it."""
+
+    def __str__(self) -> str:
+        """Return servo, value and alarm, such as `servo 3: temperature_raw is 312 (alarm temperature_raw>300)`."""
+        return f"servo {self.servo_id}: {self.alarm.quantity} is {self.value} (alarm {self.alarm})"
+
+
+class AlarmWatch:
+    """Compares readings with alarms, and keeps since when values are bad."""
+
+    def __init__(self, alarms: Iterable[Alarm]) -> None:
+        """Start without a reading. Raise TypeError for an alarm that is a text or something else."""
+        self._alarms = tuple(alarms)
+        for alarm in self._alarms:
+            if not isinstance(alarm, Alarm):
+                raise TypeError(f"alarms must be of type Alarm, not {quote(alarm)}; see Alarm.parse")
+        self._bad_since: dict[tuple[Alarm, int], float] = {}
+        self._raised: set[tuple[Alarm, int]] = set()
+
+    def check(self, servos: Sequence[Servo], now: float) -> tuple[RaisedAlarm, ...]:
+        """Return the alarms that are raised by what `servos` report at `now`."""
+        return tuple(
+            RaisedAlarm(alarm, servo.servo_id, alarm.value_of(servo))
+            for alarm in self._alarms
+            for servo in servos
+            if self._is_raised(alarm, servo, now)
+        )
+
+    def _is_raised(self, alarm: Alarm, servo: Servo, now: float) -> bool:
+        """Return whether this reading of a servo raises an alarm that was not raised before."""
+        key = alarm, servo.servo_id
+        if not alarm.is_bad(alarm.value_of(servo)):
+            self._bad_since.pop(key, None)
+            self._raised.discard(key)
+            return False
+        since = self._bad_since.setdefault(key, now)
+        if key in self._raised or now - since < alarm.seconds - _SLACK:
+            return False
+        self._raised.add(key)
+        return True
