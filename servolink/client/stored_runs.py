@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterable, Mapping
 from contextlib import aclosing
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from servolink.client.collect import collect
 from servolink.client.records import RecordStore
@@ -22,6 +22,9 @@ from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro
 from servolink.protocol.servos import ExecuteActionExRequest
+
+if TYPE_CHECKING:  # imported late: most programs run nothing that is stored
+    from servolink.project.speed import Run
 
 _LOOK_EVERY = 0.1  # seconds
 
@@ -111,6 +114,8 @@ class StoredRuns:
 
     async def _read(self, kind: RecordType[Any], record_id: int, *, wait: bool) -> Run:
         """Read what runs when a record is run. Raise RequestError if its end shall be waited for and cannot be."""
+        from servolink.project.speed import Run
+
         stored = await collect(self._records.get, kind, record_id)
         run = Run(stored, kind.by_id(stored)[record_id], self._interval_unit)
         if wait:
@@ -126,7 +131,6 @@ class StoredRuns:
         and checked again. Raise MotionRefused for a record that exceeds the limits or cannot be checked.
         """
         from servolink.project.preflight import preflight_run, uncheckable  # late: most programs set no limits
-        from servolink.project.speed import Run
 
         while True:
             run = await self._read(kind, record_id, wait=False)
@@ -198,6 +202,8 @@ class StoredRuns:
 
 def _check_can_wait(run: Run, servos: Iterable[Servo]) -> None:
     """Raise RequestError for a run that would never be over, NotFound for one of servos that are not there."""
+    from servolink.project.preflight import uncheckable
+
     name = name_of(run.record)
     if why := next(uncheckable(run.stored), ""):
         raise RequestError(f"{name} was not run, because its end could not be known: {why}")
