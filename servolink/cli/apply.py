@@ -57,7 +57,7 @@ def configure_rollback(parser: argparse.ArgumentParser) -> None:
 
 def _apply(args: argparse.Namespace) -> int:
     project, unchecked = read_project_file(args.file)  # before any question: it may be missing
-    _refuse_without_answer(args)
+    refuse_without_answer(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:
         async def plan(on_progress: ProgressCallback) -> Plan:
@@ -77,7 +77,7 @@ def _apply(args: argparse.Namespace) -> int:
             if args.no_backup
             else "nothing is lost: the same command finishes it, `servolink rollback` undoes it"
         )
-        return await _Import(args, board, interruption, ways_out).run(plan, work)
+        return await BoardImport(args, board, interruption, ways_out).run(plan, work)
 
     return run_with_board(args, talk, state=_UNTOUCHED)
 
@@ -87,7 +87,7 @@ def _roll_back(args: argparse.Namespace) -> int:
     store = BackupStore()
     if given:
         store.load(given)  # before any question: it may be missing or damaged
-    _refuse_without_answer(args)
+    refuse_without_answer(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:
         path = given or await backup_for(board, store)
@@ -102,12 +102,12 @@ def _roll_back(args: argparse.Namespace) -> int:
             return await board.rollback_project(path, on_progress=on_progress)
 
         ways_out = "nothing is lost: the same command finishes it"
-        return await _Import(args, board, interruption, ways_out).run(plan, work)
+        return await BoardImport(args, board, interruption, ways_out).run(plan, work)
 
     return run_with_board(args, talk, state=_UNTOUCHED)
 
 
-def _refuse_without_answer(args: argparse.Namespace) -> None:
+def refuse_without_answer(args: argparse.Namespace) -> None:
     """End as wrong usage if nobody can be asked and `--yes` was not given."""
     if args.yes:
         return
@@ -117,15 +117,29 @@ def _refuse_without_answer(args: argparse.Namespace) -> None:
         usage_error(args, "there is no terminal to ask on; --yes goes on without asking")
 
 
-class _Import:
+class BoardImport:
     """Shows the plan, asks, imports, and keeps the interruption's state up to date."""
 
-    def __init__(self, args: argparse.Namespace, board: Board, interruption: Interruption, ways_out: str) -> None:
-        """`ways_out` says how to get out of an unfinished import."""
+    def __init__(
+        self,
+        args: argparse.Namespace,
+        board: Board,
+        interruption: Interruption,
+        ways_out: str,
+        *,
+        show: Callable[[Plan], None] = print_plan,
+        asks: bool = True,
+    ) -> None:
+        """`ways_out` says how to get out of an unfinished import; `show` prints what will be done.
+
+        `asks` is for what needs a yes, at the terminal or by `--yes`.
+        """
         self._args = args
         self._board = board
         self._interruption = interruption
         self._ways_out = ways_out
+        self._show = show
+        self._asks = asks and not args.yes
 
     async def run(
         self,
@@ -135,12 +149,12 @@ class _Import:
         """Import after a yes. Raise ProjectError if the plan changed before the answer came."""
         plan = await self._with_progress(make_plan)
         if not self._args.json:
-            print_plan(plan)
+            self._show(plan)
         if not plan.differs:
             if self._args.json:
                 print_json({"changed": False, "plan": plan_to_json(plan)})
             return OK
-        if not self._args.yes:
+        if self._asks:
             if not await confirm(question(plan)):
                 print_text(_UNTOUCHED)
                 return FAILED

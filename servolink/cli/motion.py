@@ -34,7 +34,7 @@ _FINISHING = "and the servos finish it; `servolink stop` stops them"
 def configure_move(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink move`."""
     parser.set_defaults(run=run_move)
-    parser.add_argument("targets", nargs="+", type=_target, metavar="SERVO=ANGLE", help="such as 1=90 2=-45")
+    parser.add_argument("targets", nargs="+", type=servo_angle, metavar="SERVO=ANGLE", help="such as 1=90 2=-45")
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument(
         "--duration", type=number(0.01, 327.67, "seconds"), metavar="SECONDS", help="how long it takes, 0.01 to 327.67"
@@ -147,7 +147,8 @@ def _print(
     print_table(Table(columns if after else columns[:3], [row[: 4 if after else 3] for row in rows]))
 
 
-def _target(text: str) -> tuple[int, int]:
+def servo_angle(text: str) -> tuple[int, int]:
+    """Return servo id and angle of a text such as `1=90`, for argparse."""
     found = _TARGET.fullmatch(text)
     if found is None or int(found[1]) > LAST_SERVO:
         raise argparse.ArgumentTypeError(
@@ -255,6 +256,16 @@ def configure_run(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink run`."""
     parser.set_defaults(run=run_run)
     parser.add_argument("kind", choices=("action", "macro"), metavar="action|macro", help="what to run")
+    _add_run_options(parser)
+
+
+def configure_run_stored(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink action run` and `servolink macro run`."""
+    parser.set_defaults(run=run_run, kind=None)
+    _add_run_options(parser)
+
+
+def _add_run_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("id", type=RECORD_ID, metavar="ID", help="its id, as in `servolink actions`")
     parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
     _add_limits(parser)
@@ -264,7 +275,7 @@ def run_run(args: argparse.Namespace) -> int:
     """Start it and return: the board does not report the end."""
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        if args.kind == "action":
+        if (args.kind or args.command) == "action":
             return await _run_action(board, interruption, args)
         return await _run_macro(board, interruption, args)
 

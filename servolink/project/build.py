@@ -40,8 +40,12 @@ def extend_project(
     *parts: Part,
     captions: Mapping[int, str] | None = None,
     active: JoystickTable | None = None,
+    caption_encoding: str = "utf-8",
 ) -> Project:
-    """Return `project` with more parts, as `build_project` adds them; a record that it has is not added again."""
+    """Return `project` with more parts, as `build_project` adds them; a record that it has is not added again.
+
+    `caption_encoding` is that of the board.
+    """
     records: list[Any] = [] if active is None else [active]
     parameters = by_servo(project)
     for part in parts:
@@ -62,14 +66,15 @@ def extend_project(
         active_joystick_table=project.active_joystick_table if active is None else ids[0],
     )
     built = _with_durations(built, {one.macro_id for one in project.macros})
-    _refuse_new_errors(project, built)
+    refuse_new_errors(project, built, caption_encoding)
     return built
 
 
-def _refuse_new_errors(before: Project, built: Project) -> None:
+def refuse_new_errors(before: Project, built: Project, caption_encoding: str = "utf-8") -> None:
     """Raise ProjectError for an error that `before` did not have."""
-    had = {str(found) for found in validate_project(before)}
-    errors = [str(found) for found in validate_project(built) if found.severity == "error" and str(found) not in had]
+    had = {str(found) for found in validate_project(before, caption_encoding=caption_encoding)}
+    found = validate_project(built, caption_encoding=caption_encoding)
+    errors = [str(one) for one in found if one.severity == "error" and str(one) not in had]
     if errors:
         raise ProjectError(errors[0] + (f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""))
 

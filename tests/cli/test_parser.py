@@ -13,6 +13,7 @@ from servolink.cli.board import COMMANDS as BOARD_COMMANDS
 from servolink.cli.commands import COMMANDS, TOPICS, Command
 from servolink.cli.parser import EXIT_CODES, build_parser
 from servolink.cli.project import COMMANDS as PROJECT_COMMANDS
+from servolink.cli.stored import COMMANDS as STORED_COMMANDS
 from servolink.client.board import Board
 from servolink.project.project_file import save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, Step
@@ -24,6 +25,7 @@ ALL: dict[str, Command] = {
     **COMMANDS,
     **{f"project {name}": command for name, command in PROJECT_COMMANDS.items()},
     **{f"board {name}": command for name, command in BOARD_COMMANDS.items()},
+    **{f"{noun} {verb}": command for noun, verbs in STORED_COMMANDS.items() for verb, command in verbs.items()},
 }
 """Commands as they are typed."""
 
@@ -150,5 +152,6 @@ def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch, *, sto
         save_project(folder / name, project)
     if stored:
         robot.ask(lambda board: board.add_action(Action(2, "Nod", (Step(2, 10, 5),))))
+        robot.ask(lambda board: board.add_macro(Macro(2, "Rest", (MacroCommand(500, 1, total_interval=500),))))
     else:
         robot.board = VirtualBoard(3)

@@ -1,0 +1,257 @@
+"""`add`, `set`, `rename` and `delete` of `servolink action`, `macro` and `table`, and `servolink table activate`.
+
+A change is an import of the board's own content with the change in it, so it has the same protection: a backup, a
+mark on the board while it is under way, every record read back, and a way back.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from servolink.cli.apply import BoardImport, refuse_without_answer
+from servolink.cli.arguments import RECORD_ID
+from servolink.cli.live import shown_progress
+from servolink.cli.main import OK, usage_error
+from servolink.cli.output import print_json, print_text
+from servolink.cli.records import print_changes
+from servolink.cli.session import UNFINISHED_IMPORT, Interruption, run_with_board
+from servolink.cli.stored.given import (
+    add_action_options,
+    add_macro_options,
+    add_table_options,
+    empty,
+    maker,
+)
+from servolink.cli.stored.show import kind_of
+from servolink.client.board import Board
+from servolink.errors import NotFound, ProjectError
+from servolink.project.model import Project
+from servolink.project.project_file import load_project
+from servolink.project.records import find, name_of, with_caption, with_id
+from servolink.project.single_record import add_from, add_record, remove_records, replace_from, replace_record
+from servolink.project.transfer.plan import compare
+from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
+from servolink.protocol.record_types import RecordType
+
+Edit: TypeAlias = Callable[[Project, str], Project]
+"""Takes what is on the board and its caption encoding, and returns what is to be there."""
+
+_UNTOUCHED = "nothing was changed on the board"
+_WAY_OUT = "nothing is lost: `servolink rollback` undoes it"
+_JSON = "a record as JSON, which begins with {, or @FILE or - (standard input) with it"
+
+
+def _add_add(parser: argparse.ArgumentParser, add_options: Callable[[argparse.ArgumentParser], None]) -> None:
+    parser.set_defaults(run=run_add, yes=True)
+    parser.add_argument("what", metavar="CAPTION", help=f"its caption, at most 32 bytes; or {_JSON}")
+    add_options(parser)
+    parser.add_argument("--id", type=RECORD_ID, metavar="ID", help="its id (the lowest free one)")
+    _add_source(parser, "the record CAPTION of this project file, with all that it runs")
+
+
+def _add_set(parser: argparse.ArgumentParser, add_options: Callable[[argparse.ArgumentParser], None]) -> None:
+    parser.set_defaults(run=run_set, yes=True)
+    _add_id(parser)
+    parser.add_argument("what", nargs="?", metavar="RECORD", help=f"{_JSON}; what it leaves out stays")
+    add_options(parser)
+    _add_source(parser, "the record RECORD, by caption or id, of this project file")
+
+
+def _add_source(parser: argparse.ArgumentParser, what: str) -> None:
+    parser.add_argument("--from", dest="source", type=Path, metavar="FILE", help=f"take {what}")
+
+
+def _add_id(parser: argparse.ArgumentParser, **options: Any) -> None:
+    parser.add_argument("id", type=RECORD_ID, metavar="ID", help="its id, as in the list", **options)
+
+
+def configure_add_action(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink action add`."""
+    _add_add(parser, add_action_options)
+
+
+def configure_add_macro(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink macro add`."""
+    _add_add(parser, add_macro_options)
+
+
+def configure_add_table(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink table add`."""
+    _add_add(parser, add_table_options)
+
+
+def configure_set_action(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink action set`."""
+    _add_set(parser, add_action_options)
+
+
+def configure_set_macro(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink macro set`."""
+    _add_set(parser, add_macro_options)
+
+
+def configure_set_table(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink table set`."""
+    _add_set(parser, add_table_options)
+
+
+def configure_rename(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `rename`."""
+    parser.set_defaults(run=run_rename, yes=True)
+    _add_id(parser)
+    parser.add_argument("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")
+
+
+def configure_delete(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `delete`."""
+    parser.set_defaults(run=run_delete)
+    _add_id(parser, nargs="+")
+    parser.add_argument("--yes", action="store_true", help="do not ask")
+
+
+def configure_activate(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink table activate`."""
+    parser.set_defaults(run=run_activate)
+    _add_id(parser)
+
+
+def run_add(args: argparse.Namespace) -> int:
+    """Store a record that is not there yet."""
+    kind = kind_of(args)
+    if args.source is not None:
+        if args.id is not None:
+            usage_error(args, "--id and --from are both given; the record keeps the id of the file if it is free")
+        source, record = _from_file(args, kind)
+        return _change(args, lambda project, encoding: add_from(project, source, record, caption_encoding=encoding))
+    make = maker(args, kind)
+    caption = "" if args.what.startswith(("{", "@")) or args.what == "-" else args.what
+    record = make(empty(kind, caption, 0))
+    if args.id is not None:
+        record = with_id(record, args.id)
+    return _change(args, lambda project, encoding: add_record(project, record, caption_encoding=encoding))
+
+
+def run_set(args: argparse.Namespace) -> int:
+    """Change a record that is there."""
+    kind = kind_of(args)
+    if args.source is not None:
+        return _set_from_file(args, kind)
+    make = maker(args, kind)
+
+    def edit(project: Project, encoding: str) -> Project:
+        record = make(_stored(project, kind, args.id))
+        if kind.id_of(record) != args.id:
+            raise ProjectError(f"the JSON has the id {kind.id_of(record)}, not {args.id}; leave it out; {_UNTOUCHED}")
+        return replace_record(project, record, caption_encoding=encoding)
+
+    return _change(args, edit)
+
+
+def _set_from_file(args: argparse.Namespace, kind: RecordType[Any]) -> int:
+    if args.what is None:
+        usage_error(args, "say which record of the file: its caption or its id")
+    source, record = _from_file(args, kind)
+
+    def edit(project: Project, encoding: str) -> Project:
+        _stored(project, kind, args.id)
+        return replace_from(project, source, record, args.id, caption_encoding=encoding)
+
+    return _change(args, edit)
+
+
+def _from_file(args: argparse.Namespace, kind: RecordType[Any]) -> tuple[Project, Any]:
+    """Return the project file of `args` and the record that it names. ProjectError if there is none."""
+    if any(getattr(args, name, None) is not None for name in ("pose", "seconds", "play", "press", "long_press", "up")):
+        usage_error(args, f"{args.needed} and --from are both given; choose one")
+    source = load_project(args.source, unchecked=True)
+    return source, find(source, args.what, (kind,))
+
+
+def run_rename(args: argparse.Namespace) -> int:
+    """Give a record another caption."""
+    kind = kind_of(args)
+
+    def edit(project: Project, encoding: str) -> Project:
+        record = with_caption(_stored(project, kind, args.id), args.caption)
+        return replace_record(project, record, caption_encoding=encoding)
+
+    return _change(args, edit)
+
+
+def run_delete(args: argparse.Namespace) -> int:
+    """Delete records, after asking."""
+    refuse_without_answer(args)
+    kind = kind_of(args)
+
+    def edit(project: Project, encoding: str) -> Project:
+        for record_id in args.id:
+            _stored(project, kind, record_id)
+        return remove_records(project, kind, set(args.id))
+
+    return _change(args, edit)
+
+
+def _stored(project: Project, kind: RecordType[Any], record_id: int) -> Any:
+    """Return a record of the board. Raise NotFound, naming those that are there, if it has none with this id."""
+    records = kind.by_id(project)
+    if record_id not in records:
+        there = ", ".join(name_of(record) for record in list(records.values())[:10]) or "none"
+        more = ", ..." if len(records) > 10 else ""
+        raise NotFound(f"the board has no {kind} {record_id}; it has {there}{more}; {_UNTOUCHED}")
+    return records[record_id]
+
+
+def _change(args: argparse.Namespace, edit: Edit) -> int:
+    """Make the board hold what `edit` makes of it."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        if await board.has_unfinished_import():
+            raise ProjectError(f"{UNFINISHED_IMPORT}; {_UNTOUCHED}")
+        with shown_progress(board, quiet=args.json) as on_progress:
+            before = await board.export_project(on_progress=on_progress)
+        after = edit(before, board.codec.caption_encoding)
+        wanted = compare(before, after)
+
+        async def plan(on_progress: ProgressCallback) -> Plan:
+            found = await board.plan_project(after, unchecked=True, on_progress=on_progress)
+            if found.changes != wanted:
+                raise ProjectError(f"{board.url}: another program is changing the board; {_UNTOUCHED}; try again")
+            return found
+
+        async def work(on_progress: ProgressCallback) -> ApplyResult:
+            return await board.apply_project(after, unchecked=True, on_progress=on_progress)
+
+        return await BoardImport(args, board, interruption, _WAY_OUT, show=_show).run(plan, work)
+
+    return run_with_board(args, talk, greet=False, state=_UNTOUCHED)
+
+
+def _show(plan: Plan) -> None:
+    print_changes(plan.changes)
+    if not plan.differs:
+        print_text("nothing to change: it is so already")
+
+
+def run_activate(args: argparse.Namespace) -> int:
+    """Make a joystick table the active one, and read it back."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        table = await board.joystick_table(args.id)
+        interruption.state = f"{name_of(table)} may be active"
+        await board.set_active_joystick_table(args.id)
+        active = await board.active_joystick_table()
+        interruption.state = f"joystick table {active or 'none'} is active"
+        if active != args.id:
+            raise ProjectError(
+                f"{board.url} accepted joystick table {args.id}, but reports {active or 'none'} as active"
+            )
+        if args.json:
+            print_json({"active_joystick_table": active})
+        else:
+            print_text(f"{name_of(table)} is active")
+        return OK
+
+    return run_with_board(args, talk, state=_UNTOUCHED)

@@ -1,0 +1,126 @@
+"""Add, replace and remove one record of a project, as if everything else had been written with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from msgspec.structs import replace
+
+from servolink.errors import ProjectError
+from servolink.escaping import escape
+from servolink.project.build import extend_project, refuse_new_errors
+from servolink.project.merge import merge_projects
+from servolink.project.model import Project
+from servolink.project.records import by_type, name_of, with_dependencies, with_id, with_records, wrong_durations
+from servolink.protocol.record_types import RECORD_TYPES, TABLE, Record, RecordType, type_of
+from servolink.protocol.records import Macro
+
+
+def add_record(project: Project, record: Record, *, caption_encoding: str = "utf-8") -> Project:
+    """Return `project` with one more record. If its id is 0, it gets the lowest free one.
+
+    A macro gets the durations that its commands lack. Raise ProjectError if the id is taken, if the record refers to a
+    missing one, or if no board could store it.
+    """
+    kind = type_of(record)
+    if (before := kind.by_id(project).get(kind.id_of(record))) is not None:
+        raise ProjectError(f"{name_of(before)} exists; change it with `set`, or leave out the id")
+    _refuse_missing(project, record)
+    return extend_project(project, record, caption_encoding=caption_encoding)
+
+
+def add_from(project: Project, source: Project, record: Record, *, caption_encoding: str = "utf-8") -> Project:
+    """Return `project` with `record` of the project `source`, and with everything that the record runs.
+
+    What is there already is not added again; a record whose id is taken by another one gets a new id. Raise
+    ProjectError for references to missing records, and if no board could store the result.
+    """
+    after, _ = merge_projects(project, _only(source, record))
+    after = replace(after, project_id=project.project_id, active_joystick_table=project.active_joystick_table)
+    refuse_new_errors(project, after, caption_encoding)
+    return after
+
+
+def _only(source: Project, record: Record) -> Project:
+    """Return the project of `record` and everything that it runs, directly or not."""
+    records: dict[str, dict[int, Any]] = {kind.field: {} for kind in RECORD_TYPES}
+    for one in with_dependencies(source, [record]):
+        kind = type_of(one)
+        records[kind.field][kind.id_of(one)] = one
+    return with_records(Project(), records)
+
+
+def replace_record(project: Project, record: Record, *, caption_encoding: str = "utf-8") -> Project:
+    """Return `project` with `record` in place of the one with its id.
+
+    Durations of macros that become wrong by that are corrected; those that were wrong before stay as they are. Raise
+    ProjectError if the record newly refers to a missing one, or if no board could store it.
+    """
+    kind = type_of(record)
+    records = by_type(project)
+    _refuse_missing(project, record, records[kind.field].get(kind.id_of(record)))
+    records[kind.field][kind.id_of(record)] = record
+    after = _with_right_durations(project, with_records(project, records), record)
+    refuse_new_errors(project, after, caption_encoding)
+    return after
+
+
+def replace_from(
+    project: Project, source: Project, record: Record, record_id: int, *, caption_encoding: str = "utf-8"
+) -> Project:
+    """Return `project` with `record` of the project `source` in place of the one with this id, as `replace_record`.
+
+    Raise ProjectError too if the record runs another one that is not the same in both projects.
+    """
+    for one in with_dependencies(source, [record]):
+        kind = type_of(one)
+        if one is not record and kind.by_id(project).get(kind.id_of(one)) != one:
+            raise ProjectError(
+                f"{name_of(record)} of the file runs {name_of(one)}, which is missing or another one on the board; "
+                "`add --from` brings along what a record runs"
+            )
+    return replace_record(project, with_id(record, record_id), caption_encoding=caption_encoding)
+
+
+def remove_records(project: Project, kind: RecordType[Any], record_ids: set[int]) -> Project:
+    """Return `project` without these records. Raise ProjectError if one that stays refers to one of them."""
+    records = by_type(project)
+    gone = {record_id: records[kind.field].pop(record_id) for record_id in record_ids}
+    for one in (one for shelf in records.values() for one in shelf.values()):
+        for target, number in type_of(one).references(one):
+            if target is kind and number in gone:
+                raise ProjectError(f"{name_of(one)} runs {name_of(gone[number])}; change or delete that first")
+    active = project.active_joystick_table
+    if kind is TABLE and active in gone:
+        active = None  # the board chooses another one
+    return replace(with_records(project, records), active_joystick_table=active)
+
+
+def _refuse_missing(project: Project, record: Record, old: Record | None = None) -> None:
+    """Raise ProjectError if `record` refers to a record that is missing, and to which `old` did not refer."""
+    kind = type_of(record)
+    had = set(kind.references(old)) if old is not None else set()
+    for target, number in kind.references(record):
+        if number and number not in target.by_id(project) and (target, number) not in had:
+            caption = escape(kind.caption_of(record))
+            raise ProjectError(f"{kind} '{caption}' runs {target} {number}, which is not on the board; add that first")
+
+
+def _with_right_durations(before: Project, after: Project, changed: Record) -> Project:
+    was_wrong = {(macro_id, at) for macro_id, at, _ in _wrong(before)}
+    macros = {macro.macro_id: macro for macro in after.macros}
+    for macro_id, at, takes in _wrong(after):
+        commands = list(macros[macro_id].commands)
+        # In the changed macro itself, only what is left out: all else was given on purpose.
+        is_own = isinstance(changed, Macro) and changed.macro_id == macro_id
+        if commands[at].total_interval == 0 if is_own else (macro_id, at) not in was_wrong:
+            commands[at] = replace(commands[at], total_interval=takes)
+            macros[macro_id] = replace(macros[macro_id], commands=tuple(commands))
+    return replace(after, macros=tuple(macros.values()))
+
+
+def _wrong(project: Project) -> Iterator[tuple[int, int, int]]:
+    """Yield id of the macro, index of the command and right duration where a duration is wrong."""
+    for at, number, takes in wrong_durations(project):
+        yield project.macros[at].macro_id, number, takes
