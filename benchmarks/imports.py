@@ -7,6 +7,7 @@ project on the board, or after a rollback with the old one; the naive import, de
 from __future__ import annotations
 
 import asyncio
+import logging
 import shutil
 import tempfile
 from collections import Counter
@@ -53,6 +54,7 @@ _MEMORY = Path("/dev/shm")  # noqa: S108 - a folder in it, made by tempfile
 def run(*, short: bool) -> Result:
     """Run all histories, or a few of each sort, and time imports."""
     speed = measure(short=short)
+    logging.getLogger("servolink.project").setLevel(logging.ERROR)  # what is left of torn records is saved, and said
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         bench = _Bench(runner)
         counts = {name: bench.judge(name, histories) for name, histories in bench.sorts(short=short)}
