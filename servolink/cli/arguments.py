@@ -61,6 +61,17 @@ def add_timeout(parser: Any, default: object, help: str) -> None:  # noqa: A002 
     parser.add_argument("--timeout", type=number(0.001, 3600, "seconds"), default=default, metavar="SECONDS", help=help)
 
 
+def or_caption(read_id: Callable[[str], int]) -> Callable[[str], int | str]:
+    """Return a type for ids, read by `read_id`, and for captions, which are everything but a number."""
+
+    def read(text: str) -> int | str:
+        return read_id(text) if _WHOLE.fullmatch(text) else not_empty(text)
+
+    return read
+
+
 SPEED = number(0.001, 100_000, "degrees per second")
 RECORD_ID = whole_number(1, 2**31 - 1)
 SERVO_ID = whole_number(0, LAST_SERVO)
+RECORD_NAME = or_caption(RECORD_ID)
+SERVO_NAME = or_caption(SERVO_ID)

@@ -70,9 +70,9 @@ COMMANDS = {
     ),
     "run": Command(
         MOVE,
-        "motion:configure_run",
+        "run:configure",
         "run an action or a macro stored on the board",
-        ("run action 1", "run macro 1 --start"),
+        ("run action 1", "run macro 1 --start --wait"),
         needs_records=True,
     ),
     "servos": Command(

@@ -14,6 +14,7 @@ from servolink.escaping import escape
 
 if TYPE_CHECKING:
     from rich.table import Table
+    from rich.text import Text
 
     from servolink.client.board import Board
     from servolink.client.servos import Servo
@@ -38,8 +39,11 @@ async def follow(board: Board, targets: Mapping[int, int], seconds: float, draw:
 
 
 @contextmanager
-def live_bars(servo_ids: Container[int] = range(256)) -> Iterator[Draw]:
-    """Yield a function that draws the servos, or those in `servo_ids`, as bars; the last ones stay visible."""
+def live_bars(servo_ids: Container[int] = range(256), seconds: float = 0.0) -> Iterator[Draw]:
+    """Yield a function that draws the servos, or those in `servo_ids`, as bars; the last ones stay visible.
+
+    Below them is the time, as a bar too if it is known that it takes `seconds`.
+    """
     from rich.live import Live
 
     displayed = console()
@@ -49,12 +53,14 @@ def live_bars(servo_ids: Container[int] = range(256)) -> Iterator[Draw]:
         def draw(elapsed: float, servos: Sequence[Servo]) -> None:
             wanted = [servo for servo in servos if servo.servo_id in servo_ids]
             half = max(0, min(_HALF, (displayed.width - _BESIDE) // 2))
-            live.update(_bars(elapsed, wanted, block, half), refresh=True)
+            bars = _bars(wanted, block, half)
+            bars.add_row(*_progress(elapsed, seconds, block, half))
+            live.update(bars, refresh=True)
 
         yield draw
 
 
-def _bars(elapsed: float, servos: Sequence[Servo], block: str, half: int) -> Table:
+def _bars(servos: Sequence[Servo], block: str, half: int) -> Table:
     from rich.table import Table
     from rich.text import Text
 
@@ -69,8 +75,17 @@ def _bars(elapsed: float, servos: Sequence[Servo], block: str, half: int) -> Tab
         bars.add_row(
             Text(f"servo {servo.servo_id}"), Text(bar.ljust(2 * half + 1), style=colour), Text(angle_text(servo.angle))
         )
-    bars.add_row(Text(f"{elapsed:.1f} s", style="dim"))
     return bars
+
+
+def _progress(elapsed: float, seconds: float, block: str, half: int) -> Iterator[Text]:
+    """Yield the cells of the row that shows the time."""
+    from rich.text import Text
+
+    yield Text(f"{elapsed:.1f} s", style="dim")
+    if seconds > 0:
+        yield Text(block * round(min(elapsed / seconds, 1.0) * (2 * half + 1)), style="dim")
+        yield Text(f"of {seconds:.1f} s", style="dim")
 
 
 @contextmanager

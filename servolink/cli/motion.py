@@ -1,32 +1,31 @@
-"""`servolink move`, `stop`, `release` and `run`: what moves servos or keeps them from moving."""
+"""`servolink move`, `stop` and `release`: what moves servos or keeps them from moving."""
 
 from __future__ import annotations
 
 import argparse
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
-from servolink.cli.arguments import LAST_SERVO, RECORD_ID, SERVO_ID, SPEED, number
+from servolink.cli.arguments import SERVO_NAME, SPEED, number
 from servolink.cli.live import Draw, follow, live_bars
 from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import Table, is_terminal, print_error, print_json, print_table, print_text
 from servolink.cli.servos import are, listed, print_servos, reported
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.terminal import can_ask, confirm
-from servolink.errors import NotFound, ProfileError, RequestError, ServolinkError
-from servolink.motion import Adc, Degrees
+from servolink.errors import ProfileError, RequestError, ServolinkError
+from servolink.motion import Adc, Angle, Degrees
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
     from servolink.client.servos import Servo
-    from servolink.protocol.records import Macro
 
 DEFAULT_SPEED = 60.0
 """Degrees per second, when neither time nor speed is given."""
 
-_TARGET = re.compile(r"([0-9]{1,3})=(.+)", re.ASCII | re.DOTALL)
+_TARGET = re.compile(r"(.+)=(.+)", re.DOTALL)
 _WHOLE = re.compile(r"[+-]?[0-9]{1,9}", re.ASCII)
 _FINISHING = "and the servos finish it; `servolink stop` stops them"
 
@@ -34,7 +33,9 @@ _FINISHING = "and the servos finish it; `servolink stop` stops them"
 def configure_move(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink move`."""
     parser.set_defaults(run=run_move)
-    parser.add_argument("targets", nargs="+", type=servo_angle, metavar="SERVO=ANGLE", help="such as 1=90 2=-45")
+    parser.add_argument(
+        "targets", nargs="+", type=servo_angle, metavar="SERVO=ANGLE", help="such as 1=90 hip=-45 or all=0"
+    )
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument(
         "--duration", type=number(0.01, 327.67, "seconds"), metavar="SECONDS", help="how long it takes, 0.01 to 327.67"
@@ -45,10 +46,10 @@ def configure_move(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
     parser.add_argument("--adc", action="store_true", help="angles are raw ADC readings; needs --duration")
-    _add_limits(parser)
+    add_limits(parser)
 
 
-def _add_limits(parser: argparse.ArgumentParser) -> None:
+def add_limits(parser: argparse.ArgumentParser) -> None:
     """Add the options that limit movements; they hold besides the limits of the board's profile."""
     limits = parser.add_argument_group("limits, besides those of `servolink board show`")
     limits.add_argument(
@@ -64,7 +65,7 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _limits(args: argparse.Namespace) -> dict[str, Any]:
+def limits_of(args: argparse.Namespace) -> dict[str, Any]:
     """Return the options of `connect` for those of the command line."""
     if args.limit and not args.limit[0] <= args.limit[1]:
         usage_error(args, "--limit takes the lower angle first, as in --limit -90 90")
@@ -75,18 +76,21 @@ def _limits(args: argparse.Namespace) -> dict[str, Any]:
 def run_move(args: argparse.Namespace) -> int:
     """Move, unless a servo is missing or would ignore it: nothing is sent then."""
     kind = Adc if args.adc else Degrees
-    targets = {servo_id: kind(angle) for servo_id, angle in args.targets}
-    if len(targets) < len(args.targets):
+    named: dict[int | str, Angle] = {servo: kind(angle) for servo, angle in args.targets}
+    if len(named) < len(args.targets):
         usage_error(args, "a servo is given twice")
     if args.adc and args.duration is None:
         usage_error(args, "--adc needs --duration: speeds are in degrees per second")
     pace = DEFAULT_SPEED if args.speed is None and args.duration is None else args.speed
 
     async def talk(board: Board, interruption: Interruption) -> int:
+        from servolink.client.names import servo_targets
+
+        targets = {servo_id: kind(angle) for servo_id, angle in (await servo_targets(board, named)).items()}
         before = {servo.servo_id: servo for servo in await reported(board, targets)}
         # `move` checks this as well, but no servo must be started for a move that is then refused.
         await board.move(targets, duration=args.duration, speed=pace, dry_run=True)
-        await _ready(board, [before[servo_id] for servo_id in targets], interruption, start=args.start)
+        await make_ready(board, [before[servo_id] for servo_id in targets], interruption, start=args.start)
         interruption.state = f"the move may have been sent: if so, it was sent whole, {_FINISHING}"
         seconds = await board.move(targets, duration=args.duration, speed=pace)
         interruption.state = f"the move was sent, {_FINISHING}"
@@ -98,10 +102,10 @@ def run_move(args: argparse.Namespace) -> int:
         _print(targets, before, after, seconds, as_json=args.json)
         return OK
 
-    return run_with_board(args, talk, angle_unit=kind.unit, **_limits(args))
+    return run_with_board(args, talk, angle_unit=kind.unit, **limits_of(args))
 
 
-async def _ready(board: Board, servos: Iterable[Servo], interruption: Interruption, *, start: bool) -> None:
+async def make_ready(board: Board, servos: Iterable[Servo], interruption: Interruption, *, start: bool) -> None:
     """Raise RequestError if some of `servos` would ignore a move, or with `start`, start and hold those."""
     idle = [servo.servo_id for servo in servos if not (servo.is_start and servo.is_hold)]
     if idle and not start:
@@ -147,20 +151,21 @@ def _print(
     print_table(Table(columns if after else columns[:3], [row[: 4 if after else 3] for row in rows]))
 
 
-def servo_angle(text: str) -> tuple[int, int]:
-    """Return servo id and angle of a text such as `1=90`, for argparse."""
+def servo_angle(text: str) -> tuple[int | str, int]:
+    """Return servo (id or caption) and angle of a text such as `1=90` or `hip=90`, for argparse."""
     found = _TARGET.fullmatch(text)
-    if found is None or int(found[1]) > LAST_SERVO:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} must be SERVO=ANGLE with a servo id from 0 to 254, as in 1=90 or 2=-45"
-        )
+    if found is None:
+        raise argparse.ArgumentTypeError(f"{text!r} must be SERVO=ANGLE, as in 1=90, hip=-45 or all=0")
+    try:
+        servo = SERVO_NAME(found[1])
+    except argparse.ArgumentTypeError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} must be SERVO=ANGLE; the servo {error}") from None
+    name = f"servo {servo}" if isinstance(servo, int) else repr(servo)
     if not _WHOLE.fullmatch(found[2]):
-        raise argparse.ArgumentTypeError(
-            f"the angle of servo {found[1]} must be a whole number of degrees, not {found[2]}"
-        )
+        raise argparse.ArgumentTypeError(f"the angle of {name} must be a whole number of degrees, not {found[2]}")
     if not -(2**15) <= int(found[2]) < 2**15:
-        raise argparse.ArgumentTypeError(f"the angle of servo {found[1]} must be from -32768 to 32767, not {found[2]}")
-    return int(found[1]), int(found[2])
+        raise argparse.ArgumentTypeError(f"the angle of {name} must be from -32768 to 32767, not {found[2]}")
+    return servo, int(found[2])
 
 
 _WARNING = "released servos are limp, and raised limbs fall"
@@ -202,7 +207,9 @@ def run_stop(args: argparse.Namespace) -> int:
 def configure_release(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink release`."""
     parser.set_defaults(run=run_release)
-    parser.add_argument("servo_ids", nargs="*", default=[], type=SERVO_ID, metavar="SERVO", help="which servos (all)")
+    parser.add_argument(
+        "servos", nargs="*", default=[], type=SERVO_NAME, metavar="SERVO", help="which servos, by id or caption (all)"
+    )
     parser.add_argument("--yes", action="store_true", help=f"do not ask: {_WARNING}")
 
 
@@ -211,19 +218,29 @@ def run_release(args: argparse.Namespace) -> int:
     from servolink.protocol.servos import ALL_SERVOS
 
     check_can_release(args)
-    which = listed(args.servo_ids) if args.servo_ids else "all servos"
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        await reported(board, args.servo_ids)
+        servo_ids = await chosen_servos(board, args.servos)
+        await reported(board, servo_ids)
+        which = listed(servo_ids) if servo_ids else "all servos"
         if not await may_release(args, interruption, which):
             return FAILED
         interruption.state = f"{which} may have been released; `servolink stop` holds all servos again"
-        await _release_each(board, args.servo_ids or [ALL_SERVOS])
+        await _release_each(board, servo_ids or [ALL_SERVOS])
         interruption.state = f"{which} released; `servolink stop` holds all servos again"
         print_servos(await board.servos(), as_json=args.json)
         return OK
 
     return run_with_board(args, talk)
+
+
+async def chosen_servos(board: Board, servos: Sequence[int | str]) -> list[int]:
+    """Return the ids of servos, each once; none if all are meant."""
+    from servolink.client.names import servo_ids
+    from servolink.protocol.servos import ALL_SERVOS
+
+    chosen = await servo_ids(board, servos)
+    return [] if ALL_SERVOS in chosen else [*dict.fromkeys(chosen)]
 
 
 async def _release_each(board: Board, servo_ids: Sequence[int]) -> None:
@@ -250,93 +267,3 @@ async def may_release(args: argparse.Namespace, interruption: Interruption, whic
         return True
     print_error(f"servolink: {interruption.state}")
     return False
-
-
-def configure_run(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink run`."""
-    parser.set_defaults(run=run_run)
-    parser.add_argument("kind", choices=("action", "macro"), metavar="action|macro", help="what to run")
-    _add_run_options(parser)
-
-
-def configure_run_stored(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink action run` and `servolink macro run`."""
-    parser.set_defaults(run=run_run, kind=None)
-    _add_run_options(parser)
-
-
-def _add_run_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("id", type=RECORD_ID, metavar="ID", help="its id, as in `servolink actions`")
-    parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
-    _add_limits(parser)
-
-
-def run_run(args: argparse.Namespace) -> int:
-    """Start it and return: the board does not report the end."""
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        if (args.kind or args.command) == "action":
-            return await _run_action(board, interruption, args)
-        return await _run_macro(board, interruption, args)
-
-    return run_with_board(args, talk, **_limits(args))
-
-
-async def _run_action(board: Board, interruption: Interruption, args: argparse.Namespace) -> int:
-    action = await board.action(args.id)
-    await board.run_action(args.id, dry_run=True)  # before servos are started
-    used = {step.servo_id for step in action.steps}
-    idle = await _wake(board, interruption, used, start=args.start)
-    interruption.state = f"action {action.action_id} may have been started; `servolink stop` stops the servos"
-    seconds = await board.run_action(action.action_id)
-    interruption.state = f"action {action.action_id} runs; `servolink stop` stops the servos"
-    if args.json:
-        described = {"action_id": action.action_id, "action_caption": action.action_caption}
-        print_json({**described, "duration_seconds": seconds, "idle_servos": idle})
-    else:
-        print_text(f"action {action.action_id} '{action.action_caption}' was sent; it takes {seconds:g} s")
-    return OK
-
-
-async def _run_macro(board: Board, interruption: Interruption, args: argparse.Namespace) -> int:
-    macro = await board.macro(args.id)
-    await board.run_macro(args.id, dry_run=True)  # before servos are started
-    idle = await _wake(board, interruption, await _servos_used(board, macro), start=args.start)
-    interruption.state = f"macro {macro.macro_id} may have been started; `servolink stop` ends it"
-    await board.run_macro(macro.macro_id)
-    interruption.state = f"macro {macro.macro_id} runs; `servolink stop` ends it"
-    if args.json:
-        print_json({"macro_id": macro.macro_id, "macro_caption": macro.macro_caption, "idle_servos": idle})
-    else:
-        print_text(f"macro {macro.macro_id} '{macro.macro_caption}' was started")
-    return OK
-
-
-async def _servos_used(board: Board, macro: Macro) -> set[int]:
-    """Return the servos that a macro moves, also by the actions and macros it calls."""
-    from servolink.protocol.record_types import ACTION, MACRO
-
-    used, known, left = set[int](), {(MACRO, macro.macro_id)}, [macro]
-    while left:
-        for called in set(MACRO.references(left.pop())) - known:
-            known.add(called)
-            record_type, record_id = called
-            with suppress(NotFound):  # then nothing moves by it
-                if record_type is ACTION:
-                    used |= {step.servo_id for step in (await board.action(record_id)).steps}
-                else:
-                    left.append(await board.macro(record_id))
-    return used
-
-
-async def _wake(board: Board, interruption: Interruption, used: set[int], *, start: bool) -> list[int]:
-    """Start those of the servos `used` that would not move, or warn of them; return those that stay idle."""
-    servos = await board.servos()
-    idle = [servo.servo_id for servo in servos if servo.servo_id in used and not (servo.is_start and servo.is_hold)]
-    if idle and not start:
-        print_error(f"servolink: {are(idle)} stopped or released and will not move; --start starts and holds first")
-        return idle
-    for servo_id in idle:
-        interruption.state = "nothing was run; servos may have been started and held"
-        await board.set_servo(servo_id, start=True, hold=True)
-    return []

@@ -13,15 +13,16 @@ from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
-from servolink.cli.arguments import SERVO_ID, number, whole_number
+from servolink.cli.arguments import SERVO_NAME, number, or_caption, whole_number
 from servolink.cli.main import FAILED, INTERRUPTED, OK
-from servolink.cli.motion import check_can_release, may_release
+from servolink.cli.motion import check_can_release, chosen_servos, may_release
 from servolink.cli.output import counted, print_error, print_json, print_text
 from servolink.cli.servos import are, listed, reported
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.teach_session import CaptureSession, ReleasedServos
 from servolink.cli.terminal import handled
 from servolink.client.board import Board
+from servolink.client.names import button_id
 from servolink.errors import ConnectionLost, ProjectError, ServolinkError
 from servolink.project.build import build_project, extend_project
 from servolink.project.model import Project
@@ -39,14 +40,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "name", metavar="NAME", help="caption of the action, or of the macro if there are several poses"
     )
     parser.add_argument(
-        "servo_ids", nargs="*", default=[], type=SERVO_ID, metavar="SERVO", help="the servos to release (all)"
+        "servos",
+        nargs="*",
+        default=[],
+        type=SERVO_NAME,
+        metavar="SERVO",
+        help="the servos to release, by id or caption (all)",
     )
     parser.add_argument("--file", type=Path, metavar="FILE", help="write into this project file, not to the board")
     parser.add_argument(
         "--button",
-        type=whole_number(0, 2**32 - 1),
-        metavar="ID",
-        help="the button of the board that records poses (any)",
+        type=or_caption(whole_number(0, 2**32 - 1)),
+        metavar="BUTTON",
+        help="the button that records poses (any): its id, or its caption in the active joystick table",
     )
     parser.add_argument(
         "--interval",
@@ -70,11 +76,13 @@ def run(args: argparse.Namespace) -> int:
 
     async def talk(board: Board, interruption: Interruption) -> int:
         await _check_name(board, args.name, args.file)
-        servos = await reported(board, args.servo_ids)
-        if not await may_release(args, interruption, listed(args.servo_ids) if args.servo_ids else "all servos"):
+        servo_ids = await chosen_servos(board, args.servos)
+        button = None if args.button is None else await button_id(board, args.button)
+        servos = await reported(board, servo_ids)
+        if not await may_release(args, interruption, listed(servo_ids) if servo_ids else "all servos"):
             return FAILED
-        if args.servo_ids:
-            servos = tuple(servo for servo in servos if servo.servo_id in args.servo_ids)
+        if servo_ids:
+            servos = tuple(servo for servo in servos if servo.servo_id in servo_ids)
         lesson = PoseRecorder(
             args.name,
             {servo.servo_id: int(servo.angle) for servo in servos},
@@ -83,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
             seconds=args.interval,
         )
         ids = frozenset(servo.servo_id for servo in servos)
-        session = CaptureSession(board, lesson, ids, button=args.button, json=args.json)
+        session = CaptureSession(board, lesson, ids, button=button, json=args.json)
         if not await _record(session, ReleasedServos(board, servos), interruption):
             interruption.state += f"; {counted(len(lesson.poses), 'pose')} not written"
             interruption.report()

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Awaitable, Callable
-from typing import Any, TypeAlias
+from collections.abc import Awaitable, Callable, Iterable
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from servolink.errors import MotionRefused, NotFound
+from servolink.client.servos import Servo
+from servolink.errors import MotionRefused, NotFound, RequestError
 from servolink.project.model import Project
 from servolink.project.records import name_of
 from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of
 from servolink.protocol.records import Action, Macro
+
+if TYPE_CHECKING:  # imported late: most programs run nothing that is stored
+    from servolink.project.speed import Run
 
 _DEEPEST = 32  # macros within macros: no robot needs more, and a board that makes them up is not read for ever
 _MOST = ACTION.list_limit + MACRO.list_limit  # no board can list more
@@ -45,3 +49,15 @@ async def collect(get: Get, kind: RecordType[Any], record_id: int) -> Project:
         actions=tuple(one for one in found.values() if isinstance(one, Action)),
         macros=tuple(one for one in found.values() if isinstance(one, Macro)),
     )
+
+
+def check_can_wait(run: Run, servos: Iterable[Servo]) -> None:
+    """Raise RequestError for a run that would never be over, NotFound for one of servos that are not there."""
+    from servolink.project.preflight import uncheckable  # late: most runs are not waited for
+
+    name = name_of(run.record)
+    if why := next(uncheckable(run.stored), ""):
+        raise RequestError(f"{name} was not run, because its end could not be known: {why}")
+    there = {servo.servo_id for servo in servos}
+    if missing := sorted(servo_id for servo_id in run.last_pose() if servo_id not in there):
+        raise NotFound(f"{name} was not run: it moves servo {missing[0]}, which the board does not have")

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import aclosing
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from servolink.client.collect import collect
+from servolink.client.collect import check_can_wait, collect
 from servolink.client.records import RecordStore
 from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.connection.explain import described
 from servolink.connection.options import check_seconds
-from servolink.errors import ConnectionLost, MotionRefused, NotFound, Rejected, RequestError
+from servolink.errors import ConnectionLost, MotionRefused, Rejected, RequestError
 from servolink.motion import INTERVAL_UNIT, Degrees, MotionLimits
 from servolink.project.model import Project
 from servolink.project.records import name_of
@@ -119,7 +119,7 @@ class StoredRuns:
         stored = await collect(self._records.get, kind, record_id)
         run = Run(stored, kind.by_id(stored)[record_id], self._interval_unit)
         if wait:
-            _check_can_wait(run, await self._servos.servos())
+            check_can_wait(run, await self._servos.servos())
         return run
 
     async def _prepare(
@@ -146,7 +146,7 @@ class StoredRuns:
             start |= {servo_id: pose[servo_id] for servo_id in first}
             _refuse(record, next(preflight_run(run, stored, self._limits, start), ""))
             if wait:
-                _check_can_wait(run, servos.values())
+                check_can_wait(run, servos.values())
             self._check_is_wanted(name_of(record), asked)
             if dry_run or not first:
                 return run, units_sent
@@ -198,18 +198,6 @@ class StoredRuns:
                     _refuse(record, f"{where}, which is not set to degrees; limits and speeds are in degrees")
                 if step.servo_id not in servos and self._limits.limit_speed_of(step.servo_id):
                     _refuse(record, f"{where}, which the board does not report, so its speed is unknown")
-
-
-def _check_can_wait(run: Run, servos: Iterable[Servo]) -> None:
-    """Raise RequestError for a run that would never be over, NotFound for one of servos that are not there."""
-    from servolink.project.preflight import uncheckable
-
-    name = name_of(run.record)
-    if why := next(uncheckable(run.stored), ""):
-        raise RequestError(f"{name} was not run, because its end could not be known: {why}")
-    there = {servo.servo_id for servo in servos}
-    if missing := sorted(servo_id for servo_id in run.last_pose() if servo_id not in there):
-        raise NotFound(f"{name} was not run: it moves servo {missing[0]}, which the board does not have")
 
 
 def _is_active(servo: Servo) -> bool:

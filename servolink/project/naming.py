@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Iterable, Sequence
-from difflib import get_close_matches
 from typing import NamedTuple
 
 from servolink.escaping import escape
@@ -53,6 +52,8 @@ def closest(things: Iterable[Named], caption: str) -> str:
 
     Without a similar caption it lists the first few things, those with captions first.
     """
+    from difflib import get_close_matches  # late: it is only for errors
+
     different = sorted(dict.fromkeys(things), key=lambda one: not one.caption)
     by_text: dict[str, list[Named]] = {}
     for one in different:

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from servolink.errors import ProjectError
 from servolink.escaping import escape
 from servolink.project.model import Project, without_neutral
-from servolink.project.naming import Named, captioned, closest, id_or_caption
+from servolink.project.naming import Named, captioned, closest, id_or_caption, listed
 from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, Record, RecordType, stored_size, type_of
 from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, ServoParameter
 
@@ -216,6 +216,20 @@ def find(project: Project, name: str, kinds: Iterable[RecordType[Any]]) -> Any:
         raise ProjectError(f"'{name}' may be {' or '.join(map(name_of, found))}; write {ids}")
     existing = [Named(kind.label, kind.id_of(record), kind.caption_of(record)) for kind, record in records]
     raise ProjectError(f"there is no {labels} '{name}'; {closest(existing, str(meant))}")
+
+
+def find_servo(project: Project, servo: int | str) -> int:
+    """Return the id of a servo, which may be given by caption. Raise ProjectError if not exactly one has it."""
+    meant = id_or_caption(servo) if isinstance(servo, str) else servo
+    if isinstance(meant, int):
+        return meant
+    named = [Named("servo", one.servo_id, one.servo_caption) for one in project.servo_parameters]
+    found = captioned(named, meant)
+    if len(found) == 1:
+        return found[0].record_id
+    if found:
+        raise ProjectError(f"'{servo}' may be {listed(found, 'or')}; give the id")
+    raise ProjectError(f"there is no servo '{servo}'; {closest(named, meant)}")
 
 
 def _short_label(kind: RecordType[Any]) -> str:

@@ -123,6 +123,15 @@ class Run:
         effect = self._actions[record.action_id] if isinstance(record, Action) else self._effects[record.macro_id]
         return dict(effect.last)
 
+    def servo_ids(self) -> set[int]:
+        """Return the ids of all servos that something of the run moves."""
+        return {step.servo_id for action in self.stored.actions for step in action.steps}
+
+    def known_seconds(self) -> float | None:
+        """Return how long the run takes, None for a macro that never ends."""
+        is_endless = isinstance(self.record, Macro) and self.record.macro_id not in self._order
+        return None if is_endless else self.seconds()
+
     def seconds(self) -> float:
         """Return how long the run takes. A command takes its `total_interval`, or longer if what it runs does."""
         actions = {one.action_id: self._seconds_of(one) for one in self.stored.actions}
@@ -195,8 +204,10 @@ def _command_seconds(command: MacroCommand, actions: Mapping[int, float], macros
             once = actions[command.command_id]
         case MacroCommandType.MACRO:
             once = macros[command.command_id]
-        case _:
+        case MacroCommandType.DELAY:
             once = max(command.command_id, 0) / 1000
+        case _:  # a type that the document does not name
+            once = 0.0
     looped = once * max(command.loop, 0) * 100 / command.ratio if command.ratio > 0 else 0.0
     return max(looped, command.total_interval / 1000)
 

@@ -219,8 +219,15 @@ def test_release_asks_a_person(url: str) -> None:
 
 def test_run_action(board: Board) -> None:
     said = board("run", "action", "1", "--json")
-    assert said.json == {"action_id": 1, "action_caption": "Bow", "duration_seconds": 0.1, "idle_servos": []}
-    assert board("run", "action", "1").out == "action 1 'Bow' was sent; it takes 0.1 s\n"
+    assert said.json == {
+        "action_id": 1,
+        "action_caption": "Bow",
+        "duration_seconds": 0.1,
+        "servo_ids": [1, 2],
+        "idle_servos": [],
+        "arrived": False,
+    }
+    assert board("run", "action", "bow").out == "action 1 'Bow' was started; it takes 0.1 s and moves servos 1, 2\n"
     assert board("release", "2", "--yes").code == 0
     warned = board("run", "action", "1", "--json")
     assert warned.json["idle_servos"] == [2]
@@ -230,9 +237,9 @@ def test_run_action(board: Board) -> None:
 
 
 def test_run_macro(board: Board) -> None:
-    assert board("run", "macro", "4").out == "macro 4 'Wave' was started\n"
+    assert board("run", "macro", "4").out == "macro 4 'Wave' was started; it takes 0.9 s and moves servos 1, 2\n"
     said = board("run", "macro", "4", "--json")
-    assert said.json == {"macro_id": 4, "macro_caption": "Wave", "idle_servos": []}
+    assert (said.json["macro_id"], said.json["macro_caption"], said.json["idle_servos"]) == (4, "Wave", [])
     assert board("stop").code == 0  # or it would go on to move servos in the next test
 
 
@@ -251,7 +258,10 @@ def test_run_macro_warns_of_the_servos_it_uses(robot: Robot) -> None:
     warned = robot("run", "macro", "2", "--json")
     assert warned.json["idle_servos"] == [1]
     assert warned.err == "servolink: servo 1 is stopped or released and will not move; --start starts and holds first\n"
-    assert "refused ExecuteMacroRequest" in robot("run", "macro", "3").err, "action 9 does not exist"
+    missing = robot("run", "macro", "3").err
+    assert missing == (
+        "servolink: macro 3 'Broken' was not run: macro 3 'Broken' runs action 9, which could not be read\n"
+    )
 
 
 def test_what_exceeds_limits_is_not_run_and_starts_no_servo(robot: Robot) -> None:
@@ -279,7 +289,10 @@ def test_what_exceeds_limits_is_not_run_and_starts_no_servo(robot: Robot) -> Non
 
 def test_a_soft_start_comes_before_the_run(robot: Robot) -> None:
     robot.ask(lambda board: board.add_action(Action(1, "Bow", (Step(1, 80, 100),))))
-    assert robot("run", "action", "1", "--soft-start", "20").out == "action 1 'Bow' was sent; it takes 1 s\n"
+    assert (
+        robot("run", "action", "1", "--soft-start", "20").out
+        == "action 1 'Bow' was started; it takes 1 s and moves servo 1\n"
+    )
     assert robot.board.servos[1].angle == 80
     assert robot("move", "1=40", "--soft-start", "20", "--json").json["duration_seconds"] == 2.0
 
@@ -289,7 +302,9 @@ def test_a_soft_start_comes_before_the_run(robot: Robot) -> None:
     [
         ("1=45.5", "the angle of servo 1 must be a whole number of degrees, not 45.5"),
         ("1=40000", "the angle of servo 1 must be from -32768 to 32767, not 40000"),
-        ("255=1", "'255=1' must be SERVO=ANGLE with a servo id from 0 to 254"),
+        ("255=1", "'255=1' must be SERVO=ANGLE; the servo must be an integer from 0 to 254, not '255'"),
+        ("=1", "'=1' must be SERVO=ANGLE, as in 1=90, hip=-45 or all=0"),
+        ("hip=x", "the angle of 'hip' must be a whole number of degrees, not x"),
         ("1", "'1' must be SERVO=ANGLE"),
     ],
 )

@@ -13,7 +13,7 @@ from servolink.client.board import Board
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import save_project
 from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, Step
+from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from tests.cli.programs import in_terminal
@@ -58,6 +58,20 @@ def test_an_action_is_added_renamed_shown_and_deleted(robot: Robot) -> None:
     assert backups[2].actions == (BOW, NOD, hello), "what a change replaces is kept"
     assert robot("rollback", "--yes").code == 0
     assert stored(robot).actions == (BOW, NOD, hello)
+
+
+def test_records_and_servos_are_named_by_caption(robot: Robot) -> None:
+    robot.ask(lambda board: board.add_servo_parameters([ServoParameter(1, 0, "hip")]))
+    assert robot("action", "add", "Wave", "--pose", "hip=30,2=-10").code == 0
+    assert stored(robot).actions[2].steps == (Step(1, 30, 100), Step(2, -10, 100))
+    assert robot("action", "set", "wave", "--pose", "HIP=5", "--seconds", "0.5").code == 0
+    assert robot("action", "rename", "Wave", "Hello").code == 0
+    assert stored(robot).actions[2] == Action(3, "Hello", (Step(1, 5, 50),))
+    unknown = robot("action", "set", "Hello", "--pose", "hop=5")
+    assert (unknown.code, unknown.err) == (1, "servolink: there is no servo 'hop'; did you mean servo 1 'hip'?\n")
+    assert robot("table", "activate", "Pad").out == "joystick table 1 'Pad' is active\n"
+    assert robot("action", "delete", "Hello", "--yes").code == 0
+    assert stored(robot).actions == (BOW, NOD)
 
 
 def test_lists_are_those_of_the_short_forms(robot: Robot) -> None:
@@ -143,8 +157,13 @@ def test_records_of_a_file_bring_along_what_they_run(robot: Robot, tmp_path: Pat
 @pytest.mark.parametrize(
     ("command", "why"),
     [
+        ("action show Bog", "the board has no action 'Bog'; did you mean action 1 'Bow'?"),
+        ("action delete bog --yes", "nothing was changed on the board; did you mean action 1 'Bow'?"),
         ("action show 9", "the board has no action 9"),
-        ("action set 9 --seconds 1", "the board has no action 9; it has action 1 'Bow', action 2 'Nod'; nothing was"),
+        (
+            "action set 9 --seconds 1",
+            "has no action 9; nothing was changed on the board; there is action 1 'Bow' and action 2",
+        ),
         ("action rename 9 x", "the board has no action 9"),
         ("action delete 2 9 --yes", "the board has no action 9"),
         ("action delete 1 --yes", "macro 1 'Greet' runs action 1 'Bow'; change or delete that first"),
@@ -239,8 +258,8 @@ def test_a_change_by_another_program_is_not_undone(robot: Robot, monkeypatch: py
 
 
 def test_stored_records_are_run(robot: Robot) -> None:
-    assert robot("action", "run", "2").out == "action 2 'Nod' was sent; it takes 0.05 s\n"
-    assert robot("macro", "run", "1").out == "macro 1 'Greet' was started\n"
+    assert robot("action", "run", "2").out == "action 2 'Nod' was started; it takes 0.05 s and moves servo 1\n"
+    assert robot("macro", "run", "greet", "--wait").out.startswith("macro 1 'Greet' is over: servos 1, 2 are at rest")
     assert robot("action", "run", "1", "--limit", "0", "5").code == 1
 
 

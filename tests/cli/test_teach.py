@@ -167,7 +167,8 @@ def test_what_cannot_be_written_to_the_board_is_kept_in_a_file(robot: Robot, tmp
         (["W" * 33, "--yes"], "a caption has at most 32 bytes"),
         (["Wave"], "add --yes if they may"),
         (["Wave", "--yes", "--interval", "0"], "must be from 0.1 to 327.67 seconds, not '0'"),
-        (["Wave", "--yes", "--button", "x"], "must be an integer from 0 to 4294967295, not 'x'"),
+        (["Wave", "--yes", "--button=-1"], "must be an integer from 0 to 4294967295, not '-1'"),
+        (["Wave", "--yes", "--button", "x"], "no button is captioned 'x': the board has no active joystick table"),
     ],
 )
 def test_what_cannot_be_taught_is_refused_before_anything_goes_limp(

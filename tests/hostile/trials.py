@@ -36,14 +36,30 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("--url replay:///{place} info"),
     ),
     "servos": (Trial("--url {all} servos"), Trial("--url {few} --caption-encoding latin-1 servos")),
-    "move": (Trial("--url {few} move 1=10 2=-10 --duration 0.05", timed=True), Trial("--url {few} move 250=1")),
+    "move": (
+        Trial("--url {few} move 1=10 2=-10 --duration 0.05", timed=True),
+        Trial("--url {few} move 250=1"),
+        Trial("--url {few} move {text}=1"),
+        Trial("--url {few} move all=0 --duration 0.05", timed=True),
+    ),
     "stop": (Trial("--url {few} stop"),),
-    "release": (Trial("--url {few} release --yes"), Trial("--url {few} release 1 250 --yes")),
+    "release": (
+        Trial("--url {few} release --yes"),
+        Trial("--url {few} release 1 250 --yes"),
+        Trial("--url {few} release x{text} --yes"),
+    ),
     "run": (
         *(Trial(f"--url {{few}} run {kind} {at}") for kind in ("action", "macro") for at in (1, 8)),
         Trial("--url {few} run action 99"),
+        Trial("--url {all} run action x"),
+        Trial("--url {few} run macro {text}"),
+        Trial("--url {few} run action 1 --start --wait", timed=True),
     ),
-    "actions": (Trial("--url {all} actions"), *(Trial(f"--url {{few}} actions {at}") for at in (1, 8, 21))),
+    "actions": (
+        Trial("--url {all} actions x"),
+        Trial("--url {all} actions"),
+        *(Trial(f"--url {{few}} actions {at}") for at in (1, 8, 21)),
+    ),
     "macros": (Trial("--url {all} macros"), *(Trial(f"--url {{few}} macros {at}") for at in (1, 8, 21))),
     "tables": (Trial("--url {all} tables 1"), *(Trial(f"--url {{few}} tables {at}") for at in ("", 2, 21))),
     "action": (

@@ -6,7 +6,7 @@ import argparse
 import re
 from pathlib import Path
 
-from servolink.cli.arguments import number, whole_number
+from servolink.cli.arguments import number, or_caption, whole_number
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import counted, print_json, print_text
 from servolink.cli.project.source import add_force, add_output, add_source, with_project, write_edited, write_new
@@ -17,7 +17,7 @@ from servolink.project.merge import merge_projects
 from servolink.project.mirror import Mirror, mirror_by_captions, mirror_project
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, schema_text
-from servolink.project.records import find
+from servolink.project.records import find, find_servo
 from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES
 from servolink.protocol.records import Action
 
@@ -54,10 +54,10 @@ def configure_rename(parser: argparse.ArgumentParser) -> None:
         "kind", choices=("action", "macro", "table", "servo"), metavar="action|macro|table|servo", help="what to rename"
     )
     parser.add_argument(
-        "id",
-        type=whole_number(-(2**31), 2**31 - 1),
-        metavar="ID",
-        help="its id, which `project show` prints",
+        "record",
+        type=or_caption(whole_number(-(2**31), 2**31 - 1)),
+        metavar="NAME",
+        help="its caption or id, which `project show` prints",
     )
     parser.add_argument("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")
     add_output(parser)
@@ -87,9 +87,11 @@ def _merged(args: argparse.Namespace, project: Project) -> tuple[Project, list[s
 
 def _renamed(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
     if args.kind == "servo":
-        return rename_servo(project, args.id, args.caption)
+        return rename_servo(project, find_servo(project, args.record), args.caption)
     kind = next(kind for kind in RECORD_TYPES if kind.label.endswith(args.kind))
-    return rename_record(project, kind.record_class(args.id), args.caption)
+    is_id = isinstance(args.record, int)
+    record = kind.record_class(args.record) if is_id else find(project, args.record, (kind,))
+    return rename_record(project, record, args.caption)
 
 
 _PAIR = re.compile(r"([0-9]{1,3})=([0-9]{1,3})", re.ASCII)

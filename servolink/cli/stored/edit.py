@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from servolink.cli.apply import BoardImport, refuse_without_answer
-from servolink.cli.arguments import RECORD_ID
+from servolink.cli.arguments import RECORD_ID, RECORD_NAME
 from servolink.cli.live import shown_progress
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import print_json, print_text
@@ -24,11 +24,14 @@ from servolink.cli.stored.given import (
     add_table_options,
     empty,
     maker,
+    with_servo_ids,
 )
 from servolink.cli.stored.show import kind_of
 from servolink.client.board import Board
-from servolink.errors import NotFound, ProjectError
+from servolink.errors import AmbiguousName, NotFound, ProjectError
+from servolink.escaping import quote
 from servolink.project.model import Project
+from servolink.project.naming import Named, captioned, closest, id_or_caption, listed
 from servolink.project.project_file import load_project
 from servolink.project.records import find, name_of, with_caption, with_id
 from servolink.project.single_record import add_from, add_record, remove_records, replace_from, replace_record
@@ -65,7 +68,7 @@ def _add_source(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def _add_id(parser: argparse.ArgumentParser, **options: Any) -> None:
-    parser.add_argument("id", type=RECORD_ID, metavar="ID", help="its id, as in the list", **options)
+    parser.add_argument("record", type=RECORD_NAME, metavar="NAME", help="its caption or id, as in the list", **options)
 
 
 def configure_add_action(parser: argparse.ArgumentParser) -> None:
@@ -131,7 +134,11 @@ def run_add(args: argparse.Namespace) -> int:
     record = make(empty(kind, caption, 0))
     if args.id is not None:
         record = with_id(record, args.id)
-    return _change(args, lambda project, encoding: add_record(project, record, caption_encoding=encoding))
+
+    def edit(project: Project, encoding: str) -> Project:
+        return add_record(project, with_servo_ids(project, record), caption_encoding=encoding)
+
+    return _change(args, edit)
 
 
 def run_set(args: argparse.Namespace) -> int:
@@ -142,9 +149,12 @@ def run_set(args: argparse.Namespace) -> int:
     make = maker(args, kind)
 
     def edit(project: Project, encoding: str) -> Project:
-        record = make(_stored(project, kind, args.id))
-        if kind.id_of(record) != args.id:
-            raise ProjectError(f"the JSON has the id {kind.id_of(record)}, not {args.id}; leave it out; {_UNTOUCHED}")
+        old = _stored(project, kind, args.record)
+        record = with_servo_ids(project, make(old))
+        if kind.id_of(record) != kind.id_of(old):
+            raise ProjectError(
+                f"the JSON has the id {kind.id_of(record)}, not {kind.id_of(old)}; leave it out; {_UNTOUCHED}"
+            )
         return replace_record(project, record, caption_encoding=encoding)
 
     return _change(args, edit)
@@ -156,8 +166,8 @@ def _set_from_file(args: argparse.Namespace, kind: RecordType[Any]) -> int:
     source, record = _from_file(args, kind)
 
     def edit(project: Project, encoding: str) -> Project:
-        _stored(project, kind, args.id)
-        return replace_from(project, source, record, args.id, caption_encoding=encoding)
+        record_id = kind.id_of(_stored(project, kind, args.record))
+        return replace_from(project, source, record, record_id, caption_encoding=encoding)
 
     return _change(args, edit)
 
@@ -175,7 +185,7 @@ def run_rename(args: argparse.Namespace) -> int:
     kind = kind_of(args)
 
     def edit(project: Project, encoding: str) -> Project:
-        record = with_caption(_stored(project, kind, args.id), args.caption)
+        record = with_caption(_stored(project, kind, args.record), args.caption)
         return replace_record(project, record, caption_encoding=encoding)
 
     return _change(args, edit)
@@ -187,21 +197,23 @@ def run_delete(args: argparse.Namespace) -> int:
     kind = kind_of(args)
 
     def edit(project: Project, encoding: str) -> Project:
-        for record_id in args.id:
-            _stored(project, kind, record_id)
-        return remove_records(project, kind, set(args.id))
+        return remove_records(project, kind, {kind.id_of(_stored(project, kind, name)) for name in args.record})
 
     return _change(args, edit)
 
 
-def _stored(project: Project, kind: RecordType[Any], record_id: int) -> Any:
-    """Return a record of the board. Raise NotFound, naming those that are there, if it has none with this id."""
+def _stored(project: Project, kind: RecordType[Any], name: int | str) -> Any:
+    """Return a record of the board by id or caption. Raise NotFound, naming those that are there, if it has none."""
     records = kind.by_id(project)
-    if record_id not in records:
-        there = ", ".join(name_of(record) for record in list(records.values())[:10]) or "none"
-        more = ", ..." if len(records) > 10 else ""
-        raise NotFound(f"the board has no {kind} {record_id}; it has {there}{more}; {_UNTOUCHED}")
-    return records[record_id]
+    named = [Named(kind.label, number, kind.caption_of(record)) for number, record in records.items()]
+    meant = id_or_caption(name) if isinstance(name, str) else name
+    found = captioned(named, meant) if isinstance(meant, str) else [one for one in named if one.record_id == meant]
+    if len(found) == 1:
+        return records[found[0].record_id]
+    if found:
+        raise AmbiguousName(f"{quote(meant)} may be {listed(found, 'or')}; give the id; {_UNTOUCHED}")
+    there = closest(named, meant if isinstance(meant, str) else "")
+    raise NotFound(f"the board has no {kind} {quote(meant)}; {_UNTOUCHED}; {there}")
 
 
 def _change(args: argparse.Namespace, edit: Edit) -> int:
@@ -239,15 +251,13 @@ def run_activate(args: argparse.Namespace) -> int:
     """Make a joystick table the active one, and read it back."""
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        table = await board.joystick_table(args.id)
+        table = await board.joystick_table(args.record)
         interruption.state = f"{name_of(table)} may be active"
-        await board.set_active_joystick_table(args.id)
+        await board.set_active_joystick_table(table.table_id)
         active = await board.active_joystick_table()
         interruption.state = f"joystick table {active or 'none'} is active"
-        if active != args.id:
-            raise ProjectError(
-                f"{board.url} accepted joystick table {args.id}, but reports {active or 'none'} as active"
-            )
+        if active != table.table_id:
+            raise ProjectError(f"{board.url} accepted {name_of(table)}, but reports {active or 'none'} as active")
         if args.json:
             print_json({"active_joystick_table": active})
         else:

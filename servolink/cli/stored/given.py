@@ -18,6 +18,8 @@ from servolink.cli.motion import servo_angle
 from servolink.errors import EncodeError, ServolinkError
 from servolink.files import read_file, reason
 from servolink.json_text import MAX_SIZE, read_json
+from servolink.project.model import Project
+from servolink.project.records import find_servo
 from servolink.protocol.json_form import record_from_json, record_to_json
 from servolink.protocol.record_types import Record, RecordType
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, MacroCommandType
@@ -39,7 +41,7 @@ def add_action_options(parser: argparse.ArgumentParser) -> None:
         "--pose",
         type=partial(_listed, servo_angle),
         metavar="SERVO=ANGLE,...",
-        help="where servos go, as in 1=30,2=-10",
+        help="where servos go, as in 1=30,hip=-10",
     )
     parser.add_argument(
         "--seconds", type=number(0, 327.67, "seconds"), metavar="N", help=f"how long it takes, to 0.01 ({_SECONDS:g})"
@@ -118,6 +120,15 @@ def _action(args: argparse.Namespace, old: Action) -> Action:
         usage_error(args, "a servo is given twice")
     seconds = args.seconds if args.seconds is not None else old.seconds if old.steps else _SECONDS
     return replace(old, steps=Action.pose("", angles, seconds=seconds).steps)
+
+
+def with_servo_ids(project: Project, record: Any) -> Any:
+    """Return `record` with ids for the captions that `--pose` takes. Raise ProjectError for unknown ones."""
+    if not isinstance(record, Action):
+        return record
+    return replace(
+        record, steps=tuple(replace(one, servo_id=find_servo(project, one.servo_id)) for one in record.steps)
+    )
 
 
 def _macro(args: argparse.Namespace, old: Macro) -> Macro:

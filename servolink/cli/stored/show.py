@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from servolink.cli.arguments import RECORD_ID
+from servolink.cli.arguments import RECORD_NAME
 from servolink.cli.main import OK
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.records import record_table
@@ -18,18 +18,20 @@ from servolink.protocol.record_types import ACTION, MACRO, TABLE, RecordType
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink actions`, `macros` or `tables`."""
     parser.set_defaults(run=run)
-    parser.add_argument("id", nargs="?", type=RECORD_ID, metavar="ID", help="show this one in full")
+    parser.add_argument(
+        "record", nargs="?", type=RECORD_NAME, metavar="NAME", help="show this one in full; caption or id"
+    )
 
 
 def configure_list(parser: argparse.ArgumentParser) -> None:
     """Set what runs; `list` has no options of its own."""
-    parser.set_defaults(run=run, id=None)
+    parser.set_defaults(run=run, record=None)
 
 
 def configure_show(parser: argparse.ArgumentParser) -> None:
     """Add the options of `show`."""
     parser.set_defaults(run=run)
-    parser.add_argument("id", type=RECORD_ID, metavar="ID", help="its id, as in the list")
+    parser.add_argument("record", type=RECORD_NAME, metavar="NAME", help="its caption or id, as in the list")
 
 
 def kind_of(args: argparse.Namespace) -> RecordType[Any]:
@@ -43,11 +45,11 @@ def run(args: argparse.Namespace) -> int:
     kind = kind_of(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        if args.id is None:
+        if args.record is None:
             await _print_list(board, kind, json=args.json)
         else:
             read: Any = {ACTION: board.action, MACRO: board.macro, TABLE: board.joystick_table}[kind]
-            record = await read(args.id)
+            record = await read(args.record)
             if args.json:
                 print_json(record_to_json(record))
             else:
