@@ -128,18 +128,18 @@ class BoardImport:
         ways_out: str,
         *,
         show: Callable[[Plan], None] = print_plan,
-        asks: bool = True,
+        ask: Callable[[Plan], str] | None = None,
     ) -> None:
         """`ways_out` says how to get out of an unfinished import; `show` prints what will be done.
 
-        `asks` is for what needs a yes, at the terminal or by `--yes`.
+        `ask` returns the question before it, in place of `question`; with `args.yes` nothing is asked.
         """
         self._args = args
         self._board = board
         self._interruption = interruption
         self._ways_out = ways_out
         self._show = show
-        self._asks = asks and not args.yes
+        self._ask = ask or question
 
     async def run(
         self,
@@ -154,8 +154,8 @@ class BoardImport:
             if self._args.json:
                 print_json({"changed": False, "plan": plan_to_json(plan)})
             return OK
-        if self._asks:
-            if not await confirm(question(plan)):
+        if not self._args.yes:
+            if not await confirm(self._ask(plan)):
                 print_text(_UNTOUCHED)
                 return FAILED
             if _content(await self._with_progress(make_plan)) != _content(plan):

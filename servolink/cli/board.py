@@ -1,4 +1,4 @@
-"""`servolink board`: what is known of each board is listed, shown and forgotten. Nothing is opened."""
+"""`servolink board`: its commands, and those that list, show and forget what is known of boards. Nothing is opened."""
 
 from __future__ import annotations
 
@@ -22,6 +22,10 @@ def _command(place: str, text: str, *examples: str) -> Command:
     return Command(STORED, place, text, tuple(f"board {one}" for one in examples), takes_board=False)
 
 
+def _talking(function: str, text: str, *examples: str) -> Command:
+    return Command(STORED, f"board_state:{function}", text, tuple(f"board {one}" for one in examples))
+
+
 COMMANDS = {
     "list": _command("board:configure_list", "list the names of boards, and how much is known of each", "list"),
     "show": _command("board:configure_show", "show what is known of a board, and why", "show rex", "show rex --json"),
@@ -35,6 +39,12 @@ COMMANDS = {
     "forget": _command(
         "board:configure_forget", "forget what is known of a board, with its limits", "forget rex --yes"
     ),
+    "project-id": _talking("configure_project_id", "show or write the project id", "project-id", "project-id 7"),
+    "mode": _talking("configure_mode", "set the transmission mode", "mode 1"),
+    "memory": _talking("configure_memory", "show how much memory is free", "memory", "memory --json"),
+    "battery": _talking("configure_battery", "show the charge of the battery", "battery", "battery --json"),
+    "clear": _talking("configure_clear", "delete everything stored on the board, after a backup", "clear --yes"),
+    "dummy": _talking("configure_dummy", "send bytes that the board ignores", "dummy", "dummy 00ff00ff"),
 }
 """As `servolink.cli.commands.COMMANDS`."""
 

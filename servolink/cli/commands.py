@@ -117,6 +117,12 @@ COMMANDS = {
         ("table add Pad --press 7=1", "table activate 1"),
         needs_records=True,
     ),
+    "servo": Command(
+        STORED,
+        "servo:configure",
+        "start, hold, release, name and trim servos",
+        ("servo start 1 2", "servo trim 3 +4", "servo rename 3 hip"),
+    ),
     "actions": Command(
         STORED,
         "stored.show:configure",
@@ -141,7 +147,7 @@ COMMANDS = {
     "board": Command(
         STORED,
         "board:configure",
-        "show and set what is known of a board, and its limits",
+        "show and set what a board is, does and is known to be",
         ("board", "board show rex"),
         takes_board=False,
     ),
@@ -190,6 +196,16 @@ COMMANDS = {
         "serve a virtual board over a pseudo-terminal, TCP or USB/IP",
         ("virtual", "virtual --tcp 127.0.0.1:7878 --servos 4", "virtual --state arm.state --faults drop=0.01"),
         takes_board=False,
+    ),
+    "request": Command(
+        DEVELOPERS,
+        "request:configure",
+        "send one packet of the protocol and print the response",
+        (
+            """request '{"QueryServoRequest": {"servo_id": 1}}'""",
+            """request '{"DeleteActionRequest": {"action_id": 2}}' --yes""",
+        ),
+        needs_records=True,
     ),
     "decode": Command(
         DEVELOPERS,

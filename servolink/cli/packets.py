@@ -58,7 +58,7 @@ def run_decode(args: argparse.Namespace) -> int:
         if args.json:
             print_json(result)
         else:
-            for line in _lines_for(result):
+            for line in lines_for(result):
                 print_text(line)
     return outcome
 
@@ -74,7 +74,7 @@ def run_encode(args: argparse.Namespace) -> int:
     given = enumerate((text.encode("utf-8", "surrogateescape") for text in args.objects), 1)
     for number, line in given if args.objects else _lines("-"):
         try:
-            frame = codec.encode(packet_from_json(_parse(line))).hex()
+            frame = codec.encode(packet_from_json(parse_object(line))).hex()
         except EncodeError as error:
             outcome = FAILED
             if args.json:
@@ -89,7 +89,7 @@ def run_encode(args: argparse.Namespace) -> int:
     return outcome
 
 
-def _parse(line: bytes) -> Any:
+def parse_object(line: bytes) -> Any:
     """Return the JSON value in `line`."""
     if len(line) > _MAX_LINE:
         raise EncodeError(f"is longer than {_MAX_LINE:,} bytes, and no packet is")
@@ -198,7 +198,7 @@ def _skipped(data: bytes | bytearray) -> dict[str, Any]:
     return {"skipped": len(data), "bytes": data.hex()}
 
 
-def _lines_for(result: dict[str, Any]) -> list[str]:
+def lines_for(result: dict[str, Any]) -> list[str]:
     """Return `result` for people: a packet with a line for each of its records, or why it is not a packet."""
     if "error" in result:
         return [f"error: {result['error']}  {_shortened(result['bytes'])}".rstrip()]

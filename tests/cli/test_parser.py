@@ -13,6 +13,7 @@ from servolink.cli.board import COMMANDS as BOARD_COMMANDS
 from servolink.cli.commands import COMMANDS, TOPICS, Command
 from servolink.cli.parser import EXIT_CODES, build_parser
 from servolink.cli.project import COMMANDS as PROJECT_COMMANDS
+from servolink.cli.servo import COMMANDS as SERVO_COMMANDS
 from servolink.cli.stored import COMMANDS as STORED_COMMANDS
 from servolink.client.board import Board
 from servolink.project.project_file import save_project
@@ -25,6 +26,7 @@ ALL: dict[str, Command] = {
     **COMMANDS,
     **{f"project {name}": command for name, command in PROJECT_COMMANDS.items()},
     **{f"board {name}": command for name, command in BOARD_COMMANDS.items()},
+    **{f"servo {name}": command for name, command in SERVO_COMMANDS.items()},
     **{f"{noun} {verb}": command for noun, verbs in STORED_COMMANDS.items() for verb, command in verbs.items()},
 }
 """Commands as they are typed."""

@@ -39,6 +39,9 @@ TALKING = {
     "action": ("action add Wave --pose 1=3", "action delete 1 --yes"),
     "macro": ("macro rename 4 Wave",),
     "table": ("table activate 3",),
+    "board": ("board memory", "board battery", "board project-id 5", "board mode 1", "board clear --yes"),
+    "servo": ("servo hold 1", "servo trim 1 3"),
+    "request": ("request 31000",),
     "export": ("export {new}",),
     "plan": ("plan {file}",),
     "apply": ("apply {file} --yes", "apply {file} --yes --replace --no-backup"),
@@ -50,7 +53,6 @@ TALKING = {
 EXEMPT = {
     "demo": "has a virtual board of its own",
     "use": "opens nothing",
-    "board": "opens nothing",
     "backups": "reads files",
     "decode": "reads files",
     "encode": "reads files",

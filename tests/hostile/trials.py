@@ -97,6 +97,19 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("board set mine --unset {name}"),
         Trial("board forget {name} --yes"),
     ),
+    "servo": (
+        Trial("--url {few} servo list"),
+        Trial("--url {few} servo start {name}"),
+        Trial("--url {few} servo hold 1"),
+        Trial("--url {few} servo unit 1 adc"),
+        Trial("--url {few} servo rename 1 {name}", refused=True, timed=True),
+        Trial("--url {few} servo trim 1 +4", timed=True),
+    ),
+    "request": (
+        Trial("--url {few} request {name}"),
+        Trial("""--url {few} request {{"QueryActionRequest":{{"action_id":8}}}}"""),
+        Trial("""--url {few} request {{"DeleteActionRequest":{{"action_id":8}}}} --yes""", timed=True),
+    ),
     "export": (Trial("--url {few} export {new}", timed=True), Trial("--url {few} export {noise}")),
     "plan": (
         Trial("--url {few} plan {allowed}", timed=True),

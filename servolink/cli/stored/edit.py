@@ -1,23 +1,18 @@
-"""`add`, `set`, `rename` and `delete` of `servolink action`, `macro` and `table`, and `servolink table activate`.
-
-A change is an import of the board's own content with the change in it, so it has the same protection: a backup, a
-mark on the board while it is under way, every record read back, and a way back.
-"""
+"""`add`, `set`, `rename` and `delete` of `servolink action`, `macro` and `table`, and `servolink table activate`."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
-from servolink.cli.apply import BoardImport, refuse_without_answer
+from servolink.cli.apply import refuse_without_answer
 from servolink.cli.arguments import RECORD_ID, RECORD_NAME
-from servolink.cli.live import shown_progress
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import print_json, print_text
-from servolink.cli.records import print_changes
-from servolink.cli.session import UNFINISHED_IMPORT, Interruption, run_with_board
+from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.stored.change import UNTOUCHED, change_board
 from servolink.cli.stored.given import (
     add_action_options,
     add_macro_options,
@@ -35,15 +30,8 @@ from servolink.project.naming import Named, captioned, closest, id_or_caption, l
 from servolink.project.project_file import load_project
 from servolink.project.records import find, name_of, with_caption, with_id
 from servolink.project.single_record import add_from, add_record, remove_records, replace_from, replace_record
-from servolink.project.transfer.plan import compare
-from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
 from servolink.protocol.record_types import RecordType
 
-Edit: TypeAlias = Callable[[Project, str], Project]
-"""Takes what is on the board and its caption encoding, and returns what is to be there."""
-
-_UNTOUCHED = "nothing was changed on the board"
-_WAY_OUT = "nothing is lost: `servolink rollback` undoes it"
 _JSON = "a record as JSON, which begins with {, or @FILE or - (standard input) with it"
 
 
@@ -128,7 +116,9 @@ def run_add(args: argparse.Namespace) -> int:
         if args.id is not None:
             usage_error(args, "--id and --from are both given; the record keeps the id of the file if it is free")
         source, record = _from_file(args, kind)
-        return _change(args, lambda project, encoding: add_from(project, source, record, caption_encoding=encoding))
+        return change_board(
+            args, lambda project, encoding: add_from(project, source, record, caption_encoding=encoding)
+        )
     make = maker(args, kind)
     caption = "" if args.what.startswith(("{", "@")) or args.what == "-" else args.what
     record = make(empty(kind, caption, 0))
@@ -138,7 +128,7 @@ def run_add(args: argparse.Namespace) -> int:
     def edit(project: Project, encoding: str) -> Project:
         return add_record(project, with_servo_ids(project, record), caption_encoding=encoding)
 
-    return _change(args, edit)
+    return change_board(args, edit)
 
 
 def run_set(args: argparse.Namespace) -> int:
@@ -153,11 +143,11 @@ def run_set(args: argparse.Namespace) -> int:
         record = with_servo_ids(project, make(old))
         if kind.id_of(record) != kind.id_of(old):
             raise ProjectError(
-                f"the JSON has the id {kind.id_of(record)}, not {kind.id_of(old)}; leave it out; {_UNTOUCHED}"
+                f"the JSON has the id {kind.id_of(record)}, not {kind.id_of(old)}; leave it out; {UNTOUCHED}"
             )
         return replace_record(project, record, caption_encoding=encoding)
 
-    return _change(args, edit)
+    return change_board(args, edit)
 
 
 def _set_from_file(args: argparse.Namespace, kind: RecordType[Any]) -> int:
@@ -169,7 +159,7 @@ def _set_from_file(args: argparse.Namespace, kind: RecordType[Any]) -> int:
         record_id = kind.id_of(_stored(project, kind, args.record))
         return replace_from(project, source, record, record_id, caption_encoding=encoding)
 
-    return _change(args, edit)
+    return change_board(args, edit)
 
 
 def _from_file(args: argparse.Namespace, kind: RecordType[Any]) -> tuple[Project, Any]:
@@ -188,7 +178,7 @@ def run_rename(args: argparse.Namespace) -> int:
         record = with_caption(_stored(project, kind, args.record), args.caption)
         return replace_record(project, record, caption_encoding=encoding)
 
-    return _change(args, edit)
+    return change_board(args, edit)
 
 
 def run_delete(args: argparse.Namespace) -> int:
@@ -199,7 +189,7 @@ def run_delete(args: argparse.Namespace) -> int:
     def edit(project: Project, encoding: str) -> Project:
         return remove_records(project, kind, {kind.id_of(_stored(project, kind, name)) for name in args.record})
 
-    return _change(args, edit)
+    return change_board(args, edit)
 
 
 def _stored(project: Project, kind: RecordType[Any], name: int | str) -> Any:
@@ -211,40 +201,9 @@ def _stored(project: Project, kind: RecordType[Any], name: int | str) -> Any:
     if len(found) == 1:
         return records[found[0].record_id]
     if found:
-        raise AmbiguousName(f"{quote(meant)} may be {listed(found, 'or')}; give the id; {_UNTOUCHED}")
+        raise AmbiguousName(f"{quote(meant)} may be {listed(found, 'or')}; give the id; {UNTOUCHED}")
     there = closest(named, meant if isinstance(meant, str) else "")
-    raise NotFound(f"the board has no {kind} {quote(meant)}; {_UNTOUCHED}; {there}")
-
-
-def _change(args: argparse.Namespace, edit: Edit) -> int:
-    """Make the board hold what `edit` makes of it."""
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        if await board.has_unfinished_import():
-            raise ProjectError(f"{UNFINISHED_IMPORT}; {_UNTOUCHED}")
-        with shown_progress(board, quiet=args.json) as on_progress:
-            before = await board.export_project(on_progress=on_progress)
-        after = edit(before, board.codec.caption_encoding)
-        wanted = compare(before, after)
-
-        async def plan(on_progress: ProgressCallback) -> Plan:
-            found = await board.plan_project(after, unchecked=True, on_progress=on_progress)
-            if found.changes != wanted:
-                raise ProjectError(f"{board.url}: another program is changing the board; {_UNTOUCHED}; try again")
-            return found
-
-        async def work(on_progress: ProgressCallback) -> ApplyResult:
-            return await board.apply_project(after, unchecked=True, on_progress=on_progress)
-
-        return await BoardImport(args, board, interruption, _WAY_OUT, show=_show).run(plan, work)
-
-    return run_with_board(args, talk, greet=False, state=_UNTOUCHED)
-
-
-def _show(plan: Plan) -> None:
-    print_changes(plan.changes)
-    if not plan.differs:
-        print_text("nothing to change: it is so already")
+    raise NotFound(f"the board has no {kind} {quote(meant)}; {UNTOUCHED}; {there}")
 
 
 def run_activate(args: argparse.Namespace) -> int:
@@ -264,4 +223,4 @@ def run_activate(args: argparse.Namespace) -> int:
             print_text(f"{name_of(table)} is active")
         return OK
 
-    return run_with_board(args, talk, state=_UNTOUCHED)
+    return run_with_board(args, talk, state=UNTOUCHED)

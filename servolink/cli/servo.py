@@ -1,0 +1,175 @@
+"""`servolink servo`: start, hold and release servos, set the unit of their angles, name and trim them."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from servolink.cli.arguments import SERVO_NAME, whole_number
+from servolink.cli.commands import STORED, Command
+from servolink.cli.main import OK
+from servolink.cli.parser import Parser
+
+if TYPE_CHECKING:
+    from servolink.client.board import Board
+    from servolink.project.model import Project
+
+
+def _command(place: str, text: str, *examples: str) -> Command:
+    return Command(STORED, place, text, tuple(f"servo {one}" for one in examples))
+
+
+COMMANDS = {
+    "list": _command("servos:configure", "show angle, current and temperature of each servo", "list", "list --json"),
+    "start": _command("servo:configure_start", "start servos, which then hold and obey movements", "start 1 2"),
+    "hold": _command("servo:configure_hold", "stop servos where they are, and hold them", "hold 1", "hold all"),
+    "release": _command("motion:configure_release", "let servos go limp", "release 1 2 --yes"),
+    "unit": _command("servo:configure_unit", "set the unit of angles", "unit 1 adc", "unit all degree"),
+    "rename": _command("servo:configure_rename", "give a servo a caption", "rename 3 hip"),
+    "trim": _command("servo:configure_trim", "set the angle correction of a servo", "trim 3 +4", "trim 3 -2 --json"),
+}
+"""As `servolink.cli.commands.COMMANDS`."""
+
+_ANY = "id or caption, or all"
+
+
+def configure(parser: Parser) -> None:
+    """Add the commands of `servolink servo`."""
+    parser.add_commands(COMMANDS, "verb")
+
+
+def configure_start(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink servo start`."""
+    parser.set_defaults(run=run_state, start=True, done="started")
+    parser.description = f"{parser.description}\n\nA servo may move to where it was sent last."
+    _add_servos(parser)
+
+
+def configure_hold(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink servo hold`."""
+    parser.set_defaults(run=run_state, start=False, done="stopped and held")
+    _add_servos(parser)
+
+
+def configure_unit(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink servo unit`."""
+    parser.set_defaults(run=run_unit)
+    parser.description = (
+        f"{parser.description}\n\nCommands that read or move servos set the unit that they need themselves."
+    )
+    _add_servos(parser)
+    parser.add_argument("unit", choices=("degree", "adc"), metavar="degree|adc", help="degrees or raw ADC readings")
+
+
+def configure_rename(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink servo rename`."""
+    parser.set_defaults(run=run_rename, yes=True)
+    _add_servo(parser)
+    parser.add_argument("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")
+
+
+def configure_trim(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink servo trim`."""
+    parser.set_defaults(run=run_trim, yes=True)
+    _add_servo(parser)
+    parser.add_argument(
+        "degrees",
+        type=whole_number(-180, 180),
+        metavar="DEGREES",
+        help="the new correction, -180 to 180; 0 for none. It replaces the old one",
+    )
+
+
+def _add_servos(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("servos", nargs="+", type=SERVO_NAME, metavar="SERVO", help=_ANY)
+
+
+def _add_servo(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("servo", type=SERVO_NAME, metavar="SERVO", help="id or caption")
+
+
+def run_state(args: argparse.Namespace) -> int:
+    """Start servos, or stop and hold them, and print what the servos then report."""
+    from servolink.cli.servos import print_servos
+    from servolink.cli.session import Interruption, run_with_board
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        for servo_id in await _servo_ids(board, args.servos):
+            interruption.state = f"servos may have been {args.done}; `servolink servos` shows them"
+            await board.set_servo(servo_id, start=args.start, hold=True)
+        print_servos(await board.servos(), as_json=args.json)
+        return OK
+
+    return run_with_board(args, talk, state="no servo was changed")
+
+
+def run_unit(args: argparse.Namespace) -> int:
+    """Set the unit of angles."""
+    from servolink.cli.output import print_json, print_text
+    from servolink.cli.session import Interruption, run_with_board
+    from servolink.protocol.servos import ALL_SERVOS
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        servo_ids = await _servo_ids(board, args.servos)
+        for servo_id in servo_ids:
+            interruption.state = "units of angles may have been set"
+            await board.set_angle_unit(args.unit, servo_id)
+        if args.json:
+            print_json({"servo_ids": servo_ids, "angle_unit": args.unit})
+        else:
+            which = "all servos" if ALL_SERVOS in servo_ids else ", ".join(f"servo {one}" for one in servo_ids)
+            print_text(f"{which}: angles are in {'degrees' if args.unit == 'degree' else 'raw ADC readings'}")
+        return OK
+
+    return run_with_board(args, talk, state="no unit was set", angle_unit=None)
+
+
+async def _servo_ids(board: Board, servos: list[int | str], *, takes_all: bool = True) -> list[int]:
+    """Return the ids of servos, 255 for all. Raise NotFound, before anything is changed, for one that is missing."""
+    from servolink.client.names import servo_ids
+    from servolink.errors import NotFound
+    from servolink.protocol.servos import ALL_SERVOS
+
+    found = await servo_ids(board, servos)
+    there = await board.servo_ids()
+    allowed = {*there, ALL_SERVOS} if takes_all else {*there}
+    if missing := [servo_id for servo_id in found if servo_id not in allowed]:
+        raise NotFound(f"the board has no servo {missing[0]}; no servo was changed")
+    if not there:
+        raise NotFound("the board has no servos")
+    return found
+
+
+def run_rename(args: argparse.Namespace) -> int:
+    """Give a servo another caption."""
+    return _change(args, servo_caption=args.caption)
+
+
+def run_trim(args: argparse.Namespace) -> int:
+    """Set the angle correction of a servo."""
+    return _change(args, adjusted_degree=args.degrees)
+
+
+def _change(args: argparse.Namespace, **fields: Any) -> int:
+    """Change what the board stores for one servo."""
+    from msgspec.structs import replace
+
+    from servolink.cli.session import Interruption, run_with_board
+    from servolink.cli.stored.change import UNTOUCHED, change_content
+    from servolink.project.build import refuse_new_errors
+    from servolink.project.records import by_servo
+    from servolink.protocol.records import ServoParameter
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        [servo_id] = await _servo_ids(board, [args.servo], takes_all=False)
+
+        def edit(project: Project, encoding: str) -> Project:
+            stored = by_servo(project)
+            stored[servo_id] = replace(stored.get(servo_id, ServoParameter(servo_id)), **fields)
+            after = replace(project, servo_parameters=tuple(stored.values()))
+            refuse_new_errors(project, after, encoding)
+            return after
+
+        return await change_content(args, board, interruption, edit)
+
+    return run_with_board(args, talk, greet=False, state=UNTOUCHED)

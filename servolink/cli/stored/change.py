@@ -1,0 +1,68 @@
+"""Change what is on a board by an import of its own content with the change in it.
+
+So it has the protection of an import: a backup, a mark on the board while it is under way, every record read back, and
+a way back. No board loses a record by it, whatever it does with an id that is stored already.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import TypeAlias
+
+from servolink.cli.apply import BoardImport
+from servolink.cli.live import shown_progress
+from servolink.cli.output import print_text
+from servolink.cli.records import print_changes
+from servolink.cli.session import UNFINISHED_IMPORT, Interruption, run_with_board
+from servolink.client.board import Board
+from servolink.errors import ProjectError
+from servolink.project.model import Project
+from servolink.project.transfer.plan import compare
+from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
+
+Edit: TypeAlias = Callable[[Project, str], Project]
+"""Takes what is on the board and its caption encoding, and returns what is to be there."""
+
+UNTOUCHED = "nothing was changed on the board"
+_WAY_OUT = "nothing is lost: `servolink rollback` undoes it"
+
+
+def change_board(args: argparse.Namespace, edit: Edit) -> int:
+    """Connect, and make the board hold what `edit` makes of its content, after asking unless `args.yes`."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        return await change_content(args, board, interruption, edit)
+
+    return run_with_board(args, talk, greet=False, state=UNTOUCHED)
+
+
+async def change_content(args: argparse.Namespace, board: Board, interruption: Interruption, edit: Edit) -> int:
+    """Make the board hold what `edit` makes of its content, and return the exit code.
+
+    Raise ProjectError if it holds an unfinished import, or if another program changes it meanwhile.
+    """
+    if await board.has_unfinished_import():
+        raise ProjectError(f"{UNFINISHED_IMPORT}; {UNTOUCHED}")
+    with shown_progress(board, quiet=args.json) as on_progress:
+        before = await board.export_project(on_progress=on_progress)
+    after = edit(before, board.codec.caption_encoding)
+    wanted = compare(before, after)
+
+    async def plan(on_progress: ProgressCallback) -> Plan:
+        found = await board.plan_project(after, unchecked=True, on_progress=on_progress)
+        if found.changes != wanted:
+            raise ProjectError(f"{board.url}: another program is changing the board; {UNTOUCHED}; try again")
+        return found
+
+    async def work(on_progress: ProgressCallback) -> ApplyResult:
+        return await board.apply_project(after, unchecked=True, on_progress=on_progress)
+
+    return await BoardImport(args, board, interruption, _WAY_OUT, show=show_changes).run(plan, work)
+
+
+def show_changes(plan: Plan) -> None:
+    """Print what will change, without what that costs."""
+    print_changes(plan.changes)
+    if not plan.differs:
+        print_text("nothing to change: it is so already")
