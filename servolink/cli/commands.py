@@ -75,6 +75,16 @@ COMMANDS = {
         ("run action 1", "run macro 1 --start --wait"),
         needs_records=True,
     ),
+    "watch": Command(
+        MOVE,
+        "watch:configure",
+        "show all servos live, with alarms and a file for spreadsheets",
+        (
+            "watch --seconds 2",
+            "watch 1 2 --hz 50 --seconds 1 --json",
+            "watch --alarm 'current_raw>800 for 0.5s' --seconds 1",
+        ),
+    ),
     "servos": Command(
         MOVE,
         "servos:configure",

@@ -28,13 +28,13 @@ def run(args: argparse.Namespace) -> int:
 
     async def talk(board: Board, interruption: Interruption) -> int:
         servos = await reported(board)
-        print_servos(servos, as_json=args.json, captions=await _captions(board))
+        print_servos(servos, as_json=args.json, captions=await known_captions(board))
         return OK
 
     return run_with_board(args, talk, angle_unit="adc" if args.adc else "degree")
 
 
-async def _captions(board: Board) -> dict[int, str]:
+async def known_captions(board: Board) -> dict[int, str]:
     """Return the stored captions by servo id. A board that does not answer this query has none, which is said."""
     try:
         return {servo.servo_id: servo.servo_caption for servo in await board.servo_parameters()}
@@ -69,14 +69,15 @@ def are(servo_ids: Sequence[int]) -> str:
     return f"{listed(servo_ids)} {'are' if len(servo_ids) > 1 else 'is'}"
 
 
-def _servo_object(servo: Servo, captions: Mapping[int, str] | None) -> dict[str, Any]:
+def servo_object(servo: Servo, captions: Mapping[int, str] | None) -> dict[str, Any]:
+    """Return what a servo reports, for `--json`, with the stored `captions` unless that is None."""
     return {
         "servo_id": servo.servo_id,
         **({} if captions is None else {"servo_caption": captions.get(servo.servo_id)}),
         "angle": int(servo.angle),
         "angle_unit": servo.angle.unit if isinstance(servo.angle, Angle) else None,
-        "current": servo.current,
-        "temperature": servo.temperature,
+        "current_raw": servo.current,
+        "temperature_raw": servo.temperature,
         "servo_type": servo.servo_type,
         "is_start": servo.is_start,
         "is_hold": servo.is_hold,
@@ -86,7 +87,7 @@ def _servo_object(servo: Servo, captions: Mapping[int, str] | None) -> dict[str,
 def print_servos(servos: Iterable[Servo], *, as_json: bool, captions: Mapping[int, str] | None = None) -> None:
     """Print what servos report, with the stored `captions`."""
     if as_json:
-        print_json({"servos": [_servo_object(servo, captions) for servo in servos]})
+        print_json({"servos": [servo_object(servo, captions) for servo in servos]})
         return
     named = captions if captions and any(captions.values()) else None
     columns = ("servo", *(() if named is None else ("caption",)), "angle", "current (raw)", "temperature (raw)", "type")

@@ -18,8 +18,8 @@ from tests.hostile.terminals import ESCAPE, in_pipe, in_terminal
 from tests.hostile.trials import EXEMPT, TRIALS, Trial
 from tests.hostile.world import World
 
-PROGRESS = re.compile(r"\x1b\[([0-9;]*m|2K|1A|\?25[hl])")
-"""The escapes of a bar that goes on: colours, a line erased, the line above, the cursor hidden and shown."""
+PROGRESS = re.compile(r"\x1b\[([0-9;]*m|2K|1A|\?25[hl]|\?1049[hl]|H)")
+"""The escapes of a bar or a picture that changes: colours, erased lines, the cursor, the other screen."""
 MODES: dict[str, Callable[..., Said]] = {
     "text": in_pipe,
     "json": lambda *arguments: in_pipe("--json", *arguments),

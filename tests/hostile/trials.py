@@ -36,6 +36,10 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("--url replay:///{place} info"),
     ),
     "servos": (Trial("--url {all} servos"), Trial("--url {few} --caption-encoding latin-1 servos")),
+    "watch": (
+        Trial("--url {few} watch --seconds 0.2 --alarm current_raw>1", timed=True),
+        Trial("--url {few} watch 250 --seconds 0.1"),
+    ),
     "move": (
         Trial("--url {few} move 1=10 2=-10 --duration 0.05", timed=True),
         Trial("--url {few} move 250=1"),
