@@ -52,28 +52,40 @@ def run(args: argparse.Namespace) -> int:
     args.kind = args.kind or args.command
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        found = await _read(board, args)
+        found = await read_run(board, args.kind, args.record)
         idle = await _prepare(board, interruption, args, found)
-        name = _name(found)
-        interruption.state = f"{name} may have been started; `servolink stop` stops the servos"
-        start: Any = board.run_action if args.kind == "action" else board.run_macro
-        if not args.wait:
-            await start(_id(found))
+        if args.wait:
+            await play(board, interruption, found, shown=not args.json and is_terminal())
+        else:
+            name = name_of_run(found)
+            interruption.state = f"{name} may have been started; `servolink stop` stops the servos"
+            await start_run(board, found)
             interruption.state = f"{name} runs; `servolink stop` stops the servos"
-            _print(args, found, idle=idle)
-            return OK
-        async with _stopped_by_interruption(board, interruption, name):
-            await start(_id(found))
-            await _follow(board, found, shown=not args.json and is_terminal())
-        interruption.state = f"{name} is over"
-        _print(args, found, idle=idle, is_over=True)
+        _print(args, found, idle=idle)
         return OK
 
     return run_with_board(args, talk, **limits_of(args))
 
 
-async def _read(board: Board, args: argparse.Namespace) -> Run:
-    """Read the record and all that it runs. Raise NotFound if something is missing."""
+async def play(board: Board, interruption: Interruption, found: Run, *, shown: bool) -> None:
+    """Run it and wait until it is over, with bars if they are `shown`. An interruption stops all servos."""
+    name = name_of_run(found)
+    async with _stopped_by_interruption(board, interruption, name):
+        await start_run(board, found)
+        await _follow(board, found, shown=shown)
+    interruption.state = f"{name} is over"
+
+
+async def start_run(board: Board, found: Run, *, dry_run: bool = False) -> None:
+    """Run it, or only check that nothing forbids it, and return at once."""
+    from servolink.protocol.records import Action
+
+    run: Any = board.run_action if isinstance(found.record, Action) else board.run_macro
+    await run(_id(found), dry_run=dry_run)
+
+
+async def read_run(board: Board, word: str, name: int | str) -> Run:
+    """Read an `action` or a `macro` and all that it runs. Raise NotFound if something is missing."""
     from servolink.client.collect import collect
     from servolink.client.names import record_id
     from servolink.motion import INTERVAL_UNIT
@@ -83,8 +95,8 @@ async def _read(board: Board, args: argparse.Namespace) -> Run:
     async def get(kind: RecordType[Any], number: int) -> Any:
         return await (board.action(number) if kind is ACTION else board.macro(number))
 
-    kind: RecordType[Any] = ACTION if args.kind == "action" else MACRO
-    number = await record_id(board, kind, args.record)
+    kind: RecordType[Any] = ACTION if word == "action" else MACRO
+    number = await record_id(board, kind, name)
     stored = await collect(get, kind, number)
     known = board.profile and board.profile.profile.settings.interval_unit
     return Run(stored, kind.by_id(stored)[number], known or INTERVAL_UNIT)
@@ -94,7 +106,7 @@ async def _prepare(board: Board, interruption: Interruption, args: argparse.Name
     """Check that the run is possible, and start servos if asked to. Return those that will not move."""
     from servolink.client.collect import check_can_wait
 
-    await (board.run_action if args.kind == "action" else board.run_macro)(_id(found), dry_run=True)
+    await start_run(board, found, dry_run=True)
     servos = await board.servos()
     used = [servo for servo in servos if servo.servo_id in found.servo_ids()]
     if args.wait:
@@ -132,7 +144,7 @@ async def _follow(board: Board, found: Run, *, shown: bool) -> None:
         await follow(board, pose, seconds, draw)
 
 
-def _print(args: argparse.Namespace, found: Run, *, idle: list[int], is_over: bool = False) -> None:
+def _print(args: argparse.Namespace, found: Run, *, idle: list[int]) -> None:
     servo_ids, seconds = sorted(found.servo_ids()), found.known_seconds()
     if args.json:
         described = {f"{args.kind}_id": _id(found), f"{args.kind}_caption": _caption(found)}
@@ -142,16 +154,16 @@ def _print(args: argparse.Namespace, found: Run, *, idle: list[int], is_over: bo
                 "duration_seconds": seconds,
                 "servo_ids": servo_ids,
                 "idle_servos": idle,
-                "arrived": is_over,
+                "arrived": args.wait,
             }
         )
         return
     moved = listed(servo_ids) if servo_ids else "no servo"
-    if is_over:
-        print_text(f"{_name(found)} is over" + (f": {are(servo_ids)} at rest" if servo_ids else ""))
+    if args.wait:
+        print_text(f"{name_of_run(found)} is over" + (f": {are(servo_ids)} at rest" if servo_ids else ""))
     else:
         takes = "" if seconds is None else f" takes {seconds:g} s and"
-        print_text(f"{_name(found)} was started; it{takes} moves {moved}")
+        print_text(f"{name_of_run(found)} was started; it{takes} moves {moved}")
 
 
 def _id(found: Run) -> int:
@@ -166,7 +178,8 @@ def _caption(found: Run) -> str:
     return type_of(found.record).caption_of(found.record)
 
 
-def _name(found: Run) -> str:
+def name_of_run(found: Run) -> str:
+    """Return the name of what is run, such as `action 3 'Wave'`."""
     from servolink.project.records import name_of
 
     return name_of(found.record)

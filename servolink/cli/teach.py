@@ -14,11 +14,12 @@ from itertools import count
 from pathlib import Path
 
 from servolink.cli.arguments import SERVO_NAME, number, or_caption, whole_number
-from servolink.cli.main import FAILED, INTERRUPTED, OK
+from servolink.cli.main import FAILED, INTERRUPTED, OK, usage_error
 from servolink.cli.motion import check_can_release, chosen_servos, may_release
 from servolink.cli.output import counted, print_error, print_json, print_text
 from servolink.cli.servos import are, listed, reported
 from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.teach_play import play_lesson
 from servolink.cli.teach_session import CaptureSession, ReleasedServos
 from servolink.cli.terminal import handled
 from servolink.client.board import Board
@@ -67,12 +68,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="D",
         help=f"play no faster than this many degrees per second ({_SPEED_CAP:g})",
     )
+    parser.add_argument(
+        "--play",
+        action=argparse.BooleanOptionalAction,
+        help="play from the board what was taught, starting its servos one by one (asks, but not with --yes)",
+    )
     parser.add_argument("--yes", action="store_true", help="do not ask whether the servos may go limp")
 
 
 def run(args: argparse.Namespace) -> int:
     """Release the servos, record poses, hold the servos again and write the poses."""
     check_can_release(args)
+    if args.play and args.file is not None:
+        usage_error(args, "--play plays from the board; `servolink project play FILE NAME` plays from a file")
 
     async def talk(board: Board, interruption: Interruption) -> int:
         await _check_name(board, args.name, args.file)
@@ -104,6 +112,8 @@ def run(args: argparse.Namespace) -> int:
             print_json({"name": args.name, "poses": len(lesson.poses), "written": where})
         else:
             print_text(f"'{args.name}' with {counted(len(lesson.poses), 'pose')} is written: {where}")
+        if args.file is None:
+            await play_lesson(board, interruption, args, lesson)
         return OK
 
     return run_with_board(args, talk, reconnect=True)

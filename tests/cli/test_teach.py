@@ -80,6 +80,84 @@ def test_only_the_button_that_was_named_counts_and_a_file_is_added_to(robot: Rob
     assert are_held(robot)
 
 
+# --- playing it ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def limp(robot: Robot) -> Robot:
+    """Return a robot with limp servos, to which two poses are shown by hand."""
+    robot.ask(lambda board: board.release())
+    robot.script(TWO_POSES)
+    return robot
+
+
+def test_what_was_taught_to_limp_servos_plays(limp: Robot) -> None:
+    said = limp("teach", "Wave", "1", "2", "--yes", "--play")
+    assert (said.code, said.err) == (0, "")
+    assert said.out.splitlines()[-1] == "macro 1 'Wave' was played"
+    servos = limp.ask(lambda board: board.servos())
+    assert [(servo.is_start, servo.is_hold) for servo in servos] == [(True, True), (True, True), (False, False)]
+    assert [round(servo.angle) for servo in servos[:2]] == [-20, 15]
+
+
+def test_it_is_not_played_unless_somebody_says_so(limp: Robot) -> None:
+    said = limp("teach", "Wave", "1", "2", "--yes")
+    assert said.out.splitlines()[-1] == "'Wave' with 2 poses is written: on the board"
+    assert not any(servo.is_start for servo in limp.ask(lambda board: board.servos()))
+
+
+def test_a_single_pose_is_played_and_told_to_programs(robot: Robot) -> None:
+    robot.script("2.5 push 1 40\n3.0 press 3\n4.5 long 3")
+    said = robot("teach", "Up", "1", "--yes", "--play", "--json")
+    assert said.code == 0
+    assert (said.objects[-1]["played"], said.objects[-2]["written"]) == ("Up", "on the board")
+
+
+@pytest.mark.parametrize(("answer", "played"), [(True, True), (False, False)])
+def test_a_person_is_asked(answer: bool, played: bool, limp: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    questions = []
+
+    async def confirm(question: str) -> bool:
+        questions.append(question)
+        return answer or "Release" in question
+
+    monkeypatch.setattr("servolink.cli.teach_play.confirm", confirm)
+    monkeypatch.setattr("servolink.cli.teach_play.can_ask", lambda: True)
+    monkeypatch.setattr("servolink.cli.motion.confirm", confirm)
+    monkeypatch.setattr("servolink.cli.motion.can_ask", lambda: True)
+    monkeypatch.setattr("servolink.cli.motion.can_ask", lambda: True)
+    said = limp("teach", "Wave", "1", "2")
+    assert ("was played" in said.out) == played
+    assert questions[1:] == ["Play macro 1 'Wave' now? Its servos move; Ctrl-C stops them."]
+
+
+def test_a_servo_that_turns_when_it_is_started_ends_it(limp: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    set_servo = Board.set_servo
+
+    async def jumping(self: Board, servo_id: int, *, start: bool, hold: bool) -> None:
+        await set_servo(self, servo_id, start=start, hold=hold)
+        if servo_id == 2 and start:
+            limp.board.servos[2].angle += 4
+
+    monkeypatch.setattr(Board, "set_servo", jumping)
+    said = limp("teach", "Wave", "1", "2", "--yes", "--play")
+    assert said.code == 1
+    assert "servolink: servo 2 turned by itself when it was started, from 15° to 19°" in said.err
+    assert "was played" not in said.out
+    servos = limp.ask(lambda board: board.servos())
+    assert not any(servo.is_start for servo in servos)
+    assert all(servo.is_hold for servo in servos)
+
+
+def test_it_is_the_board_that_plays(robot: Robot) -> None:
+    said = robot("teach", "Wave", "--file", "x.json", "--play", "--yes")
+    assert said.code == 2
+    assert "`servolink project play FILE NAME` plays from a file" in said.err
+
+
+# --- in a terminal --------------------------------------------------------------------------------------------------
+
+
 def test_keys_take_poses_in_a_terminal(tmp_path: Path) -> None:
     file = tmp_path / "robot.servolink.json"
     server = started("virtual", "--tcp", "127.0.0.1:0", "--servos", "3")
