@@ -279,7 +279,7 @@ def test_a_long_list_is_cut() -> None:
 def test_boards_without_anything() -> None:
     nothing = Project()
     assert failure(lambda board: board.action("x"), NotFound, stored=nothing).endswith("; there is none")
-    assert failure(lambda board: board.servo("x"), NotFound, stored=nothing).endswith("; there is none")
+    assert failure(lambda board: board.servo("x"), NotFound, stored=nothing).endswith("; no servo of it has a caption")
     button = failure(lambda board: button_id(board, "A"), NotFound, stored=nothing)
     assert button == "no button is captioned 'A': the board has no active joystick table"
 
