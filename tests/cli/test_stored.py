@@ -69,6 +69,8 @@ def test_records_and_servos_are_named_by_caption(robot: Robot) -> None:
     assert stored(robot).actions[2] == Action(3, "Hello", (Step(1, 5, 50),))
     unknown = robot("action", "set", "Hello", "--pose", "hop=5")
     assert (unknown.code, unknown.err) == (1, "servolink: there is no servo 'hop'; did you mean servo 1 'hip'?\n")
+    twice = robot("action", "set", "Hello", "--pose", "hip=5,1=5")
+    assert (twice.code, twice.err) == (1, "servolink: a servo is given twice, by its caption and by its id\n")
     assert robot("table", "activate", "Pad").out == "joystick table 1 'Pad' is active\n"
     assert robot("action", "delete", "Hello", "--yes").code == 0
     assert stored(robot).actions == (BOW, NOD)

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from servolink.cli.arguments import RECORD_ID, number, whole_number
 from servolink.cli.main import usage_error
 from servolink.cli.motion import servo_angle
-from servolink.errors import EncodeError, ServolinkError
+from servolink.errors import EncodeError, ProjectError, ServolinkError
 from servolink.files import read_file, reason
 from servolink.json_text import MAX_SIZE, read_json
 from servolink.project.model import Project
@@ -126,9 +126,11 @@ def with_servo_ids(project: Project, record: Any) -> Any:
     """Return `record` with ids for the captions that `--pose` takes. Raise ProjectError for unknown ones."""
     if not isinstance(record, Action):
         return record
-    return replace(
-        record, steps=tuple(replace(one, servo_id=find_servo(project, one.servo_id)) for one in record.steps)
-    )
+    servo_ids = [find_servo(project, step.servo_id) for step in record.steps]
+    if any(isinstance(step.servo_id, str) for step in record.steps) and len({*servo_ids}) < len(servo_ids):
+        raise ProjectError("a servo is given twice, by its caption and by its id")
+    steps = zip(record.steps, servo_ids, strict=True)
+    return replace(record, steps=tuple(replace(step, servo_id=servo_id) for step, servo_id in steps))
 
 
 def _macro(args: argparse.Namespace, old: Macro) -> Macro:
