@@ -10,11 +10,11 @@ from typing import TypeVar
 from servolink.cli.arguments import not_empty
 from servolink.cli.export import backup_named
 from servolink.cli.live import PHASES, shown_progress
-from servolink.cli.main import FAILED, OK, usage_error
+from servolink.cli.main import FAILED, OK
 from servolink.cli.output import print_error, print_json, print_text
 from servolink.cli.plan import plan_to_json, print_plan
-from servolink.cli.session import Interruption, run_with_board
-from servolink.cli.terminal import can_ask, confirm
+from servolink.cli.session import UNTOUCHED, Interruption, refuse_without_answer, run_with_board
+from servolink.cli.terminal import confirm
 from servolink.client.board import Board
 from servolink.errors import ProjectError, ServolinkError
 from servolink.escaping import escape
@@ -25,7 +25,6 @@ from servolink.project.transfer.results import ApplyResult, Phase, Plan, Progres
 
 T = TypeVar("T")
 
-_UNTOUCHED = "nothing was changed on the board"
 _NAMED = 5  # records that the question names
 
 
@@ -79,7 +78,7 @@ def _apply(args: argparse.Namespace) -> int:
         )
         return await BoardImport(args, board, interruption, ways_out).run(plan, work)
 
-    return run_with_board(args, talk, state=_UNTOUCHED)
+    return run_with_board(args, talk, state=UNTOUCHED)
 
 
 def _roll_back(args: argparse.Namespace) -> int:
@@ -104,17 +103,7 @@ def _roll_back(args: argparse.Namespace) -> int:
         ways_out = "nothing is lost: the same command finishes it"
         return await BoardImport(args, board, interruption, ways_out).run(plan, work)
 
-    return run_with_board(args, talk, state=_UNTOUCHED)
-
-
-def refuse_without_answer(args: argparse.Namespace) -> None:
-    """End as wrong usage if nobody can be asked and `--yes` was not given."""
-    if args.yes:
-        return
-    if args.json:
-        usage_error(args, "--json needs --yes, because it asks nothing")
-    if not can_ask():
-        usage_error(args, "there is no terminal to ask on; --yes goes on without asking")
+    return run_with_board(args, talk, state=UNTOUCHED)
 
 
 class BoardImport:
@@ -156,12 +145,12 @@ class BoardImport:
             return OK
         if not self._args.yes:
             if not await confirm(self._ask(plan)):
-                print_text(_UNTOUCHED)
+                print_text(UNTOUCHED)
                 return FAILED
             if _content(await self._with_progress(make_plan)) != _content(plan):
                 raise ProjectError(
                     f"the content of {self._board.url} changed before the answer, and so did the plan; "
-                    f"{_UNTOUCHED} by this command: look at the new plan"
+                    f"{UNTOUCHED} by this command: look at the new plan"
                 )
         try:
             result = await self._with_progress(lambda show: work(lambda progress: self._note(progress, show)))

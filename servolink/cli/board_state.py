@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
-from servolink.cli.apply import BoardImport, refuse_without_answer
 from servolink.cli.arguments import whole_number
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import Table, counted, print_json, print_table, print_text
-from servolink.cli.session import UNFINISHED_IMPORT, Interruption, run_with_board
-from servolink.cli.stored.change import UNTOUCHED, show_changes
-from servolink.client.board import Board
+from servolink.cli.session import UNFINISHED_IMPORT, UNTOUCHED, Interruption, refuse_without_answer, run_with_board
 from servolink.errors import ProjectError
-from servolink.project.model import UNFINISHED, Project, is_unfinished
-from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
+
+if TYPE_CHECKING:
+    from servolink.client.board import Board
+    from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
 
 _DUMMY = bytes(range(16))
 
@@ -26,6 +26,7 @@ def configure_project_id(parser: argparse.ArgumentParser) -> None:
 
 def run_project_id(args: argparse.Namespace) -> int:
     """Print the project id, or write another one and read it back."""
+    from servolink.project.model import is_unfinished
 
     async def talk(board: Board, interruption: Interruption) -> int:
         if args.id is not None:
@@ -47,6 +48,8 @@ def run_project_id(args: argparse.Namespace) -> int:
 
 async def refuse_marker(board: Board, project_id: int) -> None:
     """Raise ProjectError if `project_id` would mark an unfinished import, or would hide one."""
+    from servolink.project.model import UNFINISHED, is_unfinished
+
     if is_unfinished(project_id):
         raise ProjectError(
             f"project id {project_id} is reserved: {UNFINISHED.start} to {UNFINISHED.stop - 1} mean that an import is "
@@ -130,6 +133,10 @@ def configure_clear(parser: argparse.ArgumentParser) -> None:
 
 def run_clear(args: argparse.Namespace) -> int:
     """Delete everything, after a backup, and read back that nothing is left."""
+    from servolink.cli.apply import BoardImport
+    from servolink.cli.stored.change import show_changes
+    from servolink.project.model import Project
+
     refuse_without_answer(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
+import importlib
+from collections.abc import Callable
 from dataclasses import dataclass
 
 FIRST_STEPS = "first steps"
@@ -28,6 +31,16 @@ class Command:
     """Whether it has the option `--board`."""
     needs_records: bool = False
     """Whether its examples need something stored on the board."""
+
+
+def late(place: str) -> Callable[[argparse.Namespace], int]:
+    """Return the function `place` (as `Command.place`) that runs a command; its module is imported when it runs."""
+    module, _, function = place.partition(":")
+
+    def run(args: argparse.Namespace) -> int:
+        return int(getattr(importlib.import_module(f"servolink.cli.{module}"), function)(args))
+
+    return run
 
 
 COMMANDS = {
@@ -209,7 +222,7 @@ COMMANDS = {
     ),
     "request": Command(
         DEVELOPERS,
-        "request:configure",
+        "packets:configure_request",
         "send one packet of the protocol and print the response",
         (
             """request '{"QueryServoRequest": {"servo_id": 1}}'""",

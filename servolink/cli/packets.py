@@ -9,6 +9,7 @@ from io import BufferedReader
 from typing import Any
 
 from servolink.cli.arguments import not_empty
+from servolink.cli.commands import late
 from servolink.cli.main import FAILED, OK
 from servolink.cli.output import counted, print_error, print_json, print_text
 from servolink.errors import DecodeError, EncodeError, ServolinkError
@@ -45,6 +46,23 @@ def configure_decode(parser: argparse.ArgumentParser) -> None:
         "--hex", type=not_empty, metavar="FILE", help="read a frame in hex from each line (-: standard input)"
     )
     source.add_argument("--file", type=not_empty, metavar="FILE", help="read a raw byte stream (-: standard input)")
+
+
+def configure_request(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink request`."""
+    from servolink.cli.motion import add_limits  # which needs asyncio; decoding does not
+
+    parser.set_defaults(run=late("request:run"))
+    parser.add_argument(
+        "object",
+        metavar="OBJECT",
+        help='a packet as a JSON object: {"NAME": {FIELDS}}, or in the form of `servolink decode --json`',
+    )
+    parser.add_argument(
+        "--no-backup", action="store_true", help="save no backup before something is written or deleted"
+    )
+    parser.add_argument("--yes", action="store_true", help="do not ask")
+    add_limits(parser)
 
 
 def run_decode(args: argparse.Namespace) -> int:

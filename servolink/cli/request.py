@@ -9,11 +9,10 @@ from typing import Any
 from servolink.cli.board_state import refuse_marker
 from servolink.cli.live import shown_progress
 from servolink.cli.main import FAILED, OK, usage_error
-from servolink.cli.motion import add_limits, limits_of
+from servolink.cli.motion import limits_of
 from servolink.cli.output import print_error, print_json, print_text
 from servolink.cli.packets import lines_for, parse_object
-from servolink.cli.session import Interruption, run_with_board
-from servolink.cli.stored.change import UNTOUCHED
+from servolink.cli.session import UNTOUCHED, Interruption, run_with_board
 from servolink.cli.terminal import can_ask, confirm
 from servolink.client.board import Board
 from servolink.errors import EncodeError
@@ -33,21 +32,6 @@ _OVERWRITES: tuple[type[Packet], ...] = (
     *(kind.add_class for kind in RECORD_TYPES),
 )
 """Requests after which something that is on the board may be gone."""
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink request`."""
-    parser.set_defaults(run=run)
-    parser.add_argument(
-        "object",
-        metavar="OBJECT",
-        help='a packet as a JSON object: {"NAME": {FIELDS}}, or in the form of `servolink decode --json`',
-    )
-    parser.add_argument(
-        "--no-backup", action="store_true", help="save no backup before something is written or deleted"
-    )
-    parser.add_argument("--yes", action="store_true", help="do not ask")
-    add_limits(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -72,7 +56,8 @@ def run(args: argparse.Namespace) -> int:
             await board.send(packet)
             _print(args, {"sent": name}, f"{name} was sent; boards do not answer it")
             return OK
-        response = await board.request(packet)
+        request: Any = packet
+        response = await board.request(request)
         interruption.state = f"{name} was answered"
         described = packet_to_json(response)
         _print(args, described, *lines_for(described))

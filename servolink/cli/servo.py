@@ -154,8 +154,8 @@ def _change(args: argparse.Namespace, **fields: Any) -> int:
     """Change what the board stores for one servo."""
     from msgspec.structs import replace
 
-    from servolink.cli.session import Interruption, run_with_board
-    from servolink.cli.stored.change import UNTOUCHED, change_content
+    from servolink.cli.session import UNTOUCHED, Interruption, run_with_board
+    from servolink.cli.stored.change import change_content
     from servolink.project.build import refuse_new_errors
     from servolink.project.records import by_servo
     from servolink.protocol.records import ServoParameter

@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # and imported late: `--help` of a command needs none of it
 UNFINISHED_IMPORT = (
     "this board holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes it"
 )
+UNTOUCHED = "nothing was changed on the board"
 _UNMOVED = "no servo was moved"
 _PATIENCE = 0.2  # seconds for the board to be closed in good order after Ctrl-C
 
@@ -124,6 +125,16 @@ def run_with_board(
 def _answers_project_id(board: Board) -> bool:
     known = board.profile and board.profile.settings.unsupported
     return "QueryProjectID" not in (known or ())
+
+
+def refuse_without_answer(args: argparse.Namespace) -> None:
+    """End as wrong usage if nobody can be asked and `--yes` was not given."""
+    if args.yes:
+        return
+    if args.json:
+        usage_error(args, "--json needs --yes, because it asks nothing")
+    if not can_ask():
+        usage_error(args, "there is no terminal to ask on; --yes goes on without asking")
 
 
 def choose_board(args: argparse.Namespace) -> str:

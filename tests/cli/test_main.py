@@ -59,6 +59,11 @@ def loaded_by(*arguments: str) -> set[str]:
             ((command, "--help"), HEAVY - {"asyncio", "ssl"} | {"msgspec"})
             for command in ("move", "stop", "servos", "events")
         ),
+        *(
+            ((*command.split(), "--help"), HEAVY - {"asyncio", "ssl"} | {"msgspec"})
+            for command in ("action add", "table set", "macro delete", "servo trim", "board clear")
+        ),
+        (("request", "--help"), HEAVY - {"asyncio", "ssl"}),
         (("decode", "134c051d1a2700000000c5"), HEAVY),
         (("--url", "virtual://", "info"), {"rich", "serial", "hid", "hidraw", "usb"}),
         (("--url", "virtual://", "stop", "--json"), {"rich", "serial", "hid", "hidraw", "usb"}),

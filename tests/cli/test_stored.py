@@ -70,7 +70,7 @@ def test_records_and_servos_are_named_by_caption(robot: Robot) -> None:
     unknown = robot("action", "set", "Hello", "--pose", "hop=5")
     assert (unknown.code, unknown.err) == (1, "servolink: there is no servo 'hop'; did you mean servo 1 'hip'?\n")
     twice = robot("action", "set", "Hello", "--pose", "hip=5,1=5")
-    assert (twice.code, twice.err) == (1, "servolink: a servo is given twice, by its caption and by its id\n")
+    assert (twice.code, twice.err) == (1, "servolink: a servo is given twice; nothing was changed on the board\n")
     assert robot("table", "activate", "Pad").out == "joystick table 1 'Pad' is active\n"
     assert robot("action", "delete", "Hello", "--yes").code == 0
     assert stored(robot).actions == (BOW, NOD)
@@ -103,7 +103,7 @@ def test_a_wrong_duration_that_was_there_stays(robot: Robot) -> None:
 
 
 def test_macros_and_tables_by_options(robot: Robot) -> None:
-    said = robot("macro", "add", "Dance", "--play", "action:1,wait:0.5,macro:1x3@50", "--id", "9")
+    said = robot("macro", "add", "Dance", "--play", "action:Bow,wait:0.5,macro:greetx3@50", "--id", "9")
     assert (said.code, said.err) == (0, "")
     dance = Macro(
         9,
@@ -113,7 +113,7 @@ def test_macros_and_tables_by_options(robot: Robot) -> None:
     assert stored(robot).macros == (GREET, dance)
     assert robot("macro", "set", "9", "--play", "wait:1").code == 0
     assert stored(robot).macros[1].commands == (MacroCommand(1000, 1, 100, 1, 1000),)
-    assert robot("table", "add", "Left", "--press", "7=9", "--up", "7=1", "--long-press", "8=1").code == 0
+    assert robot("table", "add", "Left", "--press", "7=Dance", "--up", "7=1", "--long-press", "8=1").code == 0
     left = JoystickTable(2, "Left", (Button(7, "", 9, 0, 1), Button(8, "", 0, 1)))
     assert stored(robot).joystick_tables == (PAD, left)
     assert robot("table", "set", "1", "--up", "3=9").code == 0
@@ -180,6 +180,9 @@ def test_records_of_a_file_bring_along_what_they_run(robot: Robot, tmp_path: Pat
         ("action add {", "the record is not JSON"),
         ("action add @missing", "missing cannot be read: No such file"),
         ("action add Wave --from missing", "missing: cannot be read"),
+        ("action add Wave --pose 1=3,1=4", "a servo is given twice"),
+        ("macro add Dance --play action:Jump", "the board has no action 'Jump'"),
+        ("table set 1 --press 3=Jump", "the board has no macro 'Jump'"),
         ("table activate 9", "the board has no joystick table 9"),
     ],
 )
@@ -198,16 +201,15 @@ def test_what_cannot_be_is_refused_and_changes_nothing(command: str, why: str, r
         ("action add Wave --seconds 3", "say what it does: --pose"),
         ("action set 1", "say what it does: --pose"),
         ("action set 1 {} --seconds 3", "--seconds and JSON are both given; choose one"),
-        ("action add Wave --pose 1=3,1=4", "a servo is given twice"),
         ("action add Wave --pose 1", "argument --pose: '1' must be SERVO=ANGLE"),
         ("action add Wave --pose 1=3 --seconds 400", "must be from 0 to 327.67 seconds, not '400'"),
         ("action add Wave --pose 1=3 --from x", "--pose and --from are both given"),
         ("action add Wave --id 3 --from x", "--id and --from are both given"),
         ("action set 1 --from x", "say which record of the file"),
-        ("macro add Dance --play jump:3", "'jump:3' must be action:ID, macro:ID or wait:SECONDS"),
+        ("macro add Dance --play jump:3", "'jump:3' must be action:NAME, macro:NAME or wait:SECONDS"),
         ("macro add Dance --play action:1@200", "must be an integer from 1 to 100, not '200'"),
         ("macro add Dance --play wait:1.2.3", "must be from 0 to 2.14748e+06 seconds"),
-        ("table add Pad --press 7", "argument --press: must be an integer"),
+        ("table add Pad --press 7", "argument --press: '7' must be BUTTON=MACRO, such as 7=1"),
         ("table run 1", "there is no command 'run'"),
         ("action delete 2", "there is no terminal to ask on; --yes goes on without asking"),
         ("action delete 2 --json", "--json needs --yes"),

@@ -17,14 +17,14 @@ def _commands(noun: str, plural: str, example: str, content: str, change: str) -
         "list": command("stored.show:configure_list", f"list the {plural} stored on the board", "list"),
         "show": command("stored.show:configure_show", f"show {a_noun} in full", "show 1", "show 1 --json"),
         "add": command(
-            f"stored.edit:configure_add_{noun}",
+            f"stored.options:configure_add_{noun}",
             f"store {a_noun}",
             f"add {example}",
             f"add --from robot.servolink.json {content}",
         ),
-        "set": command(f"stored.edit:configure_set_{noun}", f"change {a_noun}", f"set 1 {change}"),
-        "rename": command("stored.edit:configure_rename", f"give {a_noun} another caption", "rename 1 Hello"),
-        "delete": command("stored.edit:configure_delete", f"delete {plural}, after a backup", _DELETED[noun]),
+        "set": command(f"stored.options:configure_set_{noun}", f"change {a_noun}", f"set 1 {change}"),
+        "rename": command("stored.options:configure_rename", f"give {a_noun} another caption", "rename 1 Hello"),
+        "delete": command("stored.options:configure_delete", f"delete {plural}, after a backup", _DELETED[noun]),
     }
 
 
@@ -52,7 +52,7 @@ COMMANDS = {
         **_commands("table", "joystick tables", "Left --press 7=1 --up 8=1", "Pad", "--long-press 3=1"),
         "activate": Command(
             STORED,
-            "stored.edit:configure_activate",
+            "stored.options:configure_activate",
             "make a joystick table the one that buttons obey",
             ("table activate 1",),
             needs_records=True,

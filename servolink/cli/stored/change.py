@@ -14,7 +14,7 @@ from servolink.cli.apply import BoardImport
 from servolink.cli.live import shown_progress
 from servolink.cli.output import print_text
 from servolink.cli.records import print_changes
-from servolink.cli.session import UNFINISHED_IMPORT, Interruption, run_with_board
+from servolink.cli.session import UNFINISHED_IMPORT, UNTOUCHED, Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.errors import ProjectError
 from servolink.project.model import Project
@@ -24,7 +24,6 @@ from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallba
 Edit: TypeAlias = Callable[[Project, str], Project]
 """Takes what is on the board and its caption encoding, and returns what is to be there."""
 
-UNTOUCHED = "nothing was changed on the board"
 _WAY_OUT = "nothing is lost: `servolink rollback` undoes it"
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -12,64 +11,25 @@ from typing import Any, TypeAlias
 
 from msgspec.structs import replace
 
-from servolink.cli.arguments import RECORD_ID, number, whole_number
 from servolink.cli.main import usage_error
-from servolink.cli.motion import servo_angle
-from servolink.errors import EncodeError, ProjectError, ServolinkError
+from servolink.cli.session import UNTOUCHED
+from servolink.cli.stored.options import DEFAULT_SECONDS, Part
+from servolink.errors import AmbiguousName, EncodeError, NotFound, ServolinkError
+from servolink.escaping import quote
 from servolink.files import read_file, reason
 from servolink.json_text import MAX_SIZE, read_json
 from servolink.project.model import Project
+from servolink.project.naming import Named, captioned, closest, id_or_caption, listed
 from servolink.project.records import find_servo
 from servolink.protocol.json_form import record_from_json, record_to_json
-from servolink.protocol.record_types import Record, RecordType
+from servolink.protocol.record_types import ACTION, MACRO, TABLE, Record, RecordType
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, MacroCommandType
 
-Make: TypeAlias = Callable[[Any], Any]
-"""Takes the record as it is stored, or an empty one, and returns it as it is to be."""
+Make: TypeAlias = Callable[[Any, Project], Any]
+"""Takes the record as it is stored, or an empty one, and what is on the board; returns it as it is to be."""
 
-_SECONDS = 1.0
-_PART = re.compile(r"(action|macro|wait):([0-9.]+)(?:x([0-9]+))?(?:@([0-9]+))?", re.ASCII)
-_BUTTON = whole_number(0, 2**32 - 1)
 _PRESSES = {"press": "button_press_macro", "long_press": "button_long_press_macro", "up": "button_up_macro"}
 """Option to field."""
-
-
-def add_action_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that describe an action."""
-    parser.set_defaults(from_options=_action, needed="--pose")
-    parser.add_argument(
-        "--pose",
-        type=partial(_listed, servo_angle),
-        metavar="SERVO=ANGLE,...",
-        help="where servos go, as in 1=30,hip=-10",
-    )
-    parser.add_argument(
-        "--seconds", type=number(0, 327.67, "seconds"), metavar="N", help=f"how long it takes, to 0.01 ({_SECONDS:g})"
-    )
-
-
-def add_macro_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that describe a macro."""
-    parser.set_defaults(from_options=_macro, needed="--play")
-    parser.add_argument(
-        "--play",
-        type=partial(_listed, _part),
-        metavar="PART,...",
-        help="one after the other: action:ID, macro:ID or wait:SECONDS; x3 repeats, @50 is half the speed",
-    )
-
-
-def add_table_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that describe a joystick table."""
-    parser.set_defaults(from_options=_table, needed="--press, --long-press or --up")
-    for option, when in ("press", "is pressed"), ("long-press", "is held down"), ("up", "is released"):
-        parser.add_argument(
-            f"--{option}",
-            action="append",
-            type=_assigned,
-            metavar="BUTTON=MACRO",
-            help=f"start a macro when a button {when}; 0 for none",
-        )
 
 
 def maker(args: argparse.Namespace, kind: RecordType[Any]) -> Make:
@@ -79,11 +39,11 @@ def maker(args: argparse.Namespace, kind: RecordType[Any]) -> Make:
     if text is None:
         if not given or (given == ["seconds"] and args.verb == "add"):
             usage_error(args, f"say what it does: {args.needed}, JSON, or --from FILE")
-        return partial(args.from_options, args)
+        return partial(_FROM_OPTIONS[kind], args)
     if given:
         usage_error(args, f"--{given[0].replace('_', '-')} and JSON are both given; choose one")
     fields = _fields(text)
-    return lambda old: record_from_json(kind.record_class, {**record_to_json(old), **fields}, unchecked=True)
+    return lambda old, _: record_from_json(kind.record_class, {**record_to_json(old), **fields}, unchecked=True)
 
 
 def _json_text(what: str | None) -> str | bytes | None:
@@ -111,64 +71,65 @@ def _fields(text: str | bytes) -> dict[str, Any]:
 # --- options ----------------------------------------------------------------------------------------------------------
 
 
-def _action(args: argparse.Namespace, old: Action) -> Action:
+def _action(args: argparse.Namespace, old: Action, project: Project) -> Action:
     if args.pose is None:
         interval = Action.pose("", {0: 0}, seconds=args.seconds).steps[0].interval
         return replace(old, steps=tuple(replace(step, interval=interval) for step in old.steps))
-    angles = dict(args.pose)
+    angles = {find_servo(project, servo): angle for servo, angle in args.pose}
     if len(angles) < len(args.pose):
-        usage_error(args, "a servo is given twice")
-    seconds = args.seconds if args.seconds is not None else old.seconds if old.steps else _SECONDS
+        raise EncodeError(f"a servo is given twice; {UNTOUCHED}")
+    seconds = args.seconds if args.seconds is not None else old.seconds if old.steps else DEFAULT_SECONDS
     return replace(old, steps=Action.pose("", angles, seconds=seconds).steps)
 
 
-def with_servo_ids(project: Project, record: Any) -> Any:
-    """Return `record` with ids for the captions that `--pose` takes. Raise ProjectError for unknown ones."""
-    if not isinstance(record, Action):
-        return record
-    servo_ids = [find_servo(project, step.servo_id) for step in record.steps]
-    if any(isinstance(step.servo_id, str) for step in record.steps) and len({*servo_ids}) < len(servo_ids):
-        raise ProjectError("a servo is given twice, by its caption and by its id")
-    steps = zip(record.steps, servo_ids, strict=True)
-    return replace(record, steps=tuple(replace(step, servo_id=servo_id) for step, servo_id in steps))
+def _macro(args: argparse.Namespace, old: Macro, project: Project) -> Macro:
+    return replace(old, commands=tuple(_command(part, project) for part in args.play))
 
 
-def _macro(args: argparse.Namespace, old: Macro) -> Macro:
-    return replace(old, commands=tuple(args.play))
+def _command(part: Part, project: Project) -> MacroCommand:
+    if part.word == "wait":
+        return MacroCommand(int(part.value), MacroCommandType.DELAY.value, part.ratio, part.loop)
+    if part.word == "action":
+        return MacroCommand(_id(project, ACTION, part.value), MacroCommandType.ACTION.value, part.ratio, part.loop)
+    return MacroCommand(_id(project, MACRO, part.value), MacroCommandType.MACRO.value, part.ratio, part.loop)
 
 
-def _table(args: argparse.Namespace, old: JoystickTable) -> JoystickTable:
+def _table(args: argparse.Namespace, old: JoystickTable, project: Project) -> JoystickTable:
     buttons = {button.button_id: button for button in old.buttons}
     for option, field in _PRESSES.items():
-        for button_id, macro_id in getattr(args, option) or ():
+        for button_id, macro in getattr(args, option) or ():
             button = buttons.get(button_id, Button(button_id))
-            buttons[button_id] = replace(button, **{field: macro_id})
+            buttons[button_id] = replace(button, **{field: _id(project, MACRO, macro)})
     return replace(old, buttons=tuple(buttons.values()))
 
 
-def _listed(read: Callable[[str], Any], text: str) -> list[Any]:
-    return [read(part) for part in text.split(",")]
+_FROM_OPTIONS: dict[RecordType[Any], Callable[[argparse.Namespace, Any, Project], Any]] = {
+    ACTION: _action,
+    MACRO: _macro,
+    TABLE: _table,
+}
 
 
-def _part(text: str) -> MacroCommand:
-    found = _PART.fullmatch(text)
-    if found is None:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} must be action:ID, macro:ID or wait:SECONDS, with x3 to repeat it and @50 for half the speed"
-        )
-    word, value = found[1], found[2]
-    loop = whole_number(0, 0x7FFF)(found[3] or "1")
-    ratio = whole_number(1, 100)(found[4] or "100")
-    if word == "wait":
-        seconds = number(0, 2_147_483, "seconds")(value)
-        return MacroCommand(round(seconds * 1000), MacroCommandType.DELAY.value, ratio, loop)
-    kind = MacroCommandType.ACTION if word == "action" else MacroCommandType.MACRO
-    return MacroCommand(RECORD_ID(value), kind.value, ratio, loop)
+# --- records of the board ---------------------------------------------------------------------------------------------
 
 
-def _assigned(text: str) -> tuple[int, int]:
-    button, _, macro = text.partition("=")
-    return _BUTTON(button), whole_number(0, 2**31 - 1)(macro)
+def _id(project: Project, kind: RecordType[Any], name: int | str) -> int:
+    """Return the id of a record; an id is returned as it is, also one that is missing."""
+    return name if isinstance(name, int) else kind.id_of(stored_record(project, kind, name))
+
+
+def stored_record(project: Project, kind: RecordType[Any], name: int | str) -> Any:
+    """Return a record of the board by id or caption. Raise NotFound, naming those that are there, if it has none."""
+    records = kind.by_id(project)
+    named = [Named(kind.label, number, kind.caption_of(record)) for number, record in records.items()]
+    meant = id_or_caption(name) if isinstance(name, str) else name
+    found = captioned(named, meant) if isinstance(meant, str) else [one for one in named if one.record_id == meant]
+    if len(found) == 1:
+        return records[found[0].record_id]
+    if found:
+        raise AmbiguousName(f"{quote(meant)} may be {listed(found, 'or')}; give the id; {UNTOUCHED}")
+    there = closest(named, meant if isinstance(meant, str) else "")
+    raise NotFound(f"the board has no {kind} {quote(meant)}; {UNTOUCHED}; {there}")
 
 
 def empty(kind: RecordType[Any], caption: str, record_id: int) -> Record:
