@@ -85,12 +85,14 @@ async def record_id(
         return name
     request = record_type.list_request
     entries = record_type.entries_in(await source.request(request))
-    # A board that has no record may list one with the id 0.
-    ids = {record_type.id_of(one): record_type.caption_of(one) for one in entries if record_type.id_of(one)}
-    named = [Named(record_type.label, number, caption) for number, caption in ids.items()]
+    all_named = [Named(record_type.label, record_type.id_of(one), record_type.caption_of(one)) for one in entries]
+    named = [one for one in dict.fromkeys(all_named) if one.record_id]  # a board that has none may list the id 0
     if isinstance(name, str):
-        return _the_one(named, record_type.label, name, request)
-    if name not in ids:
+        found = _the_one(named, record_type.label, name, request)
+        if len(same := [one for one in named if one.record_id == found]) > 1:
+            raise AmbiguousName(f"the board lists {listed(same)}, so it is unknown which of them has this id", request)
+        return found
+    if name not in (one.record_id for one in named):
         raise NotFound(f"the board has no {record_type} {quote(name)}; {closest(named, '')}", request)
     return name
 

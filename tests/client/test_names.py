@@ -307,6 +307,13 @@ def test_no_caption_stands_for_all_servos_or_for_no_record() -> None:
     assert "there is none" in failure(lambda board: board.run_action("Wave"), NotFound, (QueryActionListRequest, zero))
 
 
+def test_an_id_with_two_captions_is_not_named_by_either() -> None:
+    """A board that appends records with a known id runs one of them."""
+    entries = QueryActionListResponse((ActionEntry(1, "Wave"), ActionEntry(1, "Bow")))
+    text = failure(lambda board: board.run_action("Bow"), AmbiguousName, (QueryActionListRequest, entries))
+    assert text == "the board lists action 1 'Wave' and action 1 'Bow', so it is unknown which of them has this id"
+
+
 def test_what_is_listed_twice_is_not_ambiguous() -> None:
     entries = QueryActionListResponse((ActionEntry(1, "Wave"), ActionEntry(1, "Wave")))
     fake = used(lambda board: board.delete_action("Wave"), (QueryActionListRequest, entries))
