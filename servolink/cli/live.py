@@ -88,6 +88,39 @@ def _progress(elapsed: float, seconds: float, block: str, half: int) -> Iterator
         yield Text(f"of {seconds:.1f} s", style="dim")
 
 
+Line: TypeAlias = "tuple[str, str]"
+"""Text of one line, and its rich style."""
+Picture: TypeAlias = "Callable[[int, int, bool], list[Line]]"
+"""Returns the lines for a width and a height, of ASCII unless it may use block characters."""
+
+
+@contextmanager
+def pictures(picture: Picture) -> Iterator[Callable[[], None]]:
+    """Yield a function that draws `picture` on the other screen of the terminal; the last one stays on the first."""
+    from rich.console import Group
+    from rich.live import Live
+    from rich.text import Text
+
+    displayed = console()
+    live = Live(console=displayed, auto_refresh=False, screen=True)
+    blocks = displayed.encoding.startswith("utf")
+
+    def leave() -> None:
+        if live.is_started:  # the process ends at once
+            displayed.set_alt_screen(False)
+            displayed.show_cursor()
+
+    def drawn() -> Group:
+        lines = picture(displayed.width, displayed.height, blocks)
+        return Group(*(Text(text, style, no_wrap=True, overflow="crop") for text, style in lines))
+
+    try:
+        with cleanup(leave), live:
+            yield lambda: live.update(drawn(), refresh=True)
+    finally:
+        displayed.print(drawn())
+
+
 @contextmanager
 def counting(label: str, total: int) -> Iterator[Callable[[], None]]:
     """Yield a function to call `total` times; on a terminal, a bar on standard error shows how often it was called."""

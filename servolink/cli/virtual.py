@@ -9,12 +9,13 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 from servolink.cli.arguments import whole_number
 from servolink.cli.main import OK, usage_error
+from servolink.cli.output import is_terminal
 from servolink.cli.terminal import not_ignored, single_keys
 from servolink.discovery.announcements import announced
 from servolink.errors import TransportUnavailable
@@ -103,7 +104,14 @@ async def _serve(board: VirtualBoard, args: argparse.Namespace) -> None:
         with _announced(urls, board), _playing(board, args.script), _keyboard(board):
             for url in urls:
                 print(json.dumps({"listening": url}) if args.json else f"listening {url}", flush=True)
-            await stop.wait()
+            async with _shown(board, urls) if is_terminal() and not args.json else nullcontext():
+                await stop.wait()
+
+
+def _shown(board: VirtualBoard, urls: list[str]) -> AbstractAsyncContextManager[None]:
+    from servolink.cli.virtual_view import shown
+
+    return shown(board, urls)
 
 
 def _announced(urls: list[str], board: VirtualBoard) -> AbstractContextManager[None]:

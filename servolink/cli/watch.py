@@ -167,7 +167,7 @@ class _Watch:
     def _say(self, raised: RaisedAlarm) -> None:
         """Report an alarm."""
         if raised.alarm.stops:
-            self._interruption.state = "an alarm has stopped the servos"
+            self._interruption.state = "an alarm has sent a stop to all servos"
         self._output.note(f"{raised}{'; stopping all servos' if raised.alarm.stops else ''}")
 
     async def _states(self) -> None:

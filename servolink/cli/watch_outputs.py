@@ -7,19 +7,15 @@ import csv
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
-from servolink.cli.output import angle_text, console, print_error, print_json, print_text
+from servolink.cli.live import pictures
+from servolink.cli.output import angle_text, print_error, print_json, print_text
 from servolink.cli.servos import servo_object
-from servolink.cli.terminal import cleanup
 from servolink.cli.watch_picture import Watched, picture
 from servolink.errors import ServolinkError
 from servolink.files import reason
 from servolink.motion import Angle
-
-if TYPE_CHECKING:
-    from rich.console import Console, Group
-    from rich.live import Live
 
 _PICTURE_EVERY = 0.05  # seconds, at most
 
@@ -87,54 +83,31 @@ def _described(watched: Watched) -> dict[str, Any]:
 
 
 class Screen:
-    """Pictures on the other screen of a terminal."""
+    """Pictures on a terminal."""
 
-    def __init__(self, watched: Watched, displayed: Console, live: Live) -> None:
-        """Draw into `live`."""
+    def __init__(self, watched: Watched, draw: Callable[[], None]) -> None:
+        """Show `watched` with `draw`."""
         self._watched = watched
-        self._displayed = displayed
-        self._live = live
+        self._draw = draw
         self._due = 0.0
 
     def reading(self) -> None:
-        """Draw the latest reading, unless the one before is too new for people."""
+        """Draw the latest reading, unless the picture before is too new for people."""
         now = asyncio.get_running_loop().time()
         if now >= self._due or (self._watched.reading and self._watched.reading.alarms):
             self._due = now + _PICTURE_EVERY
-            self.note("")
+            self._draw()
 
     def note(self, text: str) -> None:
         """Draw what there is now, which includes what `text` says."""
-        self._live.update(_drawn(self._watched, self._displayed), refresh=True)
-
-
-def _drawn(watched: Watched, displayed: Console) -> Group:
-    from rich.console import Group
-    from rich.text import Text
-
-    blocks = displayed.encoding.startswith("utf")
-    lines = picture(watched, displayed.width, displayed.height, blocks=blocks)
-    return Group(*(Text(text, style, no_wrap=True, overflow="crop") for text, style in lines))
+        self._draw()
 
 
 @contextmanager
 def screen(watched: Watched) -> Iterator[Screen]:
-    """Yield the other screen of the terminal; the last picture is left behind on the first one."""
-    from rich.live import Live
-
-    displayed = console()
-    live = Live(console=displayed, auto_refresh=False, screen=True)
-
-    def leave() -> None:
-        if live.is_started:  # the process ends at once
-            displayed.set_alt_screen(False)
-            displayed.show_cursor()
-
-    try:
-        with cleanup(leave), live:
-            yield Screen(watched, displayed, live)
-    finally:
-        displayed.print(_drawn(watched, displayed))
+    """Yield the screen of the terminal."""
+    with pictures(lambda width, height, blocks: picture(watched, width, height, blocks=blocks)) as draw:
+        yield Screen(watched, draw)
 
 
 _CSV_COLUMNS = ("seconds", "servo_id", "angle", "angle_unit", "current_raw", "temperature_raw", "state", "missed")

@@ -6,8 +6,8 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from textwrap import wrap
-from typing import TypeAlias
 
+from servolink.cli.live import Line
 from servolink.cli.output import angle_text
 from servolink.client.alarms import Alarm, RaisedAlarm
 from servolink.client.events import ButtonEvent
@@ -16,9 +16,6 @@ from servolink.client.watch import ServoReading
 from servolink.connection.stats import Stats
 from servolink.escaping import escape
 from servolink.motion import Degrees, MotionLimits
-
-Line: TypeAlias = tuple[str, str]
-"""Text of one line, and its rich style."""
 
 SCALE = (-180.0, 180.0)
 """Degrees between which a servo without limits is drawn; the protocol's document gives no range."""
@@ -86,9 +83,16 @@ class Watched:
 
 def picture(watched: Watched, width: int, height: int, *, blocks: bool = True) -> list[Line]:
     """Return at most `height` lines of at most `width` columns; without `blocks`, bars are made of ASCII."""
-    head = [*_head(watched, width), ("", "")]
-    foot = [*_alarms(watched, width), *((text, "dim") for text in wrap(_LEGEND, width))]
-    servos = watched.servos
+    foot = [*_alarms(watched, width), *wrapped(f"{LEGEND}; q quits", width, "dim")]
+    return picture_of_servos(watched, [*_head(watched, width)], foot, (width, height), blocks=blocks)
+
+
+def picture_of_servos(
+    watched: Watched, head: Sequence[Line], foot: Sequence[Line], size: tuple[int, int], *, blocks: bool
+) -> list[Line]:
+    """Return the servos as lines between `head` and `foot`, for a width and a height (`size`)."""
+    (width, height), servos = size, watched.servos
+    head, foot = [*head, ("", "")], [*foot]
     room = max(1, height - len(head) - len(foot) - 1)
     if len(servos) > room:
         room = max(1, room - 1)
@@ -99,7 +103,12 @@ def picture(watched: Watched, width: int, height: int, *, blocks: bool = True) -
     return [(_cut(text, width), style) for text, style in lines[:height]]
 
 
-_LEGEND = f"bars: ±{SCALE[1]:g}° or the servo's limits; numbers are raw; q quits"
+LEGEND = f"bars: ±{SCALE[1]:g}° or the servo's limits; numbers are raw"
+
+
+def wrapped(text: str, width: int, style: str = "") -> Iterator[Line]:
+    """Yield `text` in lines of `width` columns."""
+    yield from ((line, style) for line in wrap(text, width))
 
 
 def _head(watched: Watched, width: int) -> Iterator[Line]:
@@ -114,14 +123,14 @@ def _head(watched: Watched, width: int) -> Iterator[Line]:
         f"{watched.hz:g} Hz, {watched.missed} missed; noise {watched.skipped_bytes} bytes; "
         f"{stats.late_responses} late, {stats.retries} repeated, {stats.reconnects} reconnects"
     )
-    yield from ((text, "") for text in wrap(counters, width))
+    yield from wrapped(counters, width)
     latest = [f"{event.button_id} {event.kind} ({seconds:.1f} s)" for seconds, event in reversed(watched.buttons)]
     yield f"buttons: {', '.join(latest[:6]) or 'none'}", ""
 
 
 def _alarms(watched: Watched, width: int) -> Iterator[Line]:
     for seconds, raised in watched.raised:
-        yield from ((text, _BAD) for text in wrap(f"{seconds:.1f} s  {raised}", width))
+        yield from wrapped(f"{seconds:.1f} s  {raised}", width, _BAD)
 
 
 class _Table:

@@ -41,6 +41,11 @@ class Buttons:
         """When the next held button becomes a long press; None if none will."""
         return min((held.long_at for held in self._held.values() if not held.is_long), default=None)
 
+    @property
+    def down(self) -> list[int]:
+        """The ids of the buttons that are down."""
+        return sorted(self._held)
+
     def press(self, button_id: int, now: float) -> None:
         """Press a button. No effect if it is down."""
         if button_id in self._held:

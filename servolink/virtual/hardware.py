@@ -59,6 +59,11 @@ class Hardware:
         self._watchers: list[Callable[[], None]] = []
         self._now: float | None = None
 
+    @property
+    def buttons_down(self) -> list[int]:
+        """The ids of the buttons that are down."""
+        return self._buttons.down
+
     def press_button(self, button_id: int, now: float) -> None:
         """Press a button. No effect while the power is off."""
         self.advance(now)

@@ -197,7 +197,7 @@ def test_an_alarm_stops_the_robot(robot: Robot) -> None:
     assert re.fullmatch(
         r"servolink: servo 1: current_raw is \d+ \(alarm current_raw>100 for 0\.2s\); stopping all servos", raised
     )
-    assert interrupted == "interrupted: an alarm has stopped the servos"
+    assert interrupted == "interrupted: an alarm has sent a stop to all servos"
     servo = robot.ask(lambda board: board.servo(1))
     assert servo.state == "stopped"
     assert servo.angle < 30

@@ -97,9 +97,8 @@ def test_an_alarm_stops_the_servos_and_reading_goes_on() -> None:
             assert (await anext(found)).alarms == ()
             await board.move({1: 90}, duration=5)
             async with asyncio.timeout(1):
-                async for reading in found:
-                    if reading.alarms:
-                        break
+                while not (reading := await anext(found)).alarms:
+                    pass
                 assert [each.servo_id for each in reading.alarms] == [1]
                 while not all(servo.state == "stopped" for servo in reading.servos):
                     reading = await anext(found)

@@ -1,0 +1,74 @@
+"""The picture that `servolink virtual` draws on a terminal: its servos as they move, and its buttons."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, suppress
+
+from servolink.cli.live import Line, pictures
+from servolink.cli.output import counted
+from servolink.cli.watch_picture import LEGEND, Watched, picture_of_servos, wrapped
+from servolink.client.servos import Servo
+from servolink.client.watch import ServoReading
+from servolink.connection.stats import Stats
+from servolink.motion import Degrees
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.script import HELP
+from servolink.virtual.servo import Servo as VirtualServo
+
+_EVERY = 0.1  # seconds
+
+
+@asynccontextmanager
+async def shown(board: VirtualBoard, urls: list[str]) -> AsyncIterator[None]:
+    """Show `board`, which is served at `urls`, on the terminal."""
+    with pictures(lambda width, height, blocks: picture(board, urls, (width, height), blocks=blocks)) as draw:
+        drawing = asyncio.create_task(_draw(board, draw))
+        try:
+            yield
+        finally:
+            drawing.cancel()
+            with suppress(asyncio.CancelledError):
+                await drawing
+
+
+async def _draw(board: VirtualBoard, draw: Callable[[], None]) -> None:
+    """Draw now and then."""
+    loop = asyncio.get_running_loop()
+    with suppress(OSError):  # the terminal is gone, and SIGHUP is on its way
+        while True:
+            board.advance(loop.time())
+            draw()
+            await asyncio.sleep(_EVERY)
+
+
+def picture(board: VirtualBoard, urls: list[str], size: tuple[int, int], *, blocks: bool) -> list[Line]:
+    """Return the board as lines, for a width and a height (`size`)."""
+    watched = Watched("", 0.0, Stats())
+    watched.take(ServoReading(0.0, tuple(_reported(servo) for servo in board.servos.values())))
+    foot = [*wrapped(HELP, size[0], "dim"), *wrapped(LEGEND, size[0], "dim")]
+    return picture_of_servos(watched, list(_head(board, urls)), foot, size, blocks=blocks)
+
+
+def _head(board: VirtualBoard, urls: list[str]) -> Iterator[Line]:
+    yield from ((f"listening {url}", "") for url in urls)
+    power = "on" if board.powered else "off"
+    hosts = counted(len(board.sessions), "program")
+    yield f"power {power}  battery {board.battery / 10:.1f} %  {hosts} connected", "bold green" if board.powered else ""
+    down = ", ".join(map(str, board.buttons_down))
+    yield f"buttons down: {down or 'none'}", "bold" if down else ""
+
+
+def _reported(servo: VirtualServo) -> Servo:
+    """Return a servo as a board reports it that is set to degrees."""
+    state = servo.state()
+    return Servo(
+        servo.servo_id,
+        Degrees(round(servo.angle)),
+        state.current,
+        state.temperature,
+        state.servo_type,
+        is_start=bool(servo.is_start),
+        is_hold=bool(servo.is_hold),
+    )
