@@ -8,7 +8,7 @@ from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeAlias
 
-from servolink.cli.output import angle_text, console
+from servolink.cli.output import angle_text, console, is_terminal
 from servolink.cli.terminal import cleanup
 from servolink.escaping import escape
 
@@ -92,6 +92,11 @@ Line: TypeAlias = "tuple[str, str]"
 """Text of one line, and its rich style."""
 Picture: TypeAlias = "Callable[[int, int, bool], list[Line]]"
 """Returns the lines for a width and a height, of ASCII unless it may use block characters."""
+
+
+def can_draw() -> bool:
+    """Return whether standard output is a terminal on which pictures can replace each other."""
+    return is_terminal() and not console().is_dumb_terminal
 
 
 @contextmanager

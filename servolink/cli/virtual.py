@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from servolink.cli.arguments import whole_number
+from servolink.cli.live import can_draw
 from servolink.cli.main import OK, usage_error
-from servolink.cli.output import is_terminal
 from servolink.cli.terminal import not_ignored, single_keys
 from servolink.discovery.announcements import announced
 from servolink.errors import TransportUnavailable
@@ -104,7 +104,7 @@ async def _serve(board: VirtualBoard, args: argparse.Namespace) -> None:
         with _announced(urls, board), _playing(board, args.script), _keyboard(board):
             for url in urls:
                 print(json.dumps({"listening": url}) if args.json else f"listening {url}", flush=True)
-            async with _shown(board, urls) if is_terminal() and not args.json else nullcontext():
+            async with _shown(board, urls) if not args.json and can_draw() else nullcontext():
                 await stop.wait()
 
 

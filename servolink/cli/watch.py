@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from servolink.cli.arguments import SERVO_NAME, number
 from servolink.cli.main import FAILED, OK, fail, usage_error
 from servolink.cli.motion import chosen_servos
-from servolink.cli.output import is_terminal, print_error
+from servolink.cli.output import print_error
 from servolink.cli.servos import known_captions, reported
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.terminal import can_ask, confirm, single_keys
@@ -85,6 +85,7 @@ def run(args: argparse.Namespace) -> int:
     if asks and (args.json or not can_ask()):
         usage_error(args, f"{args.csv} exists; --yes replaces it")
 
+    from servolink.cli.live import can_draw
     from servolink.cli.watch_outputs import Lines, csv_file, screen
 
     async def talk(board: Board, interruption: Interruption) -> int:
@@ -94,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
         watched = await _begin(board, args)
         with ExitStack() as stack:
             write = stack.enter_context(csv_file(watched, args.csv)) if args.csv else None
-            on_screen = not args.json and is_terminal()
+            on_screen = not args.json and can_draw()
             output = stack.enter_context(screen(watched)) if on_screen else Lines(watched, as_json=args.json)
             return await _Watch(board, watched, args, output, interruption).run(write)
 

@@ -114,7 +114,7 @@ def in_terminal(
             stderr=theirs,
             # In front on its terminal, as programs are that people start.
             preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
-            env=environment(TERM="xterm-256color", **(env or {})),
+            env=environment(**{"TERM": "xterm-256color", **(env or {})}),
         )
         os.close(theirs)
         os.write(ours, typed.encode())

@@ -177,6 +177,14 @@ def test_an_alarm_that_cannot_be_is_wrong_usage(rule: str, robot: Robot) -> None
     assert "argument --alarm: an alarm" in said.err
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")
+def test_a_terminal_that_cannot_draw_gets_lines() -> None:
+    lines = in_terminal("-b", "virtual://?servos=1", "watch", "--seconds", "0.2", env={"TERM": "dumb"})
+    assert lines.code == 0
+    assert lines.out.startswith("  seconds  servo")
+    assert "\x1b" not in lines.out
+
+
 # --- alarms -------------------------------------------------------------------------------------------------------
 
 
