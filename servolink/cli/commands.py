@@ -110,6 +110,12 @@ COMMANDS = {
         "record poses of limbs that are moved by hand",
         ("teach Wave 1 2", "teach Nod --file robot.servolink.json --interval 0.5"),
     ),
+    "trim": Command(
+        MOVE,
+        "trim:configure",
+        "nudge servos until they stand right, and store their corrections",
+        ("trim --set 3=+4", "trim --set 1=-2 --set 2=+1 --json"),
+    ),
     "events": Command(
         MOVE, "events:configure", "show button events as they come", ("events --seconds 2", "events --seconds 1 --json")
     ),

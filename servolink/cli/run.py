@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
 async def play(board: Board, interruption: Interruption, found: Run, *, shown: bool) -> None:
     """Run it and wait until it is over, with bars if they are `shown`. An interruption stops all servos."""
     name = name_of_run(found)
-    async with _stopped_by_interruption(board, interruption, name):
+    async with stopped_by_interruption(board, interruption, f"{name} was started", f"{name} was ended"):
         await start_run(board, found)
         await _follow(board, found, shown=shown)
     interruption.state = f"{name} is over"
@@ -121,16 +121,21 @@ async def _prepare(board: Board, interruption: Interruption, args: argparse.Name
 
 
 @asynccontextmanager
-async def _stopped_by_interruption(board: Board, interruption: Interruption, name: str) -> AsyncIterator[None]:
-    """Stop all servos if the block is interrupted."""
+async def stopped_by_interruption(
+    board: Board, interruption: Interruption, unstopped: str, stopped: str
+) -> AsyncIterator[None]:
+    """Stop all servos if the block is interrupted.
+
+    Ctrl-C then reports what is so if the stop is not confirmed, such as "action 3 was started", or what is if it is.
+    """
     try:
         yield
     except asyncio.CancelledError:
-        interruption.state = f"{name} was started, and a stop was not confirmed; run `servolink stop`"
+        interruption.state = f"{unstopped}, and a stop was not confirmed; run `servolink stop`"
         with suppress(TimeoutError, ServolinkError):
             async with asyncio.timeout(_STOP_LIMIT):
                 await board.stop()
-            interruption.state = f"{name} was ended: all servos report that they are stopped and held"
+            interruption.state = f"{stopped}: all servos report that they are stopped and held"
         raise
 
 

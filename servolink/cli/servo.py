@@ -12,7 +12,6 @@ from servolink.cli.parser import Parser
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
-    from servolink.project.model import Project
 
 
 def _command(place: str, text: str, *examples: str) -> Command:
@@ -155,21 +154,10 @@ def _change(args: argparse.Namespace, **fields: Any) -> int:
     from msgspec.structs import replace
 
     from servolink.cli.session import UNTOUCHED, Interruption, run_with_board
-    from servolink.cli.stored.change import change_content
-    from servolink.project.build import refuse_new_errors
-    from servolink.project.records import by_servo
-    from servolink.protocol.records import ServoParameter
+    from servolink.cli.stored.parameters import change_parameters
 
     async def talk(board: Board, interruption: Interruption) -> int:
         [servo_id] = await _servo_ids(board, [args.servo], takes_all=False)
-
-        def edit(project: Project, encoding: str) -> Project:
-            stored = by_servo(project)
-            stored[servo_id] = replace(stored.get(servo_id, ServoParameter(servo_id)), **fields)
-            after = replace(project, servo_parameters=tuple(stored.values()))
-            refuse_new_errors(project, after, encoding)
-            return after
-
-        return await change_content(args, board, interruption, edit)
+        return await change_parameters(args, board, interruption, {servo_id: lambda one: replace(one, **fields)})
 
     return run_with_board(args, talk, greet=False, state=UNTOUCHED)

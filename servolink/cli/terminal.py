@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -116,6 +117,20 @@ def single_keys(typed: Callable[[str], None]) -> Iterator[bool]:
             yield True
         finally:
             loop.remove_reader(terminal)
+
+
+_KEY = re.compile(r"\x1b[\[O][0-9;]*[A-Za-z~]|.", re.DOTALL)
+_ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
+_NAMES = {"\x1b": "esc", "\r": "enter", "\n": "enter", "\t": "tab", " ": "space"}
+
+
+def keys_in(text: str) -> list[str]:
+    """Return the keys of a text that `single_keys` passed on: characters, and names such as `up`, `enter` and `esc`.
+
+    Other keys that are typed as several characters are left out. A terminal that is gone counts as `esc`.
+    """
+    keys = [_NAMES.get(one, one) if len(one) == 1 else _ARROWS.get(one[2:], "") for one in _KEY.findall(text)]
+    return [key for key in keys if key] if text else ["esc"]
 
 
 def _own_terminal() -> int | None:

@@ -48,6 +48,7 @@ TALKING = {
     "apply": ("apply {file} --yes", "apply {file} --yes --replace --no-backup"),
     "rollback": ("rollback {file} --yes",),
     "project": ("project show lying://board",),
+    "trim": ("trim --set 1=+2 --start",),
     "events": ("events --seconds 1",),
     "bench": ("bench --requests 2",),
 }

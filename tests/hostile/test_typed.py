@@ -69,6 +69,8 @@ TYPED = (
     "--url virtual:// macro delete {} --yes",
     "--url virtual:// table activate {}",
     "--url virtual:// teach x --button {} --yes",
+    "--url virtual:// trim {}",
+    "--url virtual:// trim --set {}=+1",
     "project rename x action {} y -o z",
     "actions {}",
     "macros {}",

@@ -173,6 +173,11 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("virtual --tcp 127.0.0.1:0 --script {missing}"),
     ),
     "bench": (Trial("--url {few} bench --requests 1", timed=True),),
+    "trim": (
+        Trial("--url {few} trim --set 1=+2 --start", timed=True),
+        Trial("--url {few} trim --set x{text}=+2"),
+        Trial("--url {few} trim {text}"),
+    ),
     "teach": (Trial("--url {few} teach wave 250 --yes"), Trial("--url {few} teach wave --file {mixed} --yes")),
 }
 """The trials of each command, in their order; each command has them for itself, in a world of its own."""

@@ -1,0 +1,203 @@
+"""`servolink trim`: nudge servos until they stand right, and store the nudges as their angle corrections."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import re
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+
+from servolink.cli.arguments import SERVO_NAME, whole_number
+from servolink.cli.live import follow
+from servolink.cli.main import OK, usage_error
+from servolink.cli.motion import chosen_servos, make_ready
+from servolink.cli.output import Table, console, is_terminal, plain_lines, print_error, print_json, print_text
+from servolink.cli.run import stopped_by_interruption
+from servolink.cli.servos import are, reported
+from servolink.cli.session import UNFINISHED_IMPORT, Interruption, run_with_board
+from servolink.cli.stored.parameters import MOST_TRIM, change_parameters
+from servolink.cli.terminal import can_ask, cleanup, keys_in, single_keys
+from servolink.cli.trim_session import SPEED, TrimSession
+from servolink.client.board import Board
+from servolink.client.names import servo_ids
+from servolink.client.servos import Servo
+from servolink.errors import EncodeError, NotFound, ProjectError, RequestError, ServolinkError
+from servolink.escaping import escape
+
+_NUDGE = re.compile(r"(.+)=([+-][0-9]{1,9})", re.DOTALL | re.ASCII)
+_HELP = "left/right or -/+: 1 degree; up/down: servo; u: undo; Enter: store; q: leave"
+_PAUSE = 0.1  # seconds between readings while no key comes
+_OTHER_LINES = 6  # of the picture, besides servos
+_STEPS = {"right": 1, "+": 1, "=": 1, "left": -1, "-": -1}
+_SELECT = {"down": 1, "n": 1, "tab": 1, "up": -1, "p": -1}
+_UNSTORED = "no correction was stored"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink trim`."""
+    parser.set_defaults(run=run, yes=True)
+    parser.description = (
+        f"{parser.description}\n\nKeys: {_HELP}.\n\nEach nudge moves the servo. What is stored as its correction is "
+        "the old one and all nudges. The protocol does not say how the board applies a correction: check the "
+        "servos afterwards. `servolink rollback` brings the old corrections back."
+    )
+    parser.add_argument(
+        "servos", nargs="*", default=[], type=SERVO_NAME, metavar="SERVO", help="which servos, by id or caption (all)"
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        type=nudge_argument,
+        metavar="SERVO=+N",
+        dest="nudges",
+        help="nudge a servo by N degrees and store, without keys; may be given again",
+    )
+    parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
+
+
+def nudge_argument(text: str) -> tuple[int | str, int]:
+    """Return servo (id or caption) and degrees of a text such as `3=+4` or `hip=-2`, for argparse."""
+    found = _NUDGE.fullmatch(text)
+    if found is None:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} must be SERVO=+N or SERVO=-N, as in 3=+4; `servolink servo trim 3 4` stores 4 without moving"
+        )
+    return SERVO_NAME(found[1]), whole_number(-2 * MOST_TRIM, 2 * MOST_TRIM)(found[2])
+
+
+def run(args: argparse.Namespace) -> int:
+    """Nudge by keys or as `--set` says, then store, unless somebody leaves without it."""
+    if args.nudges and args.servos:
+        usage_error(args, "--set names the servos itself: leave SERVO out")
+    if not args.nudges and (args.json or not can_ask() or not is_terminal()):
+        usage_error(args, "servos are nudged by keys, which needs a terminal; without one, use --set SERVO=+N")
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        if await board.has_unfinished_import():
+            raise ProjectError(f"{UNFINISHED_IMPORT}; no servo was moved, and {_UNSTORED}")
+        nudges = await _nudges(args, board)
+        ids = [*nudges] if args.nudges else await chosen_servos(board, args.servos)
+        servos = [servo for servo in await reported(board, ids) if not ids or servo.servo_id in ids]
+        stored = {one.servo_id: one for one in await board.servo_parameters()}
+        session = TrimSession(board, servos, stored)
+        await _check(board, session, nudges, servos)
+        await make_ready(board, servos, interruption, start=args.start)
+        work = _as_given(args, board, session, nudges, servos) if nudges else _by_keys(board, session)
+        wanted = await _moving(work, board, interruption, session)
+        interruption.state = f"{session.described()}; {_UNSTORED}"
+        if wanted and session.corrections():
+            return await change_parameters(args, board, interruption, session.changes())
+        if args.json:
+            print_json({"changed": False})
+        else:
+            print_text(interruption.state)
+        return OK
+
+    return run_with_board(args, talk, greet=False, state=f"no servo was moved, and {_UNSTORED}")
+
+
+async def _nudges(args: argparse.Namespace, board: Board) -> dict[int, int]:
+    """Return the degrees of `--set`, by servo id."""
+    ids = await servo_ids(board, [servo for servo, _ in args.nudges])
+    nudges = dict(zip(ids, (degrees for _, degrees in args.nudges), strict=True))
+    if len(nudges) < len(ids):
+        raise EncodeError(f"a servo is given twice; {_UNSTORED}")
+    if 255 in nudges:
+        raise NotFound("`--set` takes one servo at a time, not all of them")
+    return nudges
+
+
+async def _check(board: Board, session: TrimSession, nudges: dict[int, int], servos: list[Servo]) -> None:
+    """Raise EncodeError, or MotionRefused, for a nudge of `--set` that is not possible, before anything moves."""
+    targets = {servo.servo_id: session.check(servo.servo_id, nudges.get(servo.servo_id, 0)) for servo in servos}
+    if nudges:
+        await board.move(targets, speed=SPEED, dry_run=True)
+
+
+async def _moving(work: Awaitable[bool], board: Board, interruption: Interruption, session: TrimSession) -> bool:
+    """Return what `work` does, which moves servos. If it is interrupted or fails, say where that leaves them."""
+    try:
+        stopped = f"the servos were stopped, and {_UNSTORED}"
+        async with stopped_by_interruption(board, interruption, _UNSTORED, stopped):
+            return await work
+    except asyncio.CancelledError:
+        interruption.state = f"{session.described()}; {interruption.state}"
+        raise
+    except ServolinkError:
+        print_error(f"servolink: {session.described()}; {_UNSTORED}")
+        raise
+
+
+async def _as_given(
+    args: argparse.Namespace, board: Board, session: TrimSession, nudges: dict[int, int], servos: list[Servo]
+) -> bool:
+    """Nudge as `--set` says, and wait until the servos have arrived."""
+    targets = {servo.servo_id: session.check(servo.servo_id, nudges[servo.servo_id]) for servo in servos}
+    if not args.json:
+        for servo in servos:
+            print_text(f"servo {servo.servo_id} moves from {servo.angle}° to {targets[servo.servo_id]}°")
+    for servo_id, degrees in nudges.items():
+        await session.nudge(servo_id, degrees)
+    longest = max(map(abs, nudges.values()), default=0) / SPEED
+    await follow(board, targets, longest, lambda elapsed, servos: None)
+    return True
+
+
+async def _by_keys(board: Board, session: TrimSession) -> bool:
+    """Obey keys until somebody ends it. Return whether the corrections are to be stored."""
+    keys: asyncio.Queue[str] = asyncio.Queue()
+
+    def typed(text: str) -> None:
+        for key in keys_in(text):
+            keys.put_nowait(key)
+
+    print_text(f"keys move the servo that is marked, at {SPEED:g}°/s; Ctrl-C stops all servos")
+    message = ""
+    with single_keys(typed) as keyboard, _picture() as draw:
+        if not keyboard:
+            raise RequestError("no keys can be read here; use --set SERVO=+N")
+        while True:
+            draw(session, await board.servos(), message)
+            try:
+                key = await asyncio.wait_for(keys.get(), _PAUSE)
+            except TimeoutError:
+                continue
+            if key in ("enter", "q", "esc"):
+                return key == "enter"
+            message = await _obey(session, key)
+
+
+async def _obey(session: TrimSession, key: str) -> str:
+    """Do what a key asks, and return what there is to say about it."""
+    try:
+        if key in _SELECT:
+            session.select(_SELECT[key])
+        elif key in _STEPS:
+            await session.nudge(session.selected, _STEPS[key])
+        elif key == "u":
+            undone = await session.undo()
+            return "there is nothing to undo" if undone is None else f"the last nudge of servo {undone} was taken back"
+    except EncodeError as error:  # also MotionRefused: a limit of the profile
+        return str(error)
+    return ""
+
+
+@contextmanager
+def _picture() -> Iterator[Callable[[TrimSession, tuple[Servo, ...], str], None]]:
+    """Yield a function that draws the servos; the last picture stays visible."""
+    from rich.live import Live
+    from rich.text import Text
+
+    displayed = console()
+    with cleanup(displayed.show_cursor), Live(console=displayed, auto_refresh=False) as live:
+
+        def draw(session: TrimSession, servos: tuple[Servo, ...], message: str) -> None:
+            table: Table = session.table(servos, max(1, displayed.height - _OTHER_LINES))
+            idle = [one.servo_id for one in servos if one.servo_id == session.selected and not one.is_start]
+            said = f"{are(idle)} stopped: nudges have no effect" if idle else message
+            lines = [*plain_lines(table), "", _HELP, escape(said)]
+            live.update(Text("\n".join(lines), no_wrap=True, overflow="ellipsis"), refresh=True)
+
+        yield draw
