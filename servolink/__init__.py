@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from servolink.client.connect import reconnecting as reconnecting
     from servolink.client.events import ButtonEvent as ButtonEvent
     from servolink.client.events import ButtonEvents as ButtonEvents
+    from servolink.client.playing import Playback as Playback
     from servolink.client.servos import Servo as Servo
     from servolink.client.watch import ServoReading as ServoReading
     from servolink.client.watch import ServoReadings as ServoReadings
@@ -125,6 +126,7 @@ else:
         "OpenError": "servolink.errors",
         "OutcomeUnknown": "servolink.errors",
         "PacketError": "servolink.errors",
+        "Playback": "servolink.client.playing",
         "preflight": "servolink.project.preflight",
         "ProfileError": "servolink.errors",
         "Project": "servolink.project.model",

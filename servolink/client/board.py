@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 from servolink.client.alarms import Alarm
 from servolink.client.events import ButtonEvents, ButtonSubscription
 from servolink.client.names import Targets
+from servolink.client.playing import Playback, Playing
 from servolink.client.raw_packets import RawPackets
 from servolink.client.reconnect import ConnectionState
 from servolink.client.records import RecordStore
@@ -58,7 +59,7 @@ class Board:
     - Connection: `url`, `codec`, `profile`, `connection`, `stats`, `states`, `request`, `send`, `took_effect`, `close`
     - 3.1 settings: `set_transmission_mode`, `clear_all_data`, `memory`, `battery`, `send_dummy_data`
     - 3.2 servos: `servo_ids`, `servos`, `watch`, `servo`, `set_servo`, `release`, `stop`, `set_angle_unit`, `unit_of`,
-      `move`, `follow`, `run_action`
+      `move`, `follow`, `run_action`, `play`
     - 3.3 stored records: `actions`, `action`, `add_action`, `delete_action`, `macros`, `macro`, `add_macro`,
       `delete_macro`, `run_macro`, `servo_parameters`, `add_servo_parameters`, `write_project_id`, `project_id`
     - 3.4 joystick: `joystick_tables`, `joystick_table`, `add_joystick_table`, `delete_joystick_table`,
@@ -88,6 +89,7 @@ class Board:
         self._servos = ServoController(session, angle_unit, limits, interval_unit)
         self._records = RecordStore(session)
         self._runs = StoredRuns(session, self._servos, self._records, limits, interval_unit)
+        self._playing = Playing(session, self._servos, self._runs, interval_unit)
         self._packets = RawPackets(session, self._servos, self._runs, limits)
         self._buttons = ButtonSubscription(session)
         self._watch = ServoWatch(session, self._servos)
@@ -302,6 +304,27 @@ class Board:
         servo that does not arrive with RequestTimeout. With `dry_run`, everything is checked and nothing moves.
         """
         return await self._runs.run_action(action_id, wait=wait, dry_run=dry_run)
+
+    async def play(
+        self, project: Project, name: int | str, *, playback: Playback | None = None, dry_run: bool = False
+    ) -> float:
+        """Play an action or a macro of a project without storing it (3.2.5), and return its duration in seconds.
+
+        `name` is a caption, an id, or as in `macro:3`. Each step is sent as a movement when its time comes; the board
+        runs no macro. Returns when the servos rest at their last angles. The limits of movements hold as for
+        `run_action`, and so does `soft_start`: it moves servos from where they are to the first angles.
+
+        Everything is checked before anything moves. Raise ProjectError for a name that is not in the project,
+        MotionRefused for a step beyond a limit, NotFound for a record or a servo that is missing, EncodeError for
+        values that do not fit, RequestError for a servo that is stopped or released, set to ADC, or for a macro that
+        never ends. With `dry_run`, nothing moves.
+
+        `playback.pause()` lets the servos finish the steps that have begun, and `playback.resume()` goes on. A stop, a
+        change of an angle unit (RequestError) and a lost connection (ConnectionLost) end it: no step is sent twice.
+        After a cancellation no further step is sent; the servos finish the one that has begun, unless `stop` is called.
+        """
+        _check_project(project)
+        return await self._playing.play(project, name, playback=playback, dry_run=dry_run)
 
     # --- 3.3 stored records -------------------------------------------------------------------------------------
 

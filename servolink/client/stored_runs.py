@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import aclosing
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:  # imported late: most programs run nothing that is stored
 _LOOK_EVERY = 0.1  # seconds
 
 
-class _Asked(NamedTuple):
+class Asked(NamedTuple):
     """When a run was asked for: a later stop ends it, as does the loss of the connection."""
 
     connection: Connection
@@ -56,7 +56,7 @@ class StoredRuns:
 
     async def run_action(self, action: int | str, *, wait: bool = False, dry_run: bool = False) -> float:
         """Run a stored action and return its duration in seconds (see `Board.run_action`)."""
-        asked = self._asked()
+        asked = self.asked()
         action_id = await self._records.id_of(ACTION, action)
         if self._limits:
             run, units_sent = await self._prepare(ACTION, action_id, asked, wait=wait, dry_run=dry_run)
@@ -75,7 +75,7 @@ class StoredRuns:
 
     async def run_macro(self, macro: int | str, *, wait: bool = False, dry_run: bool = False) -> None:
         """Start a stored macro (see `Board.run_macro`)."""
-        asked = self._asked()
+        asked = self.asked()
         macro_id = await self._records.id_of(MACRO, macro, must_exist=not (self._limits or wait))
         run, units_sent = None, None
         if self._limits:
@@ -101,16 +101,17 @@ class StoredRuns:
             return await self._session.request(packet, timeout=timeout, unchecked=unchecked)
         if timeout is not None:
             check_seconds("timeout", timeout)
-        asked = self._asked()
+        asked = self.asked()
         _, units_sent = await self._prepare(MACRO, packet.macro_id, asked)
         # Nothing was awaited since `_prepare` looked for a stop, and after a later one the connection does not send it.
         return await asked.connection.request(
             packet, timeout=timeout, unchecked=unchecked, unless_units_since=units_sent
         )
 
-    def _asked(self) -> _Asked:
+    def asked(self) -> Asked:
+        """Return the present connection and its stops: a later stop ends what is asked for now."""
         connection = self._session.connection
-        return _Asked(connection, connection.stops)
+        return Asked(connection, connection.stops)
 
     async def _read(self, kind: RecordType[Any], record_id: int, *, wait: bool) -> Run:
         """Read what runs when a record is run. Raise RequestError if its end shall be waited for and cannot be."""
@@ -123,9 +124,15 @@ class StoredRuns:
         return run
 
     async def _prepare(
-        self, kind: RecordType[Any], record_id: int, asked: _Asked, *, wait: bool = False, dry_run: bool = False
+        self, kind: RecordType[Any], record_id: int, asked: Asked, *, wait: bool = False, dry_run: bool = False
     ) -> tuple[Run, int]:
-        """Return the run of a record that may run now, and how many angle units had been sent when it was checked.
+        """Read a record and all that it runs, and prepare its run (see `prepare`)."""
+        return await self.prepare(lambda: self._read(kind, record_id, wait=False), asked, wait=wait, dry_run=dry_run)
+
+    async def prepare(
+        self, read: Callable[[], Awaitable[Run]], asked: Asked, *, wait: bool = False, dry_run: bool = False
+    ) -> tuple[Run, int]:
+        """Return the run that `read` returns and may begin now, and how many angle units had been sent at its check.
 
         Servos in an unknown pose are moved to the first pose of the record. That takes seconds, so everything is read
         and checked again. Raise MotionRefused for a record that exceeds the limits or cannot be checked.
@@ -133,7 +140,7 @@ class StoredRuns:
         from servolink.project.preflight import preflight_run, uncheckable  # late: most programs set no limits
 
         while True:
-            run = await self._read(kind, record_id, wait=False)
+            run = await read()
             stored, record = run.stored, run.record
             servos = {servo.servo_id: servo for servo in await self._servos.servos()}
             units_sent = asked.connection.units_sent
@@ -152,26 +159,30 @@ class StoredRuns:
                 return run, units_sent
             await self._move_softly(record, {servo_id: pose[servo_id] for servo_id in first}, asked)
 
-    async def _until_over(self, run: Run, asked: _Asked) -> None:
+    async def _until_over(self, run: Run, asked: Asked) -> None:
         """Wait until a run is over and its servos rest where it leaves them (see `Board.run_action`)."""
         loop = asyncio.get_running_loop()
         end = loop.time() + run.seconds()
         # The line is left free meanwhile, so a stop and a loss are looked for here.
         while (left := end - loop.time()) > 0:
             await asyncio.sleep(min(left, _LOOK_EVERY))
-            self._check_goes_on(run.record, asked)
+            self.check_goes_on(run.record, asked)
+        await self.until_at_rest(run, asked)
+
+    async def until_at_rest(self, run: Run, asked: Asked) -> None:
+        """Wait until the servos of a run rest where it leaves them. Raise RequestTimeout for those that do not."""
         async with aclosing(self._servos.until_at_rest(run.last_pose())) as readings:
             async for _ in readings:
-                self._check_goes_on(run.record, asked)
+                self.check_goes_on(run.record, asked)
 
-    def _check_goes_on(self, record: Action | Macro, asked: _Asked) -> None:
+    def check_goes_on(self, record: Action | Macro, asked: Asked) -> None:
         """Raise RequestError if a stop has ended a run, ConnectionLost if the connection it was asked for is gone."""
         if asked.connection is not self._session.connection or self._session.state != "connected":
             raise ConnectionLost(f"{name_of(record)} was started, and the connection was lost before it was over")
         if asked.connection.stops != asked.stops:
             raise RequestError(f"{name_of(record)} was started, and then ended by a stop")
 
-    async def _move_softly(self, record: Action | Macro, pose: Mapping[int, int], asked: _Asked) -> None:
+    async def _move_softly(self, record: Action | Macro, pose: Mapping[int, int], asked: Asked) -> None:
         """Move servos to the first pose of a record and wait until they have arrived. A stop ends it."""
         softest = min(speed for servo_id in pose if (speed := self._limits.soft_speed_of(servo_id)) is not None)
         seconds = await self._servos.move(pose, speed=softest)
@@ -180,7 +191,7 @@ class StoredRuns:
             async for _ in readings:
                 self._check_is_wanted(name_of(record), asked)
 
-    def _check_is_wanted(self, name: str, asked: _Asked) -> None:
+    def _check_is_wanted(self, name: str, asked: Asked) -> None:
         """Raise RequestError if there was a stop since a run was asked for, ConnectionLost if the connection is new."""
         if asked.connection is not self._session.connection:
             raise ConnectionLost(f"{name} was not run: the connection was lost while it was checked")

@@ -168,14 +168,31 @@ class Run:
         turns = _moves_of_macro(lambda at: f"{name}, command {at + 1}", macro, called, start, effect)
         return list(turns), effect
 
-    def _speeds(self, macro_id: int) -> dict[int, float]:
-        """Return the highest speed, 1 or less, at which a macro and all that it runs are run, by macro id."""
+    def slowest(self) -> Iterator[tuple[Action, float]]:
+        """Yield each action that is run, with the lowest speed, 1 or less, at which it is."""
+        if isinstance(self.record, Action):
+            yield self.record, 1.0
+            return
+        lowest: dict[int, float] = {}
+        for macro_id, speed in self._speeds(self.record.macro_id, min).items():
+            for command in self._macros[macro_id].commands:
+                if command.type == MacroCommandType.ACTION and command.loop > 0 and command.ratio > 0:
+                    slowed = speed * command.ratio / 100
+                    lowest[command.command_id] = min(lowest.get(command.command_id, slowed), slowed)
+        actions = ACTION.by_id(self.stored)
+        yield from ((actions[action_id], speed) for action_id, speed in lowest.items())
+
+    def _speeds(self, macro_id: int, of_two: Callable[[float, float], float] = max) -> dict[int, float]:
+        """Return the speed, 1 or less, at which a macro and all that it runs are run, by macro id.
+
+        Of a macro that is run at several speeds, the highest counts; with `min` as `of_two`, the lowest.
+        """
         speeds = {macro_id: 1.0}
         for caller in reversed(self._order):
             for command in self._macros[caller].commands if caller in speeds else ():
                 if command.type == MacroCommandType.MACRO and command.loop > 0 and command.ratio > 0:
                     speed = speeds[caller] * command.ratio / 100
-                    speeds[command.command_id] = max(speeds.get(command.command_id, 0.0), speed)
+                    speeds[command.command_id] = of_two(speeds.get(command.command_id, speed), speed)
         return speeds
 
 

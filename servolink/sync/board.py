@@ -153,6 +153,7 @@ class Board:
     move = _blocking(client.Board.move)
     follow = _iterating(client.Board.follow)
     run_action = _blocking(client.Board.run_action)
+    play = _blocking(client.Board.play)
 
     # --- 3.3 stored records -------------------------------------------------------------------------------------
 

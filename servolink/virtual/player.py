@@ -10,9 +10,10 @@ from msgspec import Struct
 
 from servolink.protocol.codec import Codec, in_range
 from servolink.protocol.editing import AddMacroRequest
+from servolink.protocol.macro_playing import MacroPlaying
 from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
+from servolink.protocol.records import Action, Macro, MacroCommandType, Step
 from servolink.virtual.kind import INTERVAL_UNIT
 from servolink.virtual.servo import Servo
 from servolink.virtual.storage import Storage
@@ -99,7 +100,8 @@ class Player:
             self._collect(macro_id, snapshot, above=0)
         except _Unplayable:
             return False
-        self._running = self._play(snapshot, macro_id, 1.0)
+        playing = MacroPlaying(snapshot.actions, snapshot.macros, self._move_now, self._slowness)
+        self._running = playing.play(macro_id)
         self.macro_id, self._next_macro, self._continue_at = macro_id, 0, now
         return True
 
@@ -124,6 +126,9 @@ class Player:
                 self._continue_at += next(self._running)
             except StopIteration:
                 self._end()
+
+    def _move_now(self, steps: tuple[Step, ...], speed: float) -> None:
+        self.move(steps, self._continue_at, speed)
 
     def _end(self) -> None:
         following, at = self._next_macro, self._continue_at
@@ -162,30 +167,3 @@ class Player:
             if (action := self._record(ACTION, action_id)) is None:
                 raise _Unplayable
             snapshot.actions[action_id] = action
-
-    def _play(self, snapshot: _Snapshot, macro_id: int, speed: float) -> Generator[float, None, float]:
-        """Run a macro, yielding each time to wait; return the time it took."""
-        total = 0.0
-        for command in snapshot.macros[macro_id].commands:
-            yield 0.0
-            elapsed = 0.0
-            for _ in range(command.loop):
-                elapsed += yield from self._run_once(snapshot, command, speed * command.ratio / 100)
-            rest = command.total_interval / 1000 / speed - elapsed
-            if rest > 0:
-                yield rest
-            total += max(rest, 0.0) + elapsed
-        return total
-
-    def _run_once(self, snapshot: _Snapshot, command: MacroCommand, speed: float) -> Generator[float, None, float]:
-        if command.type == MacroCommandType.MACRO:
-            yield 0.0  # so that nested loops without any time are work, too, and interrupted after enough of it
-            return (yield from self._play(snapshot, command.command_id, speed))
-        if command.type == MacroCommandType.DELAY:
-            duration = command.command_id / 1000 / speed
-        else:
-            action = snapshot.actions[command.command_id]
-            self.move(action.steps, self._continue_at, speed)
-            duration = action.seconds * self._slowness / speed
-        yield duration
-        return duration

@@ -59,6 +59,7 @@ def calls(folder: Path) -> dict[str, Call]:
         "move": lambda board: board.move({1: 20, "left knee": -20}, speed=60, wait=True),
         "follow": lambda board: _followed(board.follow({1: 2, 2: 3}, 0.2)),
         "run_action": lambda board: board.run_action(1, wait=True),
+        "play": lambda board: board.play(PROJECT, "dance"),
         "stop": lambda board: board.stop(),
         "release": lambda board: board.release(),
         "set_transmission_mode": lambda board: board.set_transmission_mode(1),

@@ -1,0 +1,234 @@
+"""Playing: plays an action or a macro of a project on a board, step by step, without storing it there."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from typing import TYPE_CHECKING, Any
+
+from msgspec.structs import replace
+
+from servolink.client.collect import collect
+from servolink.client.servos import ServoController
+from servolink.client.session import Session
+from servolink.client.stored_runs import Asked, StoredRuns
+from servolink.errors import EncodeError, NotFound, RequestError
+from servolink.motion import INTERVAL_UNIT
+from servolink.project.model import Project
+from servolink.protocol.macro_playing import MacroPlaying
+from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of
+from servolink.protocol.records import Action, MacroCommandType, Step
+from servolink.protocol.servos import ExecuteActionRequest
+
+if TYPE_CHECKING:  # imported late: most programs play nothing
+    from collections.abc import Generator
+
+    from servolink.project.speed import Run
+
+_LOOK_EVERY = 0.04  # seconds between two looks for a pause, a stop or a loss
+
+
+class Playback:
+    """Pauses and continues what `Board.play` plays, and says how far it is. Any thread may use it."""
+
+    def __init__(self) -> None:
+        """Start unpaused."""
+        self.is_paused = False
+        """Whether no further step begins; servos still finish the one that has begun."""
+        self.seconds = 0.0
+        """How much was played, without pauses and without the movement to the first pose."""
+        self.total_seconds = 0.0
+        """How long all of it takes; 0 until everything was checked."""
+
+    def pause(self) -> None:
+        """Begin no further step. The servos finish the steps that have begun, and are then held."""
+        self.is_paused = True
+
+    def resume(self) -> None:
+        """Continue with the next step."""
+        self.is_paused = False
+
+
+class Playing:
+    """Plays actions and macros of projects, within the limits of movements."""
+
+    def __init__(
+        self, session: Session, servos: ServoController, runs: StoredRuns, interval_unit: float = INTERVAL_UNIT
+    ) -> None:
+        """Check with `runs` as for what is stored; an interval of 1 stands for `interval_unit` seconds."""
+        self._session = session
+        self._servos = servos
+        self._runs = runs
+        self._interval_unit = interval_unit
+
+    async def play(
+        self, project: Project, name: int | str, *, playback: Playback | None = None, dry_run: bool = False
+    ) -> float:
+        """Play a record and return its duration in seconds (see `Board.play`)."""
+        from servolink.project.records import by_type, find
+
+        asked = self._runs.asked()
+        by_type(project)  # refuses an id that is used twice: either record could be meant
+        record = find(project, str(name), (ACTION, MACRO))
+        stored = await collect(_reader(project), type_of(record), type_of(record).id_of(record))
+
+        async def read() -> Run:
+            return await self._playable(stored, record)
+
+        run, units_sent = await self._runs.prepare(read, asked, wait=True, dry_run=dry_run)
+        if dry_run:
+            return run.seconds()
+        playback = playback or Playback()
+        playback.total_seconds = run.seconds()
+        await _Player(self._session, self._runs, run, self._interval_unit, asked, units_sent, playback).play()
+        await self._runs.until_at_rest(run, asked)
+        return run.seconds()
+
+    async def _playable(self, stored: Project, record: Any) -> Run:
+        """Return the run of a record. Raise EncodeError or RequestError if it cannot be played to its end."""
+        from servolink.client.collect import check_can_wait
+        from servolink.project.records import name_of
+        from servolink.project.speed import Run
+
+        for one in (*stored.actions, *stored.macros):
+            self._check_values(one)
+        run = Run(stored, record, self._interval_unit)
+        servos = await self._servos.servos()
+        check_can_wait(run, servos)  # so nothing in it is endless from here on
+        for action, speed in run.slowest():
+            try:
+                self._session.codec.encode(_movement(action.steps, speed))
+            except EncodeError as error:
+                raise EncodeError(f"{name_of(action)} at {speed:.3g} times its speed: {error.text}") from error
+        why = f"{name_of(record)} was not played:"
+        used = [servo for servo in servos if servo.servo_id in run.servo_ids()]
+        for servo in used:
+            if not (servo.is_start and servo.is_hold):
+                raise RequestError(f"{why} servo {servo.servo_id} is {servo.state}; start and hold it first")
+            if self._servos.units.of(servo.servo_id) == "adc":
+                raise RequestError(f"{why} servo {servo.servo_id} is set to raw ADC; set its angle unit to degrees")
+        return run
+
+    def _check_values(self, record: Any) -> None:
+        """Raise EncodeError for values that no board takes; its caption is not sent."""
+        from servolink.project.records import name_of, with_caption
+
+        kind: RecordType[Any] = type_of(record)
+        try:
+            self._session.codec.encode(kind.add(with_caption(record, "")))
+        except EncodeError as error:
+            raise EncodeError(f"{name_of(record)}, {error.path}: {error.text}") from error
+        for number, command in enumerate(record.commands if kind is MACRO else (), 1):
+            if command.type == MacroCommandType.DELAY and command.command_id < 0:
+                raise EncodeError(f"{name_of(record)}, command {number} is a delay of {command.command_id} ms")
+
+
+class _Player:
+    """Sends the steps of one run as their time comes."""
+
+    def __init__(  # all of them are needed for each step
+        self,
+        session: Session,
+        runs: StoredRuns,
+        run: Run,
+        interval_unit: float,
+        asked: Asked,
+        units_sent: int,
+        playback: Playback,
+    ) -> None:
+        self._session = session
+        self._runs = runs
+        self._run = run
+        self._unit = interval_unit
+        self._asked = asked
+        self._units_sent = units_sent
+        self._playback = playback
+        self._waiting: list[ExecuteActionRequest] = []
+        """Movements that are to begin now."""
+        self._due = asyncio.get_running_loop().time()
+        """When what comes next begins, seconds of the event loop's clock."""
+
+    async def play(self) -> None:
+        """Send all steps, and return when the last one has had its time."""
+        for seconds in self._pauses():
+            await self._wait_until_resumed()
+            shortest = 0.0
+            for movement in self._waiting:
+                await self._send(movement)
+                shortest = self._unit  # an action that takes no time must not fill the line when it is repeated
+            self._waiting.clear()
+            await self._wait(max(seconds, shortest))
+
+    def _pauses(self) -> Generator[float, None, object]:
+        record, stored = self._run.record, self._run.stored
+        if not isinstance(record, Action):
+            slowness = self._unit / INTERVAL_UNIT
+            playing = MacroPlaying(ACTION.by_id(stored), MACRO.by_id(stored), self._move, slowness)
+            return playing.play(record.macro_id)
+        self._move(record.steps, 1.0)
+        return (seconds for seconds in (self._run.seconds(),))
+
+    def _move(self, steps: tuple[Step, ...], speed: float) -> None:
+        if steps:
+            self._waiting.append(_movement(steps, speed))
+
+    async def _send(self, movement: ExecuteActionRequest) -> None:
+        """Send a movement, once. Raise RequestError after a stop or a change of a unit, ConnectionLost after a loss."""
+        self._check()
+        sent = await self._asked.connection.send(
+            movement, unless_stopped_since=self._asked.stops, unless_units_since=self._units_sent
+        )
+        if not sent:
+            from servolink.project.records import name_of
+
+            raise RequestError(
+                f"{name_of(self._run.record)} was ended, because an angle unit was set while it was played", movement
+            )
+        # A step that is sent late is not cut short: the next one would turn faster than was checked.
+        self._due = max(self._due, asyncio.get_running_loop().time())
+
+    async def _wait(self, seconds: float) -> None:
+        """Wait until `seconds` after what was last due; stops, losses and progress are looked at meanwhile."""
+        loop = asyncio.get_running_loop()
+        before, self._due = self._playback.seconds, self._due + seconds
+        while (left := self._due - loop.time()) > 0:
+            self._playback.seconds = before + max(seconds - left, 0.0)
+            await asyncio.sleep(min(left, _LOOK_EVERY))
+            self._check()
+        self._playback.seconds = before + seconds
+        if seconds <= 0:
+            await asyncio.sleep(0)  # a macro can have billions of commands that take no time
+            self._check()
+
+    async def _wait_until_resumed(self) -> None:
+        loop = asyncio.get_running_loop()
+        while self._playback.is_paused:
+            await asyncio.sleep(_LOOK_EVERY)
+            self._check()
+            self._due = max(self._due, loop.time())
+
+    def _check(self) -> None:
+        self._runs.check_goes_on(self._run.record, self._asked)
+
+
+def _movement(steps: tuple[Step, ...], speed: float) -> ExecuteActionRequest:
+    """Return the movement that starts the steps of an action, at a speed of 1 or less."""
+    return ExecuteActionRequest(
+        tuple(
+            # Rounded first, as 7 / 0.7 is a little more than 10.
+            replace(step, interval=max(1, math.ceil(round(step.interval / speed, 6))))
+            for step in steps
+        )
+    )
+
+
+def _reader(project: Project) -> Any:
+    """Return a function that returns records of `project` as `collect` wants them."""
+
+    async def get(kind: RecordType[Any], number: int) -> Any:
+        try:
+            return kind.by_id(project)[number]
+        except KeyError:
+            raise NotFound(f"the project has no {kind} {number}") from None
+
+    return get
