@@ -116,6 +116,13 @@ COMMANDS = {
         "nudge servos until they stand right, and store their corrections",
         ("trim --set 3=+4", "trim --set 1=-2 --set 2=+1 --json"),
     ),
+    "remote": Command(
+        MOVE,
+        "remote:configure",
+        "press the buttons of a joystick table by keys",
+        ("remote", "remote --table 1 --speed-cap 90"),
+        needs_records=True,
+    ),
     "events": Command(
         MOVE, "events:configure", "show button events as they come", ("events --seconds 2", "events --seconds 1 --json")
     ),

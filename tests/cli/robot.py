@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import functools
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any, TypeVar
 
 import pytest
@@ -27,6 +28,19 @@ from tests.cli.programs import Said, call
 from tests.virtual_time import VirtualTimeLoop
 
 T = TypeVar("T")
+
+
+def typing(texts: Sequence[str | Callable[[], object]]) -> Callable[..., AbstractContextManager[bool]]:
+    """Return a stand-in for `single_keys` in which a text is typed, or something done, every half second."""
+
+    @contextmanager
+    def keys(typed: Callable[[str], None]) -> Iterator[bool]:
+        loop = asyncio.get_running_loop()
+        for number, text in enumerate(texts, 1):
+            loop.call_later(number / 2, *((typed, text) if isinstance(text, str) else (text,)))
+        yield True
+
+    return keys
 
 
 class Robot:

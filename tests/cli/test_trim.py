@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -14,7 +12,7 @@ import pytest
 from servolink.cli import trim
 from servolink.protocol.records import ServoParameter
 from tests.cli.programs import Said, in_terminal
-from tests.cli.robot import Robot
+from tests.cli.robot import Robot, typing
 
 
 @pytest.fixture(autouse=True)
@@ -105,21 +103,11 @@ def test_a_correction_that_somebody_else_changed_is_kept(robot: Robot) -> None:
 
 
 @pytest.fixture
-def typing(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Said]:
+def types(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Said]:
     """Return a function that runs `servolink trim` and types a text every half second."""
 
     def run(texts: Sequence[str | Callable[[], object]], *arguments: str) -> Said:
-        @contextmanager
-        def keys(typed: Callable[[str], None]) -> Iterator[bool]:
-            loop = asyncio.get_running_loop()
-            for number, text in enumerate(texts, 1):
-                if isinstance(text, str):
-                    loop.call_later(number / 2, typed, text)
-                else:
-                    loop.call_later(number / 2, text)
-            yield True
-
-        monkeypatch.setattr(trim, "single_keys", keys)
+        monkeypatch.setattr(trim, "single_keys", typing(texts))
         return robot("trim", *arguments)
 
     monkeypatch.setattr(trim, "can_ask", lambda: True)
@@ -127,39 +115,39 @@ def typing(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Said]
     return run
 
 
-def test_keys_nudge_undo_and_store(typing: Callable[..., Said], robot: Robot) -> None:
+def test_keys_nudge_undo_and_store(types: Callable[..., Said], robot: Robot) -> None:
     before = angles(robot)
-    said = typing(["\x1b[C\x1b[C+-", "\x1b[B-", "\x1bOA?", "+", "u", "\r"], "1", "2")
+    said = types(["\x1b[C\x1b[C+-", "\x1b[B-", "\x1bOA?", "+", "u", "\r"], "1", "2")
     assert (said.code, said.err) == (0, "")
     assert corrections(robot) == {1: 2, 2: -1}
     assert angles(robot) == [before[0] + 2, before[1] - 1, before[2]]
     assert "the last nudge of servo 1 was taken back" in said.out
 
 
-def test_leaving_stores_nothing_and_says_where_the_servo_is(typing: Callable[..., Said], robot: Robot) -> None:
-    said = typing(["+", "+", "q"], "2")
+def test_leaving_stores_nothing_and_says_where_the_servo_is(types: Callable[..., Said], robot: Robot) -> None:
+    said = types(["+", "+", "q"], "2")
     assert said.code == 0
     assert said.out.splitlines()[-1] == "servo 2 was moved by +2°; no correction was stored"
     assert corrections(robot) == {}
-    assert typing(["u", "\x1b"]).out.endswith("no servo was moved; no correction was stored\n")
-    assert typing([""]).code == 0, "the terminal is gone"
+    assert types(["u", "\x1b"]).out.endswith("no servo was moved; no correction was stored\n")
+    assert types([""]).code == 0, "the terminal is gone"
 
 
 def test_a_limit_refuses_a_nudge_and_it_is_not_counted(
-    typing: Callable[..., Said], robot: Robot, monkeypatch: pytest.MonkeyPatch
+    types: Callable[..., Said], robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from servolink.client import connect
 
     here = angles(robot)[0]
     make = connect.connect
     monkeypatch.setattr(connect, "connect", lambda *a, **o: make(*a, **o, angle_limits=(here - 1, here + 1)))
-    said = typing(["+", "+", "\n"], "1")
+    said = types(["+", "+", "\n"], "1")
     assert f"{here + 2} degrees is outside its limits" in said.out
     assert corrections(robot) == {1: 1}
 
 
-def test_ctrl_c_stops_and_says_what_is_where(typing: Callable[..., Said], robot: Robot) -> None:
-    said = typing(["+", lambda: os.kill(os.getpid(), signal.SIGINT)], "3")
+def test_ctrl_c_stops_and_says_what_is_where(types: Callable[..., Said], robot: Robot) -> None:
+    said = types(["+", lambda: os.kill(os.getpid(), signal.SIGINT)], "3")
     assert said.code == 130
     assert said.err == (
         "interrupted: servo 3 was moved by +1°; the servos were stopped, and no correction was stored: "
@@ -169,8 +157,8 @@ def test_ctrl_c_stops_and_says_what_is_where(typing: Callable[..., Said], robot:
     assert not any(servo.is_start for servo in robot.ask(lambda board: board.servos()))
 
 
-def test_a_lost_board_ends_it(typing: Callable[..., Said], robot: Robot) -> None:
-    said = typing(["+", robot.unplug, "+"], "3")
+def test_a_lost_board_ends_it(types: Callable[..., Said], robot: Robot) -> None:
+    said = types(["+", robot.unplug, "+"], "3")
     assert said.code == 3
     assert "servolink: servo 3 was moved by +1°; no correction was stored" in said.err
 

@@ -178,6 +178,7 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("--url {few} trim --set x{text}=+2"),
         Trial("--url {few} trim {text}"),
     ),
+    "remote": (Trial("--url {few} remote"), Trial("--url {few} remote --table x{text}")),
     "teach": (Trial("--url {few} teach wave 250 --yes"), Trial("--url {few} teach wave --file {mixed} --yes")),
 }
 """The trials of each command, in their order; each command has them for itself, in a world of its own."""

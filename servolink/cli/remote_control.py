@@ -1,0 +1,144 @@
+"""RemoteControl: the buttons of a joystick table, pressed by keys; the macros run by ExecuteMacro (document, 3.3.9)."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from contextlib import suppress
+
+from servolink.cli.output import Table
+from servolink.client.board import Board
+from servolink.errors import EncodeError, NotFound, Rejected, ServolinkError
+from servolink.protocol.records import Button, JoystickTable
+
+KEYS = "abcdefghijklmnoprstuvwxyz"
+"""Keys of buttons, in the order of the table: all letters but q, which ends."""
+
+_TAP = 0.1  # seconds from press to release
+
+
+class RemoteControl:
+    """Does what the board does when its buttons are pressed: a tap, or a long press, which the next tap releases."""
+
+    def __init__(self, board: Board, table: JoystickTable, seconds: Mapping[int, float | None]) -> None:
+        """Start with no button down. `seconds` is how long each macro on the board runs, None for ever."""
+        self._board = board
+        self._seconds = seconds
+        self.table = table
+        self.buttons = dict(zip(KEYS, table.buttons, strict=False))
+        self._held: set[int] = set()  # buttons that are down after a long press
+        self._runs = 0  # the macro that was started last
+        self._ends = 0.0  # when it ends, in seconds of the loop's clock
+        self._after: Button | None = None  # released, and its button-up macro waits for that end
+
+    @property
+    def wait(self) -> float | None:
+        """Seconds until `run_waiting` is due; None if nothing waits."""
+        return None if self._after is None else max(0.0, self._ends - asyncio.get_running_loop().time())
+
+    async def run_waiting(self) -> str:
+        """Run the button-up macro that waited for the end of a long-press macro, and return what was done."""
+        button, self._after = self._after, None
+        return "" if button is None else f"button {button.button_id}: {await self._run(button.button_up_macro)}"
+
+    async def press(self, key: str) -> str:
+        """Do what a key asks, capital for a long press, and return what was done; "" for a key without a button."""
+        button = self.buttons.get(key.lower())
+        if button is None:
+            return ""
+        name = f"button {button.button_id}"
+        if button.button_id in self._held:
+            self._held.discard(button.button_id)
+            return f"{name} released: {await self._release(button)}"
+        if key.isupper():
+            done = await self._run(button.button_long_press_macro)
+            self._held.add(button.button_id)
+            return f"{name} held: {done}; the next tap releases it"
+        pressed = await self._run(button.button_press_macro)
+        await asyncio.sleep(_TAP)
+        return f"{name} pressed: {pressed}; released: {await self._run(button.button_up_macro)}"
+
+    async def stop(self) -> None:
+        """Stop all servos. All buttons are up then, and run nothing."""
+        self._held.clear()
+        self._runs, self._after = 0, None
+        await self._board.stop()
+
+    async def _release(self, button: Button) -> str:
+        """Run the button-up macro: of an uninterruptible button, not before its long-press macro has ended."""
+        long_runs = self._runs != 0 and self._runs == button.button_long_press_macro
+        if not (long_runs and button.uninterruptible and button.button_up_macro):
+            return await self._run(button.button_up_macro)
+        if self._seconds.get(self._runs) is None:
+            return f"macro {self._runs} never ends, and nothing interrupts it for macro {button.button_up_macro}"
+        self._after = button
+        return f"macro {button.button_up_macro} waits for the end of macro {self._runs}"
+
+    async def _run(self, macro_id: int) -> str:
+        """Run a macro, 0 for none, and return what was done, also if it was refused."""
+        if not macro_id:
+            return "no macro"
+        if macro_id not in self._seconds:
+            return f"macro {macro_id} is not on the board"
+        await self._board.run_macro(macro_id)
+        self._runs, self._after = macro_id, None
+        self._ends = asyncio.get_running_loop().time() + (self._seconds[macro_id] or 0.0)
+        return f"macro {macro_id}"
+
+    def mapping(self, captions: Mapping[int, str]) -> Table:
+        """Return which key presses which button, and what that runs; `captions` are those of macros, by id."""
+
+        def name(macro_id: int) -> str:
+            if not macro_id:
+                return ""
+            return f"{macro_id} {captions[macro_id]}".rstrip() if macro_id in captions else f"{macro_id} (missing)"
+
+        keys = {button.button_id: key for key, button in self.buttons.items()}
+        rows = [
+            (
+                keys.get(button.button_id, ""),
+                f"{button.button_id} {button.button_caption}".rstrip(),
+                name(button.button_press_macro),
+                name(button.button_long_press_macro),
+                name(button.button_up_macro),
+                "yes" if button.uninterruptible else "",
+            )
+            for button in self.table.buttons
+        ]
+        title = f"joystick table {self.table.table_id} '{self.table.table_caption}'"
+        return Table(("key", "button", "press", "long press", "up", "uninterruptible"), rows, title)
+
+
+async def read_control(board: Board, table: int | str | None) -> tuple[RemoteControl, dict[int, str]]:
+    """Read a joystick table, the active one for None, and what its macros run. Return them and the macros' captions.
+
+    Raise NotFound if there is no such table, or if it has no buttons.
+    """
+    number = await board.active_joystick_table() if table is None else table
+    if number is None:
+        raise NotFound("the board has no active joystick table; `servolink tables` lists its tables, --table names one")
+    found = await board.joystick_table(number)
+    if not found.buttons:
+        raise NotFound(f"joystick table {found.table_id} has no buttons")
+    used = {
+        macro_id
+        for one in found.buttons
+        for macro_id in (one.button_press_macro, one.button_long_press_macro, one.button_up_macro)
+    }
+    captions = {one.macro_id: one.macro_caption for one in await board.macros() if one.macro_id in used}
+    seconds = {macro_id: await _seconds(board, macro_id) for macro_id in captions if macro_id}
+    return RemoteControl(board, found, seconds), captions
+
+
+async def _seconds(board: Board, macro_id: int) -> float | None:
+    """Return how long a macro runs, None for ever; 0 if something that it runs is missing."""
+    from servolink.cli.run import read_run
+
+    with suppress(NotFound):
+        return (await read_run(board, "macro", macro_id)).known_seconds()
+    return 0.0
+
+
+def is_refusal(error: ServolinkError) -> bool:
+    """Return whether a macro was refused, so that other keys may still work."""
+    return isinstance(error, (EncodeError, Rejected, NotFound))
