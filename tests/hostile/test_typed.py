@@ -69,6 +69,8 @@ TYPED = (
     "--url virtual:// macro delete {} --yes",
     "--url virtual:// table activate {}",
     "--url virtual:// teach x --button {} --yes",
+    "--url virtual:// servo trim {} 3",
+    "--url virtual:// request {}",
     "--json --url virtual:// trim {}",
     "--url virtual:// trim --set {}=+1",
     "--json --url virtual:// remote --table {}",
