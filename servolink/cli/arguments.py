@@ -75,3 +75,6 @@ RECORD_ID = whole_number(1, 2**31 - 1)
 SERVO_ID = whole_number(0, LAST_SERVO)
 RECORD_NAME = or_caption(RECORD_ID)
 SERVO_NAME = or_caption(SERVO_ID)
+
+MOST_TRIM = 180
+"""Degrees of the largest angle correction that is stored, to both sides."""

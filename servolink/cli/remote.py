@@ -5,18 +5,21 @@ from __future__ import annotations
 import argparse
 import asyncio
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import RECORD_NAME
 from servolink.cli.main import OK, usage_error
 from servolink.cli.motion import add_limits, limits_of
 from servolink.cli.output import is_terminal, print_error, print_table, print_text
-from servolink.cli.remote_control import RemoteControl, is_refusal, read_control
 from servolink.cli.run import stopped_by_interruption
 from servolink.cli.servos import are, reported
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.terminal import can_ask, keys_in, single_keys
-from servolink.client.board import Board
 from servolink.errors import RequestError, ServolinkError
+
+if TYPE_CHECKING:  # and imported late: --help needs none of it
+    from servolink.cli.remote_control import RemoteControl
+    from servolink.client.board import Board
 
 _HELP = "letter: tap; with Shift: hold until the next tap; space: stop; q or Esc: end"
 _AFTER_STOP = "all servos are stopped and held: `servolink servo start all` starts them"
@@ -41,6 +44,8 @@ def run(args: argparse.Namespace) -> int:
         usage_error(args, "buttons are pressed by keys, which needs a terminal; `servolink run macro NAME` needs none")
 
     async def talk(board: Board, interruption: Interruption) -> int:
+        from servolink.cli.remote_control import read_control
+
         control, captions = await read_control(board, args.table)
         print_table(control.mapping(captions))
         idle = [servo.servo_id for servo in await reported(board) if not (servo.is_start and servo.is_hold)]
@@ -104,6 +109,8 @@ async def _ended(worker: asyncio.Task[None]) -> None:
 
 async def _press(control: RemoteControl, presses: asyncio.Queue[str]) -> None:
     """Press what comes, and say what that did."""
+    from servolink.cli.remote_control import is_refusal
+
     while True:
         try:
             try:

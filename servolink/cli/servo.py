@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from servolink.cli.arguments import SERVO_NAME, whole_number
+from servolink.cli.arguments import MOST_TRIM, SERVO_NAME, whole_number
 from servolink.cli.commands import STORED, Command
 from servolink.cli.main import OK
 from servolink.cli.parser import Parser
@@ -73,7 +73,7 @@ def configure_trim(parser: argparse.ArgumentParser) -> None:
     _add_servo(parser)
     parser.add_argument(
         "degrees",
-        type=whole_number(-180, 180),
+        type=whole_number(-MOST_TRIM, MOST_TRIM),
         metavar="DEGREES",
         help="the new correction, -180 to 180; 0 for none. It replaces the old one",
     )

@@ -7,8 +7,9 @@ import asyncio
 import re
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-from servolink.cli.arguments import SERVO_NAME, whole_number
+from servolink.cli.arguments import MOST_TRIM, SERVO_NAME, whole_number
 from servolink.cli.live import follow
 from servolink.cli.main import OK, usage_error
 from servolink.cli.motion import chosen_servos, make_ready
@@ -16,14 +17,14 @@ from servolink.cli.output import Table, console, is_terminal, plain_lines, print
 from servolink.cli.run import stopped_by_interruption
 from servolink.cli.servos import are, reported
 from servolink.cli.session import UNFINISHED_IMPORT, Interruption, run_with_board
-from servolink.cli.stored.parameters import MOST_TRIM, change_parameters
 from servolink.cli.terminal import can_ask, cleanup, keys_in, single_keys
-from servolink.cli.trim_session import SPEED, TrimSession
-from servolink.client.board import Board
-from servolink.client.names import servo_ids
-from servolink.client.servos import Servo
 from servolink.errors import EncodeError, NotFound, ProjectError, RequestError, ServolinkError
 from servolink.escaping import escape
+
+if TYPE_CHECKING:  # and imported late: --help needs none of it
+    from servolink.cli.trim_session import TrimSession
+    from servolink.client.board import Board
+    from servolink.client.servos import Servo
 
 _NUDGE = re.compile(r"(.+)=([+-][0-9]{1,9})", re.DOTALL | re.ASCII)
 _HELP = "left/right or -/+: 1 degree; up/down: servo; u: undo; Enter: store; q: leave"
@@ -75,6 +76,9 @@ def run(args: argparse.Namespace) -> int:
         usage_error(args, "servos are nudged by keys, which needs a terminal; without one, use --set SERVO=+N")
 
     async def talk(board: Board, interruption: Interruption) -> int:
+        from servolink.cli.stored.parameters import change_parameters
+        from servolink.cli.trim_session import TrimSession
+
         if await board.has_unfinished_import():
             raise ProjectError(f"{UNFINISHED_IMPORT}; no servo was moved, and {_UNSTORED}")
         nudges = await _nudges(args, board)
@@ -100,6 +104,8 @@ def run(args: argparse.Namespace) -> int:
 
 async def _nudges(args: argparse.Namespace, board: Board) -> dict[int, int]:
     """Return the degrees of `--set`, by servo id."""
+    from servolink.client.names import servo_ids
+
     ids = await servo_ids(board, [servo for servo, _ in args.nudges])
     nudges = dict(zip(ids, (degrees for _, degrees in args.nudges), strict=True))
     if len(nudges) < len(ids):
@@ -111,6 +117,8 @@ async def _nudges(args: argparse.Namespace, board: Board) -> dict[int, int]:
 
 async def _check(board: Board, session: TrimSession, nudges: dict[int, int], servos: list[Servo]) -> None:
     """Raise EncodeError, or MotionRefused, for a nudge of `--set` that is not possible, before anything moves."""
+    from servolink.cli.trim_session import SPEED
+
     targets = {servo.servo_id: session.check(servo.servo_id, nudges.get(servo.servo_id, 0)) for servo in servos}
     if nudges:
         await board.move(targets, speed=SPEED, dry_run=True)
@@ -134,6 +142,8 @@ async def _as_given(
     args: argparse.Namespace, board: Board, session: TrimSession, nudges: dict[int, int], servos: list[Servo]
 ) -> bool:
     """Nudge as `--set` says, and wait until the servos have arrived."""
+    from servolink.cli.trim_session import SPEED
+
     targets = {servo.servo_id: session.check(servo.servo_id, nudges[servo.servo_id]) for servo in servos}
     if not args.json:
         for servo in servos:
@@ -147,6 +157,8 @@ async def _as_given(
 
 async def _by_keys(board: Board, session: TrimSession) -> bool:
     """Obey keys until somebody ends it. Return whether the corrections are to be stored."""
+    from servolink.cli.trim_session import SPEED
+
     keys: asyncio.Queue[str] = asyncio.Queue()
 
     def typed(text: str) -> None:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 from msgspec.structs import replace
 
+from servolink.cli.arguments import MOST_TRIM
 from servolink.cli.output import Table
-from servolink.cli.stored.parameters import MOST_TRIM
 from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.errors import EncodeError, ProjectError

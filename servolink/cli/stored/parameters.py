@@ -15,9 +15,6 @@ from servolink.project.model import Project
 from servolink.project.records import by_servo
 from servolink.protocol.records import ServoParameter
 
-MOST_TRIM = 180
-"""Degrees of the largest angle correction that is stored, to both sides."""
-
 
 async def change_parameters(
     args: argparse.Namespace,
