@@ -122,7 +122,7 @@ def test_what_cannot_be_played(file: str, capsys: pytest.CaptureFixture[str]) ->
 def test_no_board_is_ever_moved(source: str, capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, "project", "play", source, "1")
     assert (said.code, said.out) == (2, "")
-    assert "play moves a virtual board only" in said.err
+    assert "play reads a file" in said.err
 
 
 def test_a_virtual_board_may_be_where_it_comes_from(capsys: pytest.CaptureFixture[str]) -> None:

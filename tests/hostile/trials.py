@@ -147,6 +147,8 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("project preflight {other} --speed-cap 1 --limit 0 5"),
         Trial("project preflight {other} {name} --speed-cap 1"),
         *(Trial(f"project play {{other}} macro:{at} --fast") for at in (1, 7, 8, 20)),
+        Trial("project play {other} {name} --board {few} --start", timed=True),
+        Trial("project play {allowed} action:1 --board {few} --start", timed=True),
         Trial("project mirror {allowed} action:1 macro:2 --map 1=2,3=4 -o {mirrored}"),
         Trial("project mirror {other} action:1 -o {mirrored} --force", refused=True),
         Trial("project scale-time {allowed} 2 --in-place"),

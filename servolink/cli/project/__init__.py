@@ -31,8 +31,9 @@ COMMANDS = {
     ),
     "play": _command(
         "play:configure",
-        "play an action or a macro on a virtual board, with a chart of its movements",
+        "play an action or a macro: as a chart of its movements, or on a robot without storing it there",
         "play robot.servolink.json Bow --fast",
+        "play robot.servolink.json Bow --board virtual://?servos=20",
     ),
     "mirror": _command(
         "edit:configure_mirror",

@@ -1,13 +1,16 @@
-"""`servolink project play`: play an action or a macro on a virtual board, with a chart of its movements."""
+"""`servolink project play`: play an action or a macro on a robot, or as a chart of its movements."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from servolink.cli.arguments import not_empty
 from servolink.cli.main import OK, usage_error
+from servolink.cli.motion import add_limits
 from servolink.cli.output import Table, is_terminal, plain_lines, print_json, print_table, print_text, text_width
 from servolink.cli.project.source import add_source, is_address, with_project
 from servolink.errors import ProjectError
@@ -32,14 +35,46 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fast", action="store_true", help="print the chart at once, without the bars that move in real time"
     )
+    board = parser.add_argument_group("on a real robot")
+    board.add_argument(
+        *("-b", "--board", "--url"),
+        dest="on_board",
+        type=not_empty,
+        metavar="BOARD",
+        help="play on this board, step by step, and store nothing there; a virtual one is played on without it",
+    )
+    board.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
+    add_limits(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Play the record; all servos start at 0 degrees."""
+    """Play the record on a board, or else as a dry run, in which all servos start at 0 degrees."""
     if is_address(args.source) and not args.source.startswith("virtual:"):
-        usage_error(args, "play moves a virtual board only; export the project first, and play the file")
+        usage_error(args, "play reads a file; export the project of the board first, and play the file")
+    if board := _board(args):
+        return with_project(args, lambda project: _play_on(args, board, project))
+    if args.start or args.limit or args.speed_cap or args.soft_start:
+        usage_error(args, "--start, --limit, --speed-cap and --soft-start are for a robot: name it with --board")
     with_bars = is_terminal() and not args.json and not args.fast
     return with_project(args, lambda project: _play(args, project, with_bars=with_bars))
+
+
+def _board(args: argparse.Namespace) -> str | None:
+    """Return the board that the command line names.
+
+    One in the environment does not count: what is meant to be a dry run must not move a robot.
+    """
+    named: str | None = args.on_board
+    if named is None and args.url not in {None, os.environ.get("SERVOLINK_BOARD"), os.environ.get("SERVOLINK_URL")}:
+        named = args.url
+    return named
+
+
+def _play_on(args: argparse.Namespace, board: str, project: Project) -> int:
+    from servolink.cli.project.play_on_board import play_on_board
+
+    args.url = board
+    return play_on_board(args, project, find(project, args.record, (ACTION, MACRO)))
 
 
 def _play(args: argparse.Namespace, project: Project, *, with_bars: bool) -> int:
