@@ -37,7 +37,7 @@ def typing(texts: Sequence[str | Callable[[], object]]) -> Callable[..., Abstrac
     def keys(typed: Callable[[str], None]) -> Iterator[bool]:
         loop = asyncio.get_running_loop()
         for number, text in enumerate(texts, 1):
-            loop.call_later(number / 2, *((typed, text) if isinstance(text, str) else (text,)))
+            loop.call_later(number / 2, functools.partial(typed, text) if isinstance(text, str) else text)
         yield True
 
     return keys
