@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from random import Random
 
-FIRST_LENGTH, SECOND_LENGTH, THIRD_LENGTH = 6, 10, 16
+FIRST_LENGTH, SECOND_LENGTH, THIRD_LENGTH = 6, 12, 16
 """Queries in the word: at first, once something was owed, and if it is drawn from fewer kinds."""
 MOST_SILENT = 4
 """A kind that is not answered so many times in a row, but what was asked after it is, is not supported."""
@@ -94,14 +94,20 @@ class Handshake:
         elif is_latest and self._silent[expected] >= MOST_SILENT:
             self.unsupported.add(expected)
             self._draw(SECOND_LENGTH)
-        elif not is_ours:  # else it was sent again, or between others: it proves nothing, and undoes nothing
+        elif not is_ours or not (is_latest or len(self._word) > FIRST_LENGTH or self._was_just_matched(kind)):
             if len(self._word) == FIRST_LENGTH:
                 self._draw(SECOND_LENGTH)
             self._fall_back(kind)
+        # Otherwise it was sent again, or between others: it proves nothing, and undoes nothing. Passing over it makes
+        # it likelier that owed responses complete a word, so the first word, the shortest one, passes over repeats of
+        # the query answered last only.
 
     def leftover(self) -> list[int]:
         """Return the kinds of which a response may still come, after the whole word. Everything older is over."""
         return self._sent[self._sent.index(self._word[-1]) + 1 :]
+
+    def _was_just_matched(self, kind: int) -> bool:
+        return self._matched > 0 and self._word[self._matched - 1] == kind
 
     def _send(self, kind: int) -> int:
         self._on_its_way = kind
