@@ -11,7 +11,8 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # what is documented is what lies here, installed or not
 
 import servolink  # noqa: E402
-from servolink.client import board  # noqa: E402
+from servolink.client import board, connect  # noqa: E402
+from servolink.profiles.profile import BoardProfile, ProfileInUse  # noqa: E402
 from servolink.project.transfer import results  # noqa: E402
 
 if TYPE_CHECKING:
@@ -19,8 +20,9 @@ if TYPE_CHECKING:
     from sphinx.application import Sphinx
     from sphinx.environment import BuildEnvironment
 
-for module in (board, results):
-    vars(module)["Path"] = Path  # imported there for type checkers only; Sphinx evaluates signatures
+# Sphinx evaluates signatures, and these are imported for type checkers only.
+for module in (board, connect, results):
+    vars(module).update(Path=Path, BoardProfile=BoardProfile, ProfileInUse=ProfileInUse)
 
 project = "servolink"
 author = "The servolink authors"
