@@ -152,6 +152,9 @@ class TestPreflight:
         assert run("preflight", "--limit", "-20", "20", *options).code == 0
         said = run("preflight", "--servo-limit", "3=-29.5:0")
         assert "step 2 asks servo 3 to go to -30 degrees; its limits are -29.5..0" in said.out
+        assert run("preflight", "--servo-limit", "l elbow=-29.5:0").out == said.out
+        unknown = run("preflight", "--servo-limit", "tail=-29.5:0")
+        assert (unknown.code, "there is no servo 'tail'" in unknown.err) == (1, True)
 
     def test_limits_of_a_board(self, run: File, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))

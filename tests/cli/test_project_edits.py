@@ -185,12 +185,25 @@ class TestMirror:
             ("--map", "1=2,1=3"),
             ("--map", "1=255"),
             ("--map", ""),
-            ("--same-sign", "x"),
             ("--same-sign", "5"),
         ],
     )
     def test_wrong_usage(self, options: tuple[str, ...], run: Folder) -> None:
         assert run("mirror", "robot", "Nod", "Show", *options, "--in-place").code == 2
+        assert run.load("robot") == HUMANOID
+
+    def test_a_map_of_captions(self, run: Folder) -> None:
+        options = ("--map", "left shoulder=r elbow,name:neck=neck", "--same-sign", "R elbow")
+        assert run("mirror", "robot", "action:1", *options, "-o", "=out").code == 0
+        assert run.load("out").actions[2].steps == (Step(4, 60, 50), Step(3, -30, 40), Step(5, -10, 20))
+        said = run("mirror", "robot", "action:1", "--map", "1=4,L elbow=4", "-o", "=other")
+        assert (said.code, "servo 4 has two partners in --map" in said.err) == (2, True)
+
+    @pytest.mark.parametrize("option", ["--map", "--same-sign"])
+    def test_a_servo_that_is_not_there(self, option: str, run: Folder) -> None:
+        said = run("mirror", "robot", "Nod", option, "tail=1" if option == "--map" else "tail", "--in-place")
+        assert (said.code, said.out) == (1, "")
+        assert "there is no servo 'tail'" in said.err
         assert run.load("robot") == HUMANOID
 
     def test_captions_that_say_nothing(self, run: Folder) -> None:

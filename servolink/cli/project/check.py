@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 
-from servolink.cli.arguments import whole_number
+from servolink.cli.arguments import SERVO_NAME, whole_number
 from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import counted, print_json, print_text
 from servolink.cli.project.source import add_source, is_address, with_project
@@ -15,7 +15,7 @@ from servolink.project.fix import fix_project
 from servolink.project.model import Project
 from servolink.project.preflight import preflight
 from servolink.project.project_file import read_project_file, save_project
-from servolink.project.records import find
+from servolink.project.records import find, find_servo
 from servolink.project.validate import Diagnostic, validate_project
 from servolink.protocol.record_types import ACTION, MACRO
 from servolink.protocol.servos import ALL_SERVOS
@@ -89,7 +89,7 @@ def _servo_ids(text: str) -> frozenset[int]:
 
 
 _NUMBER = r"[+-]?[0-9]{1,5}(?:\.[0-9]{1,3})?"
-_SERVO_LIMIT = re.compile(rf"([0-9]{{1,3}})=({_NUMBER}):({_NUMBER})", re.ASCII)
+_SERVO_LIMIT = re.compile(rf"(.+)=({_NUMBER}):({_NUMBER})", re.DOTALL)
 
 
 def configure_preflight(parser: argparse.ArgumentParser) -> None:
@@ -107,7 +107,7 @@ def configure_preflight(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=_servo_limit,
         metavar="SERVO=LOW:HIGH",
-        help="angles of one servo, as in 3=-45:90; may be repeated",
+        help="angles of one servo, by id or caption, as in hip=-45:90; may be repeated",
     )
     parser.add_argument(
         "--profile", metavar="NAME", help="the limits kept for this board, as in `servolink board show`"
@@ -132,11 +132,12 @@ def run_preflight(args: argparse.Namespace) -> int:
         record = find(project, args.record, (ACTION, MACRO)) if args.record else None
         pose = find(project, args.start, (ACTION,)) if args.start else None
         limits = dict.fromkeys(range(ALL_SERVOS), for_all) if for_all else {}
+        limits |= {find_servo(project, servo): allowed for servo, allowed in args.servo_limit}
         found = preflight(
             project,
             None if record is None else [record],
             speed_cap=args.speed_cap,
-            angle_limits=limits | dict(args.servo_limit),
+            angle_limits=limits,
             limits=None if profile is None else profile.limits,
             interval_unit=(profile and profile.settings.interval_unit) or INTERVAL_UNIT,
             start=None if pose is None else {step.servo_id: step.degree for step in pose.steps},
@@ -161,8 +162,8 @@ def _profile(args: argparse.Namespace) -> ProfileInUse:
     return ProfileInUse(args.profile, profile)
 
 
-def _servo_limit(text: str) -> tuple[int, tuple[float, float]]:
+def _servo_limit(text: str) -> tuple[int | str, tuple[float, float]]:
     found = _SERVO_LIMIT.fullmatch(text)
-    if found is None or int(found[1]) > 0xFE or float(found[2]) > float(found[3]):
+    if found is None or float(found[2]) > float(found[3]):
         raise argparse.ArgumentTypeError(f"must be SERVO=LOW:HIGH, as in 3=-45:90, not {text!r}")
-    return int(found[1]), (float(found[2]), float(found[3]))
+    return SERVO_NAME(found[1]), (float(found[2]), float(found[3]))

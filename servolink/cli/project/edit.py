@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import re
 from pathlib import Path
 
-from servolink.cli.arguments import number, or_caption, whole_number
+from servolink.cli.arguments import SERVO_NAME, number, or_caption, whole_number
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import counted, print_json, print_text
 from servolink.cli.project.source import add_force, add_output, add_source, with_project, write_edited, write_new
@@ -94,7 +93,6 @@ def _renamed(args: argparse.Namespace, project: Project) -> tuple[Project, list[
     return rename_record(project, record, args.caption)
 
 
-_PAIR = re.compile(r"([0-9]{1,3})=([0-9]{1,3})", re.ASCII)
 _HOW = (
     "A servo mounted as the mirror image of another turns the other way, so each servo gets the opposite of its "
     "partner's angle, unless --same-sign names it. Servos without a partner keep their angle. The partner of 'left "
@@ -111,10 +109,17 @@ def configure_mirror(parser: argparse.ArgumentParser) -> None:
         "records", nargs="+", metavar="NAME", help="actions or macros: captions, ids, or as in action:3"
     )
     parser.add_argument(
-        "--map", type=_pairs, metavar="1=2,3=4", help="pairs to use instead of captions; 5=5 gets the opposite angle"
+        "--map",
+        type=_pairs,
+        metavar="1=2,hip=3",
+        help="pairs, ids or captions, in place of those that captions suggest; 5=5 gets the opposite angle",
     )
     parser.add_argument(
-        "--same-sign", type=_servos, default=(), metavar="5,6", help="servos that take their partner's angle unchanged"
+        "--same-sign",
+        type=_servos,
+        default=(),
+        metavar="5,hip",
+        help="servos, by id or caption, that take their partner's angle unchanged",
     )
     add_output(parser)
 
@@ -126,13 +131,14 @@ def run_mirror(args: argparse.Namespace) -> int:
 
 def _mirror(args: argparse.Namespace, project: Project) -> int:
     records = [find(project, name, (ACTION, MACRO)) for name in args.records]
+    same_sign = [find_servo(project, servo) for servo in args.same_sign]
     if args.map is None:
-        mirror = mirror_by_captions(project, records, args.same_sign)
+        mirror = mirror_by_captions(project, records, same_sign)
     else:
-        mirror = Mirror(args.map, args.same_sign)
-        if not any(step.servo_id in args.map for action in project.actions for step in action.steps):
+        mirror = Mirror(_partners(args, project), same_sign)
+        if not any(step.servo_id in mirror.partners for action in project.actions for step in action.steps):
             usage_error(args, "no action moves a servo of --map")
-    if strangers := [servo_id for servo_id in args.same_sign if servo_id not in mirror.partners]:
+    if strangers := [servo_id for servo_id in same_sign if servo_id not in mirror.partners]:
         usage_error(args, f"servo {strangers[0]} of --same-sign has no partner")
     result, changes = mirror_project(project, records, mirror)
     pairs = sorted((one, other) for one, other in mirror.partners.items() if one <= other)
@@ -140,24 +146,30 @@ def _mirror(args: argparse.Namespace, project: Project) -> int:
     return write_edited(args, project, result, lines, pairs=pairs)
 
 
-def _pairs(text: str) -> dict[int, int]:
-    """Return the pairs in a text such as `1=2,3=4`, in both directions."""
+def _partners(args: argparse.Namespace, project: Project) -> dict[int, int]:
+    """Return the pairs of `--map` by id, in both directions."""
     partners: dict[int, int] = {}
-    for part in text.split(","):
-        if (found := _PAIR.fullmatch(part.strip())) is None or max(map(int, found.groups())) > 0xFE:
-            raise argparse.ArgumentTypeError(f"must be pairs of servos from 0 to 254, as in 1=2,3=4, not {part!r}")
-        one, other = map(int, found.groups())
+    for pair in args.map:
+        one, other = (find_servo(project, servo) for servo in pair)
         for servo_id, partner in ((one, other), (other, one)):
             if partners.setdefault(servo_id, partner) != partner:
-                raise argparse.ArgumentTypeError(f"servo {servo_id} has two partners in {text!r}")
+                usage_error(args, f"servo {servo_id} has two partners in --map")
     return partners
 
 
-def _servos(text: str) -> tuple[int, ...]:
-    parts = [part.strip() for part in text.split(",")]
-    if not all(part.isascii() and part.isdecimal() and int(part) <= 0xFE for part in parts):
-        raise argparse.ArgumentTypeError(f"must be servos from 0 to 254, as in 5,6, not {text!r}")
-    return tuple(map(int, parts))
+def _pairs(text: str) -> list[tuple[int | str, int | str]]:
+    """Return the pairs in a text such as `1=2,hip=3`."""
+    pairs = []
+    for part in text.split(","):
+        one, separator, other = part.partition("=")
+        if not separator:
+            raise argparse.ArgumentTypeError(f"must be pairs of servos, as in 1=2,hip=3, not {part!r}")
+        pairs.append((SERVO_NAME(one.strip()), SERVO_NAME(other.strip())))
+    return pairs
+
+
+def _servos(text: str) -> tuple[int | str, ...]:
+    return tuple(SERVO_NAME(part.strip()) for part in text.split(","))
 
 
 _SERVOS = 16
