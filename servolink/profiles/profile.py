@@ -176,6 +176,12 @@ class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         _IntervalUnit | None,
         About("seconds in one unit of the time of a movement; 0.01 in the document", "0.0001..10 seconds"),
     ] = None
+    when_started: Annotated[
+        Literal["stays", "turns"] | None,
+        About(
+            'what a servo does that is started: "stays", or "turns" to the target it had before', '"stays" or "turns"'
+        ),
+    ] = None
 
 
 class SafetyLimits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

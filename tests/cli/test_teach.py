@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,9 @@ from servolink.cli.teach import _stop_on_signal
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.client.servos import Servo
+from servolink.discovery.names import Alias, save_alias
+from servolink.profiles.profile import BoardProfile, BoardSettings, SafetyLimits
+from servolink.profiles.store import load_profile, save_profile
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, save_project
 from servolink.protocol.records import Action
@@ -100,6 +104,28 @@ def test_what_was_taught_to_limp_servos_plays(limp: Robot) -> None:
     assert [round(servo.angle) for servo in servos[:2]] == [-20, 15]
 
 
+@pytest.fixture
+def rex(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], BoardProfile]:
+    """Give the robot a name and a profile; return what reads the profile."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    save_alias("rex", Alias("virtual://"))
+    save_profile("rex", BoardProfile(limits=SafetyLimits(speed_cap=200)))
+
+    def read() -> BoardProfile:
+        profile = load_profile("rex")
+        assert profile is not None
+        return profile
+
+    return read
+
+
+def test_what_servos_do_when_they_are_started_is_kept(limp: Robot, rex: Callable[[], BoardProfile]) -> None:
+    assert limp("teach", "Wave", "1", "2", "--yes", "--play").code == 0
+    assert rex().settings == BoardSettings(when_started="stays")
+    assert rex().evidence["when_started"].confidence == "likely"
+    assert (rex().limits, rex().identity) == (SafetyLimits(speed_cap=200), None)
+
+
 def test_it_is_not_played_unless_somebody_says_so(limp: Robot) -> None:
     said = limp("teach", "Wave", "1", "2", "--yes")
     assert said.out.splitlines()[-1] == "'Wave' with 2 poses is written: on the board"
@@ -131,7 +157,9 @@ def test_a_person_is_asked(answer: bool, played: bool, limp: Robot, monkeypatch:
     assert questions[1:] == ["Play macro 1 'Wave' now? Its servos move; Ctrl-C stops them."]
 
 
-def test_a_servo_that_turns_when_it_is_started_ends_it(limp: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_servo_that_turns_when_it_is_started_ends_it(
+    limp: Robot, rex: Callable[[], BoardProfile], monkeypatch: pytest.MonkeyPatch
+) -> None:
     set_servo = Board.set_servo
 
     async def jumping(self: Board, servo_id: int, *, start: bool, hold: bool) -> None:
@@ -144,6 +172,8 @@ def test_a_servo_that_turns_when_it_is_started_ends_it(limp: Robot, monkeypatch:
     assert said.code == 1
     assert "servolink: servo 2 turned by itself when it was started, from 15° to 19°" in said.err
     assert "was played" not in said.out
+    assert rex().settings.when_started == "turns"
+    assert rex().evidence["when_started"].confidence == "certain"
     servos = limp.ask(lambda board: board.servos())
     assert not any(servo.is_start for servo in servos)
     assert all(servo.is_hold for servo in servos)

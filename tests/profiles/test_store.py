@@ -54,6 +54,7 @@ FULL = BoardProfile(
         clear="records",
         clear_seconds=1.5,
         interval_unit=0.01,
+        when_started="turns",
     ),
     limits=SafetyLimits(angles={3: (20, 160), 10: (-90.5, 90)}, speed_cap=120, speed_caps={3: 90}, soft_start=60),
     evidence={
