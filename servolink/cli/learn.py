@@ -16,7 +16,6 @@ from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import Table, is_terminal, print_error, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.terminal import can_ask, confirm, wait_for_enter
-from servolink.client.names import servo_id
 from servolink.connection.options import options_in
 from servolink.discovery.names import resolve_url
 from servolink.discovery.search import identity_of
@@ -178,7 +177,7 @@ class _Lesson:
 
     async def _time_movement(self, transport: SharedTransport, learnt: Learnt) -> Measured:
         async with connected(transport, learnt.codec(), self._args.timeout) as board:
-            planned = await plan_movement(board, await servo_id(board, self._args.servo), self._profile.limits)
+            planned = await plan_movement(board, self._args.servo, self._profile.limits)
             print_error(str(planned))
             self._interruption.state = f"servo {planned.servo_id} was moved, and a stop was sent to all servos"
             measured = await interval_finding(board, planned)

@@ -109,13 +109,6 @@ def test_a_servo_is_moved_only_if_it_is_named(robot: Robot, learnt: Any) -> None
     assert {number: round(servo.angle) for number, servo in robot.board.servos.items()} == angles
 
 
-def test_the_servo_may_be_named_by_its_caption(robot: Robot, learnt: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call(capsys, "--board", "virtual://", "servo", "rename", "2", "hip").code == 0
-    assert "servo 2 will turn from" in learnt("--servo", "Hip").err
-    unknown = learnt("--servo", "tail")
-    assert (unknown.code, "the board has no servo 'tail'" in unknown.err) == (1, True)
-
-
 def test_limits_of_the_user_stay_and_are_obeyed(robot: Robot, learnt: Any) -> None:
     limits = SafetyLimits(speed_cap=90, angles={2: (-1, 1)})
     save_profile("rex", BoardProfile(limits=limits))
