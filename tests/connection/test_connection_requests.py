@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from servolink.errors import EncodeError
+from servolink.errors import EncodeError, RequestTimeout
 from servolink.protocol.editing import (
     AddActionRequest,
     QueryActionListRequest,
@@ -18,7 +18,7 @@ from servolink.protocol.editing import (
     QueryProjectIDResponse,
     WriteProjectIDRequest,
 )
-from servolink.protocol.packet import Request
+from servolink.protocol.packet import Packet, Request
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ExecuteActionRequest,
@@ -198,5 +198,21 @@ def test_what_does_not_fit_is_refused_before_anything_is_sent(packet: Request[An
                 await connection.send(ExecuteActionRequest((Step(1, 0, -1),)))
             assert board.sent == []
             await connection.request(PROJECT)
+
+    run(main())
+
+
+def test_what_a_guard_raises_reaches_the_caller_and_nothing_is_sent() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+
+        async def guard(packet: Packet) -> None:
+            raise RequestTimeout("which board it is could not be asked", packet)
+
+        async with connected(board) as connection:
+            connection.guard = guard
+            with pytest.raises(RequestTimeout, match="which board it is"):
+                await connection.request(WriteProjectIDRequest(5), timeout=1)
+            assert not board.executed_of(WriteProjectIDRequest)
 
     run(main())
