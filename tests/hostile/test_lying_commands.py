@@ -65,6 +65,8 @@ EXEMPT = {
 }
 _MOST_SECONDS = 900.0
 """Of virtual time: an import reads the board several times."""
+_LONGEST = "answers a hundred times"
+"""Takes half a minute of processor time."""
 _QUICK = {"list", "doctor", "stop", "events"}
 """What is tried with boards that have much to say, too; the others read no more than `Board` does."""
 
@@ -91,7 +93,9 @@ def test_every_command_is_tried() -> None:
     assert not TALKING.keys() & EXEMPT.keys()
 
 
-@pytest.mark.parametrize("name", LIES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == _LONGEST else name for name in LIES]
+)
 def test_a_command_ends(name: str, seconds: list[float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (connect, probe, examine):
         monkeypatch.setattr(module, "create", lambda url: lying(LIES[name]))
