@@ -342,7 +342,9 @@ def test_another_board_can_be_stopped_released_and_read(name: str) -> None:
         fake = other_board()
         store(fake)
         async with opened(fake, profile=REX) as board:
+            before = len(fake.executed)
             await FREE[name](board)
+            assert len(fake.executed) > before
 
     run(main())
 
