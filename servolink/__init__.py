@@ -45,9 +45,9 @@ if TYPE_CHECKING:
     from servolink.errors import TransportError as TransportError
     from servolink.errors import TransportUnavailable as TransportUnavailable
     from servolink.errors import WrongBoard as WrongBoard
-    from servolink.motion import Adc as Adc
-    from servolink.motion import Angle as Angle
-    from servolink.motion import Degrees as Degrees
+    from servolink.motion.angles import Adc as Adc
+    from servolink.motion.angles import Angle as Angle
+    from servolink.motion.angles import Degrees as Degrees
     from servolink.profiles.profile import BoardProfile as BoardProfile
     from servolink.project.adjust import rename_record as rename_record
     from servolink.project.adjust import rename_servo as rename_servo
@@ -86,11 +86,11 @@ else:
     _MODULES = {
         "Action": "servolink.protocol.records",
         "ActionEntry": "servolink.protocol.records",
-        "Adc": "servolink.motion",
+        "Adc": "servolink.motion.angles",
         "ALL_SERVOS": "servolink.protocol.servos",
         "Alarm": "servolink.client.alarms",
         "AmbiguousName": "servolink.errors",
-        "Angle": "servolink.motion",
+        "Angle": "servolink.motion.angles",
         "Board": "servolink.client.board",
         "BoardProfile": "servolink.profiles.profile",
         "build_project": "servolink.project.build",
@@ -101,7 +101,7 @@ else:
         "connect": "servolink.client.connect",
         "ConnectionLost": "servolink.errors",
         "DecodeError": "servolink.errors",
-        "Degrees": "servolink.motion",
+        "Degrees": "servolink.motion.angles",
         "DeviceInfo": "servolink.transports.device_info",
         "Diagnostic": "servolink.project.validate",
         "discover": "servolink.discovery.search",

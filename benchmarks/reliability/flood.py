@@ -10,7 +10,7 @@ from benchmarks.reliability.process import Held
 from servolink.client.board import Board
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
-from servolink.motion import MotionLimits
+from servolink.motion.limits import MotionLimits
 from servolink.protocol.codec import Codec
 from servolink.protocol.joystick import ButtonEventResponse, SubscribeButtonEventResponse
 from servolink.transports.base import Receiver

@@ -18,7 +18,7 @@ from servolink.client.board import Board
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.errors import DecodeError, OpenError
-from servolink.motion import MotionLimits
+from servolink.motion.limits import MotionLimits
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import Frame
 from servolink.protocol.packet import Packet, Request

@@ -16,7 +16,7 @@ from servolink.cli.servos import are, listed, print_servos, reported
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.terminal import can_ask, confirm
 from servolink.errors import ProfileError, RequestError, ServolinkError
-from servolink.motion import Adc, Angle, Degrees
+from servolink.motion.angles import Adc, Angle, Degrees
 
 if TYPE_CHECKING:
     from servolink.client.board import Board

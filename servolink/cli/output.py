@@ -18,7 +18,7 @@ from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 from servolink.escaping import escape
-from servolink.motion import Adc, Angle, Degrees
+from servolink.motion.angles import Adc, Angle, Degrees
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -88,7 +88,7 @@ async def read_run(board: Board, word: str, name: int | str) -> Run:
     """Read an `action` or a `macro` and all that it runs. Raise NotFound if something is missing."""
     from servolink.client.collect import collect
     from servolink.client.names import record_id
-    from servolink.motion import INTERVAL_UNIT
+    from servolink.motion.movement import INTERVAL_UNIT
     from servolink.project.speed import Run
     from servolink.protocol.record_types import ACTION, MACRO
 

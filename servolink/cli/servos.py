@@ -10,7 +10,7 @@ from servolink.cli.main import OK
 from servolink.cli.output import Table, print_error, print_json, print_table
 from servolink.cli.session import Interruption, run_with_board
 from servolink.errors import NotFound, Rejected, RequestTimeout
-from servolink.motion import Angle
+from servolink.motion.angles import Angle
 
 if TYPE_CHECKING:
     from servolink.client.board import Board

@@ -12,7 +12,7 @@ from servolink.cli.watch_picture import LEGEND, Watched, picture_of_servos, wrap
 from servolink.client.servos import Servo
 from servolink.client.watch import ServoReading
 from servolink.connection.stats import Stats
-from servolink.motion import Degrees
+from servolink.motion.angles import Degrees
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.script import HELP
 from servolink.virtual.servo import Servo as VirtualServo

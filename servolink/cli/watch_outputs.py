@@ -15,7 +15,7 @@ from servolink.cli.servos import servo_object
 from servolink.cli.watch_picture import Watched, picture
 from servolink.errors import ServolinkError
 from servolink.files import reason
-from servolink.motion import Angle
+from servolink.motion.angles import Angle
 
 _PICTURE_EVERY = 0.05  # seconds, at most
 

@@ -15,7 +15,8 @@ from servolink.client.servos import Servo
 from servolink.client.watch import ServoReading
 from servolink.connection.stats import Stats
 from servolink.escaping import escape
-from servolink.motion import Degrees, MotionLimits
+from servolink.motion.angles import Degrees
+from servolink.motion.limits import MotionLimits
 
 SCALE = (-180.0, 180.0)
 """Degrees between which a servo without limits is drawn; the protocol's document gives no range."""

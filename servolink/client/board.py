@@ -20,7 +20,9 @@ from servolink.client.watch import ServoReadings, ServoWatch
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
 from servolink.escaping import escape, quote
-from servolink.motion import INTERVAL_UNIT, AngleUnit, MotionLimits
+from servolink.motion.angles import AngleUnit
+from servolink.motion.limits import MotionLimits
+from servolink.motion.movement import INTERVAL_UNIT
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
 from servolink.protocol.codec import Codec

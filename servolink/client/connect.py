@@ -15,7 +15,9 @@ from servolink.connection.options import ConnectionOptions, TransmissionMode, op
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, OpenError, ProfileError, RequestError, RequestTimeout, TransportUnavailable
 from servolink.escaping import escape, quote
-from servolink.motion import INTERVAL_UNIT, AngleLimits, AngleUnit, SpeedCap, motion_limits
+from servolink.motion.angles import AngleUnit
+from servolink.motion.limits import AngleLimits, SpeedCap, motion_limits
+from servolink.motion.movement import INTERVAL_UNIT
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport

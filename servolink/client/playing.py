@@ -13,7 +13,7 @@ from servolink.client.servos import ServoController
 from servolink.client.session import Session
 from servolink.client.stored_runs import Asked, StoredRuns
 from servolink.errors import EncodeError, NotFound, RequestError
-from servolink.motion import INTERVAL_UNIT
+from servolink.motion.movement import INTERVAL_UNIT
 from servolink.project.model import Project
 from servolink.protocol.macro_playing import MacroPlaying
 from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of

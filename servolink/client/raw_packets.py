@@ -8,7 +8,7 @@ from servolink.client.servos import ServoController
 from servolink.client.session import Session
 from servolink.client.stored_runs import StoredRuns
 from servolink.errors import EncodeError
-from servolink.motion import MotionLimits
+from servolink.motion.limits import MotionLimits
 from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.packet import Command, Request, Response
 from servolink.protocol.servos import (

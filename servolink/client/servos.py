@@ -15,6 +15,7 @@ from servolink.client.units import AngleUnits
 from servolink.errors import (
     ConnectionLost,
     DecodeError,
+    EncodeError,
     MotionRefused,
     NotFound,
     OutcomeUnknown,
@@ -23,21 +24,11 @@ from servolink.errors import (
     RequestTimeout,
     TransportError,
 )
+from servolink.escaping import quote
 from servolink.html_table import html_table
-from servolink.motion import (
-    INTERVAL_UNIT,
-    AngleUnit,
-    Degrees,
-    MotionLimits,
-    check_limits,
-    checked_targets,
-    degrees_per_second,
-    flag,
-    in_unit,
-    intervals_for,
-    seconds_for,
-    wire_angles,
-)
+from servolink.motion.angles import AngleUnit, Degrees, in_unit, wire_angles
+from servolink.motion.limits import MotionLimits, degrees_per_second
+from servolink.motion.movement import INTERVAL_UNIT, check_limits, checked_targets, intervals_for, seconds_for
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ALL_SERVOS,
@@ -137,7 +128,7 @@ class ServoController:
 
     async def set_servo(self, which: int | str, *, start: bool, hold: bool) -> None:
         """Start or stop, hold or release a servo (3.2.3). Raise Rejected if the board reports another state."""
-        is_start, is_hold = flag("start", start), flag("hold", hold)
+        is_start, is_hold = _flag("start", start), _flag("hold", hold)
         stops = self._session.connection.stops
         servo_id = await id_of_servo(self._session, which)
         request = SetServoParameterRequest(servo_id, is_start, is_hold)
@@ -373,3 +364,9 @@ def _distance(servo_id: int, here: int, goal: int) -> int:
             "so whether it has arrived is unknown; read it again"
         )
     return abs(here - goal)
+
+
+def _flag(name: str, value: object) -> int:
+    if not isinstance(value, int) or value not in {0, 1}:
+        raise EncodeError(f"{name} must be True or False, not {quote(value)}")
+    return int(value)

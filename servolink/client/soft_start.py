@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable
 
 from servolink.client.session import Session
-from servolink.motion import MotionLimits
+from servolink.motion.limits import MotionLimits
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 
 

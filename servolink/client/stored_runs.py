@@ -15,7 +15,9 @@ from servolink.connection.connection import Connection
 from servolink.connection.explain import described
 from servolink.connection.options import check_seconds
 from servolink.errors import ConnectionLost, MotionRefused, Rejected, RequestError
-from servolink.motion import INTERVAL_UNIT, Degrees, MotionLimits
+from servolink.motion.angles import Degrees
+from servolink.motion.limits import MotionLimits
+from servolink.motion.movement import INTERVAL_UNIT
 from servolink.project.model import Project
 from servolink.project.records import name_of
 from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse

@@ -9,7 +9,7 @@ from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.errors import EncodeError, Rejected
 from servolink.escaping import quote
-from servolink.motion import AngleUnit
+from servolink.motion.angles import AngleUnit
 from servolink.protocol.servos import ALL_SERVOS, SetAngleUnitRequest, SetAngleUnitResponse
 
 

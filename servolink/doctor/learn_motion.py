@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from servolink.client.board import Board
 from servolink.doctor.learn_profile import Measured
 from servolink.errors import ServolinkError
-from servolink.motion import Degrees
+from servolink.motion.angles import Degrees
 from servolink.profiles.profile import SafetyLimits
 from servolink.protocol.records import Step
 from servolink.protocol.servos import ExecuteActionRequest

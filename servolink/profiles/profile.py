@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 from msgspec import Meta, Struct
 
 from servolink.escaping import quote
-from servolink.motion import MotionLimits
+from servolink.motion.limits import MotionLimits
 from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.caption import check_encoding
 from servolink.protocol.frame import ByteOrder

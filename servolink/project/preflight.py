@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from servolink.motion import INTERVAL_UNIT, AngleLimits, MotionLimits, SpeedCap, motion_limits
+from servolink.motion.limits import AngleLimits, MotionLimits, SpeedCap, motion_limits
+from servolink.motion.movement import INTERVAL_UNIT
 from servolink.project.model import Project
 from servolink.project.records import dependency_order, name_of, with_dependencies
 from servolink.project.speed import Run

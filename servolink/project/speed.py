@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from msgspec import Struct
 from msgspec.structs import replace
 
-from servolink.motion import INTERVAL_UNIT, degrees_per_second
+from servolink.motion.limits import degrees_per_second
+from servolink.motion.movement import INTERVAL_UNIT
 from servolink.project.model import Project
 from servolink.project.records import dependency_order, name_of
 from servolink.protocol.record_types import ACTION, MACRO

@@ -10,7 +10,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from servolink.errors import EncodeError
-from servolink.motion import INTERVAL_UNIT, MotionLimits, SpeedCap, motion_limits
+from servolink.motion.limits import MotionLimits, SpeedCap, motion_limits
+from servolink.motion.movement import INTERVAL_UNIT
 from servolink.project.model import Project, is_unfinished
 from servolink.project.records import dependency_order, name_of, total_size, wrong_durations
 from servolink.project.speed import servo_moves

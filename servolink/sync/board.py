@@ -13,7 +13,7 @@ from servolink.client import board as client
 from servolink.client.alarms import Alarm
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
-from servolink.motion import AngleUnit
+from servolink.motion.angles import AngleUnit
 from servolink.profiles.profile import ProfileInUse
 from servolink.protocol.codec import Codec
 from servolink.sync.iterator import BlockingIterator, ButtonEvents, ServoReadings

@@ -13,7 +13,7 @@ from servolink.cli import live
 from servolink.cli.output import Table, angle_text, plain_lines, show_table
 from servolink.client.servos import Servo
 from servolink.connection.stats import Stats
-from servolink.motion import Adc, Angle, Degrees
+from servolink.motion.angles import Adc, Angle, Degrees
 from servolink.project.transfer.results import Progress
 
 

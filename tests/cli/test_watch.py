@@ -15,7 +15,8 @@ from servolink.client.alarms import Alarm, RaisedAlarm
 from servolink.client.servos import Servo
 from servolink.client.watch import ServoReading
 from servolink.connection.stats import Stats
-from servolink.motion import Adc, Degrees, MotionLimits
+from servolink.motion.angles import Adc, Degrees
+from servolink.motion.limits import MotionLimits
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.records import ServoParameter
 from servolink.transports.faults import Faults

@@ -12,7 +12,8 @@ from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.client.servos import Servo
 from servolink.errors import ConnectionLost, EncodeError, MotionRefused, NotFound, RequestError
-from servolink.motion import Adc, MotionLimits
+from servolink.motion.angles import Adc
+from servolink.motion.limits import MotionLimits
 from servolink.profiles.profile import BoardProfile, BoardSettings
 from servolink.project.model import Project
 from servolink.protocol.editing import (

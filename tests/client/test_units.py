@@ -9,7 +9,7 @@ import pytest
 from servolink.client import connect as connecting
 from servolink.client.connect import connect
 from servolink.errors import EncodeError, OutcomeUnknown, Rejected
-from servolink.motion import Adc, Degrees
+from servolink.motion.angles import Adc, Degrees
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ExecuteActionRequest,

@@ -13,7 +13,7 @@ from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.client.watch import ServoReading, ServoReadings
 from servolink.errors import ConnectionLost, RequestTimeout
-from servolink.motion import Adc, Degrees
+from servolink.motion.angles import Adc, Degrees
 from servolink.protocol.servos import QueryServoRequest, SetAngleUnitRequest
 from tests.client.fake_board import LOST, FakeBoard, Fate, late, opened
 from tests.client.line_board import LineBoard

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.motion import MotionLimits
+from servolink.motion.limits import MotionLimits
 from servolink.project.model import Project
 from servolink.project.preflight import preflight_run, uncheckable
 from servolink.project.speed import Run

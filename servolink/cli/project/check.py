@@ -9,7 +9,7 @@ from servolink.cli.arguments import SERVO_NAME, whole_number
 from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import counted, print_json, print_text
 from servolink.cli.project.source import add_source, is_address, with_project
-from servolink.motion import INTERVAL_UNIT
+from servolink.motion.movement import INTERVAL_UNIT
 from servolink.profiles.profile import ProfileInUse
 from servolink.project.fix import fix_project
 from servolink.project.model import Project

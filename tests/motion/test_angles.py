@@ -12,7 +12,7 @@ from collections.abc import Callable
 import pytest
 
 from servolink.errors import EncodeError
-from servolink.motion import Adc, Angle, AngleUnit, Degrees, in_unit, wire_angle
+from servolink.motion.angles import Adc, Angle, AngleUnit, Degrees, in_unit, wire_angle
 
 
 def test_a_reported_angle_has_the_unit_it_was_reported_in() -> None:

@@ -10,18 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.errors import EncodeError, MotionRefused
-from servolink.motion import (
-    INTERVAL_UNIT,
-    AngleLimits,
-    MotionLimits,
-    check_limits,
-    checked_targets,
-    degrees_per_second,
-    intervals_for,
-    motion_limits,
-    seconds_for,
-    wire_angles,
-)
+from servolink.motion.angles import wire_angles
+from servolink.motion.limits import AngleLimits, MotionLimits, degrees_per_second, motion_limits
+from servolink.motion.movement import INTERVAL_UNIT, check_limits, checked_targets, intervals_for, seconds_for
 
 FREE = MotionLimits()
 

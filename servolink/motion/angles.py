@@ -1,0 +1,129 @@
+"""Angles: whole numbers with a unit, and what is sent for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import ClassVar, Literal, Self
+
+from servolink.errors import EncodeError
+from servolink.escaping import quote
+
+AngleUnit = Literal["degree", "adc"]
+
+
+class Angle(int):
+    """A whole number with a unit. It prints as the number alone; `repr` shows the unit.
+
+    It adds to and compares with plain numbers and angles in the same unit. Raise TypeError for another unit.
+    """
+
+    unit: ClassVar[str] = ""
+
+    def _same_unit(self, other: object) -> None:
+        if isinstance(other, Angle) and type(other) is not type(self):
+            raise TypeError(f"{self!r} and {other!r} are in different units")
+
+    def _whole(self, other: int) -> int:
+        self._same_unit(other)
+        if not isinstance(other, int):
+            raise TypeError(f"only whole numbers can be added to {self!r}, not {other!r}")
+        return int(other)
+
+    def __add__(self, other: int, /) -> Self:
+        """Return the sum, in this unit. Raise TypeError for a fraction."""
+        return type(self)(int(self) + self._whole(other))
+
+    def __sub__(self, other: int, /) -> Self:
+        """Return the difference, in this unit. Raise TypeError for a fraction."""
+        return type(self)(int(self) - self._whole(other))
+
+    __radd__ = __add__
+
+    def __rsub__(self, other: int, /) -> Self:
+        """Return the difference, in this unit."""
+        return -self + other
+
+    def __neg__(self) -> Self:
+        """Return the opposite angle."""
+        return type(self)(-int(self))
+
+    def __lt__(self, other: int, /) -> bool:
+        """Compare. Raise TypeError for another unit."""
+        self._same_unit(other)
+        return int(self) < other
+
+    def __le__(self, other: int, /) -> bool:
+        """Compare. Raise TypeError for another unit."""
+        self._same_unit(other)
+        return int(self) <= other
+
+    def __gt__(self, other: int, /) -> bool:
+        """Compare. Raise TypeError for another unit."""
+        self._same_unit(other)
+        return int(self) > other
+
+    def __ge__(self, other: int, /) -> bool:
+        """Compare. Raise TypeError for another unit."""
+        self._same_unit(other)
+        return int(self) >= other
+
+    def __eq__(self, other: object, /) -> bool:
+        """Compare. Angles in different units are never equal."""
+        if isinstance(other, Angle) and type(other) is not type(self):
+            return False
+        return int(self) == other
+
+    def __ne__(self, other: object, /) -> bool:
+        """Compare; the operator that `int` has ignores units."""
+        return not self == other
+
+    def __hash__(self) -> int:
+        """Return the hash of the number, because both are equal."""
+        return hash(int(self))
+
+    def __str__(self) -> str:
+        """Return the number alone, so that CSV files, logs and f-strings hold numbers."""
+        return int.__repr__(self)
+
+    def __repr__(self) -> str:
+        """Return number and unit, such as `Degrees(90)`."""
+        return f"{type(self).__name__}({int(self)})"
+
+
+class Degrees(Angle):
+    """An angle in degrees."""
+
+    unit: ClassVar[str] = "degree"
+
+
+class Adc(Angle):
+    """An angle as the raw reading of the servo's analog-to-digital converter."""
+
+    unit: ClassVar[str] = "adc"
+
+
+def in_unit(value: int, unit: AngleUnit | None) -> int:
+    """Return `value` as an angle in `unit`, or unchanged if the unit is unknown."""
+    return value if unit is None else {"degree": Degrees, "adc": Adc}[unit](value)
+
+
+def wire_angle(value: float, unit: AngleUnit | None, servo_id: int) -> int:
+    """Return the number to send to a servo set to `unit`. Raise EncodeError for an angle in another unit."""
+    where = f"servo {servo_id}"
+    if isinstance(value, Angle):
+        if value.unit != unit:
+            raise EncodeError(
+                f"{where}: {quote(value)} was given, but this servo is set to {unit or 'an unknown unit'}"
+            )
+    elif unit == "adc":
+        raise EncodeError(f"{where}: {quote(value)} was given, but this servo is set to adc; write Adc({quote(value)})")
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value // 1:
+        raise EncodeError(
+            f"{where}: the angle must be a whole number, not {quote(value)}; the protocol has no fractions"
+        )
+    return int(value)
+
+
+def wire_angles(targets: Mapping[int, float], unit_of: Callable[[int], AngleUnit | None]) -> dict[int, int]:
+    """Return the numbers to send for `targets`. Raise EncodeError for an angle in a wrong unit."""
+    return {servo_id: wire_angle(value, unit_of(servo_id), servo_id) for servo_id, value in targets.items()}

@@ -1,0 +1,187 @@
+"""Limits: how far and how fast each servo may move."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TypeGuard
+
+from servolink.errors import EncodeError
+from servolink.escaping import quote
+
+AngleLimits = Mapping[int, tuple[float, float]] | tuple[float, float]
+"""Lowest and highest angle in degrees: by servo id, or one pair for all servos."""
+SpeedCap = float | Mapping[int, float]
+"""Highest speed in degrees per second: one for all servos, or by servo id."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """How far and how fast servos may move. Without arguments there are no limits, and it is false.
+
+    Raise EncodeError for limits that allow nothing or name no servo, TypeError for values of a wrong type.
+    """
+
+    angles: AngleLimits | None = None
+    speed_cap: float | None = None
+    """Highest speed of any servo, in degrees per second."""
+    speed_caps: Mapping[int, float] = field(default_factory=dict)
+    """The same for single servos, by id; where both apply, the lower one counts."""
+    soft_start: float | None = None
+    """Highest speed of a servo's first movement from an unknown pose, in degrees per second."""
+    source: str = ""
+    """Where the limits come from, named in errors, such as `profile "rex"`."""
+    also: tuple[MotionLimits, ...] = ()
+    """Further limits, all of which hold as well (see `tightened`)."""
+
+    def __post_init__(self) -> None:
+        """Check the values, and copy those that the caller could change."""
+        if self.speed_cap is not None:
+            _check_speed("speed_cap", self.speed_cap)
+        if self.soft_start is not None:
+            _check_speed("soft_start", self.soft_start)
+        if not isinstance(self.speed_caps, Mapping):
+            raise TypeError(f"speed_caps must map servo ids to degrees per second, not {quote(self.speed_caps)}")
+        for servo_id, cap in self.speed_caps.items():
+            check_servo_id("speed_cap", servo_id)
+            _check_speed(f"speed_cap of servo {servo_id}", cap)
+        object.__setattr__(self, "speed_caps", dict(self.speed_caps))
+        if isinstance(self.angles, Mapping):
+            for servo_id, pair in self.angles.items():
+                check_servo_id("angle_limits", servo_id)
+                _check_pair(pair)
+            object.__setattr__(self, "angles", dict(self.angles))
+        elif self.angles is not None:
+            _check_pair(self.angles)
+
+    def __bool__(self) -> bool:
+        """Return whether anything is limited."""
+        own = self.angles, self.speed_cap, self.speed_caps, self.soft_start
+        return any(own) or any(self.also)
+
+    def tightened(self, other: MotionLimits) -> MotionLimits:
+        """Return the limits that allow what both allow. The result never allows more than either of them.
+
+        Where they have nothing in common, nothing is allowed.
+        """
+        return replace(self, also=(*self.also, other))
+
+    def of(self, servo_id: int) -> tuple[float, float] | None:
+        """Return the lowest and highest angle of a servo, None if it has no limits.
+
+        The lowest is above the highest if no angle is allowed.
+        """
+        pairs = [pair for limits in self._each() if (pair := limits._angles_of(servo_id)) is not None]  # noqa: SLF001 - of its own class
+        return (max(low for low, _ in pairs), min(high for _, high in pairs)) if pairs else None
+
+    def cap_of(self, servo_id: int) -> float | None:
+        """Return the highest speed of a servo, None if it has no cap."""
+        return min((cap for limits in self._each() for cap in limits._caps_of(servo_id)), default=None)  # noqa: SLF001 - of its own class
+
+    def soft_speed_of(self, servo_id: int) -> float | None:
+        """Return the highest speed of a servo's first movement, None without `soft_start`; never above its cap."""
+        softest = min((one.soft_start for one in self._each() if one.soft_start is not None), default=None)
+        cap = self.cap_of(servo_id)
+        return softest if softest is None or cap is None else min(softest, cap)
+
+    def limit_speed_of(self, servo_id: int) -> bool:
+        """Return whether the speed of a servo is limited, so that a movement can be checked only from where it is."""
+        return self.cap_of(servo_id) is not None or self.soft_speed_of(servo_id) is not None
+
+    def apply_to(self, servo_id: int) -> bool:
+        """Return whether anything about a servo is limited."""
+        return self.of(servo_id) is not None or self.limit_speed_of(servo_id)
+
+    def exceeded_angles(self, servo_id: int, degrees: float) -> str:
+        """Return the limits that an angle is outside of, such as `-80..80 (from profile "rex")`; empty if none."""
+        for limits in self._each():
+            pair = limits._angles_of(servo_id)  # noqa: SLF001 - of its own class
+            if pair is not None and not pair[0] <= degrees <= pair[1]:
+                return f"{_shown(pair[0])}..{_shown(pair[1])}{limits._origin}"  # noqa: SLF001 - of its own class
+        return ""
+
+    def exceeded_cap(self, servo_id: int, degrees: float, seconds: float) -> str:
+        """Return the speed cap that turning by `degrees` in `seconds` exceeds, with its source; empty if none."""
+        for limits in self._each():
+            for cap in limits._caps_of(servo_id):  # noqa: SLF001 - of its own class
+                if _is_above(cap, degrees, seconds):
+                    return f"{_shown(cap)}{limits._origin}"  # noqa: SLF001 - of its own class
+        return ""
+
+    def exceeded_soft_start(self, degrees: float, seconds: float) -> str:
+        """Return the soft start that turning by `degrees` in `seconds` exceeds, with its source; empty if none."""
+        for limits in self._each():
+            if limits.soft_start is not None and _is_above(limits.soft_start, degrees, seconds):
+                return f"{_shown(limits.soft_start)}{limits._origin}"  # noqa: SLF001 - of its own class
+        return ""
+
+    def _each(self) -> Iterator[MotionLimits]:
+        yield self
+        for limits in self.also:
+            yield from limits._each()  # noqa: SLF001 - of its own class
+
+    def _angles_of(self, servo_id: int) -> tuple[float, float] | None:
+        return self.angles.get(servo_id) if isinstance(self.angles, Mapping) else self.angles
+
+    def _caps_of(self, servo_id: int) -> Iterator[float]:
+        for cap in (self.speed_cap, self.speed_caps.get(servo_id)):
+            if cap is not None:
+                yield cap
+
+    @property
+    def _origin(self) -> str:
+        return f" (from {self.source})" if self.source else ""
+
+
+def motion_limits(
+    angle_limits: AngleLimits | None = None,
+    speed_cap: SpeedCap | None = None,
+    soft_start: float | None = None,
+    source: str = "",
+) -> MotionLimits:
+    """Return the limits for arguments of this form, in which one speed cap or one for each servo is given."""
+    if isinstance(speed_cap, Mapping):
+        return MotionLimits(angle_limits, None, speed_cap, soft_start, source)
+    return MotionLimits(angle_limits, speed_cap, {}, soft_start, source)
+
+
+def degrees_per_second(degrees: float, seconds: float) -> float:
+    """Return the speed of a turn by `degrees`: 0 if there is nothing to turn, infinite if there is no time."""
+    if not degrees:
+        return 0.0
+    return abs(degrees) / seconds if seconds > 0 else math.inf
+
+
+def _is_above(limit: float, degrees: float, seconds: float) -> bool:
+    asked = degrees_per_second(degrees, seconds)
+    return asked > limit and not math.isclose(asked, limit)  # 29 degrees in 0.29 s are 100/s
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Return whether `value` is an int or a float; bools do not count as numbers."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _shown(limit: float) -> str:
+    return f"{limit:g}" if isinstance(limit, float) else quote(limit)
+
+
+def _check_speed(name: str, speed: object) -> None:
+    if not is_number(speed):
+        raise TypeError(f"{name} must be a number of degrees per second, not {quote(speed)}")
+    if not speed > 0:
+        raise EncodeError(f"{name} must be above 0 degrees per second, not {quote(speed)}")
+
+
+def _check_pair(pair: object) -> None:
+    if not (isinstance(pair, (tuple, list)) and len(pair) == 2 and all(map(is_number, pair))):
+        raise TypeError(f"angle_limits must be pairs of degrees, (lowest, highest), not {quote(pair)}")
+    if not pair[0] <= pair[1]:
+        raise EncodeError(f"angle_limits: no angle is within {quote(pair[0])}..{quote(pair[1])}")
+
+
+def check_servo_id(where: str, servo_id: object) -> None:
+    """Raise EncodeError, which begins with `where`, if `servo_id` is not 0..254."""
+    if isinstance(servo_id, bool) or not isinstance(servo_id, int) or not 0 <= servo_id <= 0xFE:
+        raise EncodeError(f"{where}: servo id {quote(servo_id)} is outside 0..254")

@@ -1,0 +1,107 @@
+"""A movement: its targets, checked against the limits, and the time that each servo takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping
+
+from servolink.errors import EncodeError, MotionRefused
+from servolink.escaping import quote
+from servolink.motion.angles import AngleUnit
+from servolink.motion.limits import MotionLimits, check_servo_id, degrees_per_second, is_number
+
+INTERVAL_UNIT = 0.01
+"""Seconds that an interval of 1 stands for (3.2.5), unless a board was found to count otherwise."""
+_LONGEST = 0x7FFF
+
+
+def checked_targets(targets: Mapping[int, float]) -> dict[int, float]:
+    """Return a copy of `targets`. Raise TypeError or EncodeError if they are not angles by servo id, or empty."""
+    if not isinstance(targets, Mapping):
+        raise TypeError(f"move: targets must map servo ids to angles, such as {{1: 90}}, not {quote(targets)}")
+    if not targets:
+        raise EncodeError("move: no targets were given")
+    for servo_id in targets:
+        check_servo_id("move", servo_id)
+    return dict(targets)
+
+
+def check_limits(
+    angles: Mapping[int, int],
+    unit_of: Callable[[int], AngleUnit | None],
+    limits: MotionLimits,
+    speed: float | None = None,
+) -> None:
+    """Raise MotionRefused for an angle outside its limits, or if limits or `speed` cannot apply to the servo's unit."""
+    if speed is None and not limits:
+        return
+    for servo_id, angle in angles.items():
+        if (speed is not None or limits.apply_to(servo_id)) and unit_of(servo_id) != "degree":
+            raise MotionRefused(
+                f"servo {servo_id}: limits and speeds are in degrees, and this servo is not set to degrees"
+            )
+        if exceeded := limits.exceeded_angles(servo_id, angle):
+            raise MotionRefused(f"servo {servo_id}: {quote(int(angle))} degrees is outside its limits {exceeded}")
+
+
+def intervals_for(
+    angles: Mapping[int, int],
+    here: Mapping[int, int],
+    limits: MotionLimits,
+    *,
+    duration: float | None,
+    speed: float | None,
+    unit: float = INTERVAL_UNIT,
+    soft: Collection[int] = (),
+) -> dict[int, int]:
+    """Return each servo's time in units of `unit` seconds, rounded up.
+
+    `here` holds the present angles; it may be empty if neither `speed` nor a speed cap nor `soft` is given. `soft`
+    names the servos that make their first movement from an unknown pose: if one of them would exceed its soft start,
+    the whole movement takes longer. Raise EncodeError for an impossible time, MotionRefused for a speed above its cap.
+    """
+    distances = {servo_id: abs(angle - here[servo_id]) if here else 0 for servo_id, angle in angles.items()}
+    times = {
+        servo_id: max(seconds_for(distance, duration, speed, unit), unit) for servo_id, distance in distances.items()
+    }
+    slower = 1.0
+    for servo_id in soft:
+        softest = limits.soft_speed_of(servo_id)
+        if softest is not None:
+            slower = max(slower, distances[servo_id] / softest / times[servo_id])
+    intervals = {}
+    for servo_id, distance in distances.items():
+        seconds = times[servo_id] * slower
+        # Rounded, so that 0.07 s stays 7 units although 0.07 / 0.01 is a little more; infinite at the lowest speeds.
+        units = round(seconds / unit, 6)
+        if units > _LONGEST:
+            raise EncodeError(f"servo {servo_id}: {seconds:g} s is outside {_possible(unit)}")
+        intervals[servo_id] = max(1, math.ceil(units))
+        sent = intervals[servo_id] * unit
+        if exceeded := limits.exceeded_cap(servo_id, distance, sent):
+            asked = degrees_per_second(distance, sent)
+            raise MotionRefused(
+                f"servo {servo_id}: {distance} degrees in {sent:g} s is {asked:.0f} degrees/s; its cap is {exceeded}"
+            )
+    return intervals
+
+
+def seconds_for(distance: int, duration: float | None, speed: float | None, unit: float = INTERVAL_UNIT) -> float:
+    """Return the seconds for turning by `distance` degrees. Raise EncodeError for an impossible duration or speed."""
+    if (duration is None) == (speed is None):
+        raise EncodeError("move: give either duration or speed")
+    if speed is not None:
+        if not (is_number(speed) and 0 < speed < math.inf):
+            raise EncodeError(f"move: speed must be finite and above 0 degrees per second, not {quote(speed)}")
+        return distance / speed
+    if not (is_number(duration) and unit <= duration <= _longest(unit)):
+        raise EncodeError(f"move: duration {quote(duration)} is outside {_possible(unit)}")
+    return duration
+
+
+def _longest(unit: float) -> float:
+    return round(_LONGEST * unit, 9)
+
+
+def _possible(unit: float) -> str:
+    return f"{unit:g}..{_longest(unit):g} s"
