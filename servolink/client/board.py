@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import AsyncIterator, Iterable
 from typing import TYPE_CHECKING, TypeVar
 
@@ -10,6 +9,7 @@ from servolink.client.alarms import Alarm
 from servolink.client.events import ButtonEvents, ButtonSubscription
 from servolink.client.names import Targets
 from servolink.client.playing import Playback, Playing
+from servolink.client.projects import ProjectTransfers
 from servolink.client.raw_packets import RawPackets
 from servolink.client.reconnect import ConnectionState
 from servolink.client.records import RecordStore
@@ -19,15 +19,13 @@ from servolink.client.stored_runs import StoredRuns
 from servolink.client.watch import ServoReadings, ServoWatch
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
-from servolink.escaping import escape, quote
+from servolink.escaping import escape
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
-from servolink.project.model import Project, is_unfinished
+from servolink.project.model import Project
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddServoParameterRequest, QueryServoParameterRequest
-from servolink.protocol.joystick import QueryActiveJoystickTableRequest, SetActiveJoystickTableRequest
 from servolink.protocol.packet import Command, Packet, Request, Response
 from servolink.protocol.record_types import ACTION, MACRO, TABLE
 from servolink.protocol.records import (
@@ -50,7 +48,7 @@ from servolink.protocol.settings import (
 if TYPE_CHECKING:  # loading them takes longer than loading all packets
     from pathlib import Path
 
-    from servolink.profiles.profile import BoardSettings, ProfileInUse
+    from servolink.profiles.profile import ProfileInUse
 
 R = TypeVar("R", bound=Response)
 
@@ -77,6 +75,13 @@ class Board:
     `"name:3"` the caption `3`. A caption that is written exactly so comes first, then one that differs in case only.
     Captions are read from the board each time; for an integer nothing more is sent. An unknown caption raises NotFound,
     one that several things have AmbiguousName.
+
+    Limits (`angle_limits`, `speed_cap` and `soft_start`, of `connect` or of the board's profile) hold for everything
+    that moves servos. What a run uses is read first, and each step is checked from where those before it end, the first
+    from where the servos are. A step beyond a limit raises MotionRefused, with nothing moved. With `soft_start`, servos
+    whose first movement this would be (see `move`) then go to their first angles in the run, no faster than that. When
+    they have arrived, everything is checked again, and the run begins. A stop in between raises RequestError, a servo
+    that does not arrive RequestTimeout. With `dry_run`, everything is checked and nothing moves.
     """
 
     def __init__(
@@ -95,7 +100,7 @@ class Board:
         self._packets = RawPackets(session, self._servos, self._runs, limits)
         self._buttons = ButtonSubscription(session)
         self._watch = ServoWatch(session, self._servos)
-        self._reported_unfinished = False
+        self._projects = ProjectTransfers(session)
 
     def __repr__(self) -> str:
         """Return name, address and state, such as `<Board "rex" virtual:// connected>`."""
@@ -138,16 +143,16 @@ class Board:
 
         `timeout` (0.001..3600 seconds) limits the whole call, waiting for other requests included; None leaves it to
         the `patience` of the connection. `unchecked` allows values that only a board sends, such as control characters
-        in captions, to give back what was read from it. If movements are limited, an ExecuteMacroRequest is treated as
-        by `run_macro`; `timeout` then counts from when it is sent.
+        in captions, to give back what was read from it. With limits, an ExecuteMacroRequest is treated as by
+        `run_macro`; `timeout` then counts from when it is sent.
         """
         return await self._packets.request(packet, timeout=timeout, unchecked=unchecked)
 
     async def send(self, packet: Command) -> None:
         """Send any packet that the board does not answer. Raise EncodeError if a movement has a servo twice.
 
-        If movements are limited, an ExecuteActionRequest beyond a limit is refused with MotionRefused, not changed; its
-        angles are in the unit that is set for each servo. An ExecuteActionExRequest is treated as by `run_action`.
+        With limits, an ExecuteActionRequest beyond one is refused with MotionRefused, not changed; its angles are in
+        the unit that is set for each servo. An ExecuteActionExRequest is treated as by `run_action`.
         """
         await self._packets.send(packet)
 
@@ -276,7 +281,7 @@ class Board:
         With `soft_start`, the first movement of a servo is no faster than that: if need be, the whole movement takes
         longer, for all of its servos alike, and so does the returned duration. The first movement is that on a new
         connection, or after the servo was stopped or released; it lasts until its planned end, whatever is sent until
-        then. With `dry_run`, everything is checked and nothing moves.
+        then.
 
         Returns when the movement was sent, which says nothing about the servos: the board reports no errors, and a
         servo turns only as far as it can. With `wait`, returns when all have arrived, and raises RequestTimeout for
@@ -298,12 +303,7 @@ class Board:
         Returns when the command is sent: the board does not answer it. With `wait`, returns when the duration is over
         and the servos rest at their last angles. Raise RequestTimeout that names the servos that are not within 2
         degrees of them a second later, and RequestError if `stop` ends the run. A cancelled wait stops nothing.
-
-        If movements are limited, the action and the servos are read first. Raise MotionRefused, with nothing moved, for
-        a step beyond a servo's limits, or too fast from where the servo is now. With `soft_start`, servos whose first
-        movement this would be (see `move`) then go to their angles in the action no faster than that. When they have
-        arrived, everything is checked again, and the action is run. A stop in between ends this with RequestError, a
-        servo that does not arrive with RequestTimeout. With `dry_run`, everything is checked and nothing moves.
+        Raise MotionRefused, with nothing moved, for a step beyond a limit (see `Board`).
         """
         return await self._runs.run_action(action_id, wait=wait, dry_run=dry_run)
 
@@ -313,19 +313,17 @@ class Board:
         """Play an action or a macro of a project without storing it (3.2.5), and return its duration in seconds.
 
         `name` is a caption, an id, or as in `macro:3`. Each step is sent as a movement when its time comes; the board
-        runs no macro. Returns when the servos rest at their last angles. The limits of movements hold as for
-        `run_action`, and so does `soft_start`: it moves servos from where they are to the first angles.
+        runs no macro. Returns when the servos rest at their last angles.
 
         Everything is checked before anything moves. Raise ProjectError for a name that is not in the project,
         MotionRefused for a step beyond a limit, NotFound for a record or a servo that is missing, EncodeError for
         values that do not fit, RequestError for a servo that is stopped or released, set to ADC, or for a macro that
-        never ends. With `dry_run`, nothing moves.
+        never ends.
 
         `playback.pause()` lets the servos finish the steps that have begun, and `playback.resume()` goes on. A stop, a
         change of an angle unit (RequestError) and a lost connection (ConnectionLost) end it: no step is sent twice.
         After a cancellation no further step is sent; the servos finish the one that has begun, unless `stop` is called.
         """
-        _check_project(project)
         return await self._playing.play(project, name, playback=playback, dry_run=dry_run)
 
     # --- 3.3 stored records -------------------------------------------------------------------------------------
@@ -375,21 +373,19 @@ class Board:
         Returns when the board has answered. With `wait`, everything that the macro runs is read first, and it returns
         when the motion is over, as `run_action` does.
 
-        If movements are limited, everything that the macro runs is read and checked as by `run_action`: each step from
-        where the steps before it end, and at the speed that ratios give it. With `soft_start`, servos whose first
-        movement this would be first go to the first angle that the macro has for them. Raise NotFound if a record is
-        missing, MotionRefused also for a macro that runs itself. Without limits only the list of macros is read.
+        With limits (see `Board`), each step is checked at the speed that ratios give it. Raise NotFound if a record is
+        missing, MotionRefused also for a macro that runs itself. Without limits or `wait` only the list of macros is
+        read.
         """
         await self._runs.run_macro(macro_id, wait=wait, dry_run=dry_run)
 
     async def servo_parameters(self) -> tuple[ServoParameter, ...]:
         """Return caption and angle correction of each servo (3.3.10); empty also after an error on the board."""
-        return (await self._session.request(QueryServoParameterRequest())).servos
+        return await self._records.servo_parameters()
 
     async def add_servo_parameters(self, servos: Iterable[ServoParameter]) -> None:
         """Store caption and angle correction of servos (3.3.11). Raise Rejected if the board refuses."""
-        request = AddServoParameterRequest(tuple(servos))
-        await self._session.command(request, "its memory may be full, or it has no such servo")
+        await self._records.add_servo_parameters(servos)
 
     async def write_project_id(self, project_id: int) -> None:
         """Write the project id (3.3.12). Raise Rejected if the board refuses."""
@@ -400,14 +396,7 @@ class Board:
 
         The first time that it marks an unfinished import, a warning is logged.
         """
-        project_id = await self._session.project_id()
-        if is_unfinished(project_id) and not self._reported_unfinished:
-            self._reported_unfinished = True
-            logging.getLogger(__name__).warning(
-                "%s holds an unfinished import: apply the project again to finish it, or roll back to undo it",
-                escape(self.url),
-            )
-        return project_id
+        return await self._projects.project_id()
 
     # --- 3.4 joystick -------------------------------------------------------------------------------------------
 
@@ -432,12 +421,11 @@ class Board:
 
     async def set_active_joystick_table(self, table_id: int | str) -> None:
         """Make a stored joystick table the active one (3.4.5). Raise Rejected if there is none."""
-        request = SetActiveJoystickTableRequest(await self._records.id_of(TABLE, table_id))
-        await self._session.command(request, "it may have no such joystick table")
+        await self._records.set_active_table(table_id)
 
     async def active_joystick_table(self) -> int | None:
         """Return the id of the active joystick table, None if the board has no table (3.4.6)."""
-        return (await self._session.request(QueryActiveJoystickTableRequest())).table_id or None
+        return await self._records.active_table()
 
     def button_events(self, limit: int = 256) -> ButtonEvents:
         """Return an iterator over button events, which subscribes when it is first used (3.4.7, 3.4.8).
@@ -446,19 +434,14 @@ class Board:
         """
         return ButtonEvents(self._buttons, limit)
 
-    # --- 4 projects: everything stored on the board at once. Their code is imported when it is used. ----------------
+    # --- 4 projects: everything stored on the board at once --------------------------------------------------------
 
     async def export_project(self, *, on_progress: ProgressCallback = ignore_progress) -> Project:
         """Return everything stored on the board, each part from two readings that agree (4.3).
 
         Raise ProjectError if they never agree, or if the board lists a record that it does not return.
         """
-        from servolink.project.transfer.pinned import PinnedConnection
-        from servolink.project.transfer.read import export_project
-
-        board = PinnedConnection(self)
-        with board.connection.bulk():
-            return await export_project(board, on_progress)
+        return await self._projects.export(on_progress)
 
     async def plan_project(
         self,
@@ -472,21 +455,7 @@ class Board:
 
         `unchecked` is for a project read from a board, which may hold values that servolink does not write by itself.
         """
-        from servolink.project.transfer.pinned import PinnedConnection
-        from servolink.project.transfer.plan import plan_project
-
-        _check_project(project)
-        board, known = PinnedConnection(self), self._known_settings()
-        with board.connection.bulk():
-            return await plan_project(
-                board,
-                project,
-                on_progress=on_progress,
-                replace=replace,
-                unchecked=unchecked,
-                memory_unit=known.memory_unit,
-                project_id_bits=known.project_id_bits,
-            )
+        return await self._projects.plan(project, replace=replace, unchecked=unchecked, on_progress=on_progress)
 
     async def apply_project(
         self,
@@ -506,24 +475,9 @@ class Board:
         the board's memory, a warning is logged. Raise ProjectError if the project cannot be written, if the backup
         fails, or if the board refuses.
         """
-        from servolink.project.transfer.apply import apply_project
-        from servolink.project.transfer.backups import BackupStore
-        from servolink.project.transfer.pinned import PinnedConnection
-
-        _check_project(project)
-        board, store, known = PinnedConnection(self), BackupStore(folder), self._known_settings()
-        with board.connection.bulk():
-            return await apply_project(
-                board,
-                project,
-                store=store,
-                on_progress=on_progress,
-                replace=replace,
-                backup=backup,
-                unchecked=unchecked,
-                memory_unit=known.memory_unit,
-                project_id_bits=known.project_id_bits,
-            )
+        return await self._projects.apply(
+            project, replace=replace, backup=backup, folder=folder, unchecked=unchecked, on_progress=on_progress
+        )
 
     async def rollback_project(
         self, backup: Path | None = None, *, folder: Path | None = None, on_progress: ProgressCallback = ignore_progress
@@ -532,20 +486,7 @@ class Board:
 
         Raise ProjectError if there is no such backup, or if the board was changed since that import.
         """
-        from servolink.project.transfer.apply import roll_back
-        from servolink.project.transfer.backups import BackupStore
-        from servolink.project.transfer.pinned import PinnedConnection
-
-        board, store, known = PinnedConnection(self), BackupStore(folder), self._known_settings()
-        with board.connection.bulk():
-            return await roll_back(
-                board,
-                backup,
-                store=store,
-                on_progress=on_progress,
-                memory_unit=known.memory_unit,
-                project_id_bits=known.project_id_bits,
-            )
+        return await self._projects.roll_back(backup, folder=folder, on_progress=on_progress)
 
     async def has_unfinished_import(self, *, folder: Path | None = None) -> bool:
         """Return whether an import was interrupted: `apply_project` finishes it, `rollback_project` undoes it.
@@ -553,20 +494,4 @@ class Board:
         The project id of the board says so. Of a board that keeps fewer than 32 bits of it, only the journals in
         `folder` (by default the user's data folder) say so, for this address.
         """
-        self._reported_unfinished = True  # to the caller, so not to the log as well
-        if is_unfinished(project_id := await self._session.project_id()):
-            return True
-        from servolink.project.transfer.backups import BackupStore, is_import_unfinished
-
-        return is_import_unfinished(BackupStore(folder), project_id, self.url)
-
-    def _known_settings(self) -> BoardSettings:
-        """Return the settings in the board's profile; all of them unknown without one."""
-        from servolink.profiles.profile import BoardSettings
-
-        return BoardSettings() if self.profile is None else self.profile.profile.settings
-
-
-def _check_project(project: object) -> None:
-    if not isinstance(project, Project):
-        raise TypeError(f"project must be a Project, not {quote(project)}; read a file with load_project(path)")
+        return await self._projects.has_unfinished_import(folder)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from msgspec.structs import replace
 
 from servolink.client.collect import collect
+from servolink.client.projects import check_project
 from servolink.client.servos import ServoController
 from servolink.client.session import Session
 from servolink.client.stored_runs import Asked, StoredRuns
@@ -67,6 +68,7 @@ class Playing:
         """Play a record and return its duration in seconds (see `Board.play`)."""
         from servolink.project.records import by_type, find
 
+        check_project(project)
         asked = self._runs.asked()
         by_type(project)  # refuses an id that is used twice: either record could be meant
         record = find(project, str(name), (ACTION, MACRO))

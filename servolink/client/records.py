@@ -1,8 +1,9 @@
-"""The records stored on a board (3.3, 3.4): actions, macros and joystick tables, looked up, added and deleted."""
+"""What is stored on a board (3.3, 3.4): actions, macros, joystick tables and the parameters of servos."""
 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterable
 from typing import Any, TypeVar
 
 from msgspec import Struct
@@ -15,8 +16,8 @@ from servolink.escaping import quote
 from servolink.protocol.editing import AddServoParameterRequest, QueryServoParameterRequest, WriteProjectIDRequest
 from servolink.protocol.joystick import QueryActiveJoystickTableRequest, SetActiveJoystickTableRequest
 from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import RECORD_TYPES, RecordType
-from servolink.protocol.records import RecordRef
+from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType
+from servolink.protocol.records import RecordRef, ServoParameter
 from servolink.protocol.servos import QueryServoRequest, SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest
 
@@ -68,6 +69,24 @@ class RecordStore:
         record_id = await self.id_of(record_type, record)
         await self._session.command(record_type.delete(record_id), f"it may have no such {record_type}")
 
+    async def servo_parameters(self) -> tuple[ServoParameter, ...]:
+        """Return caption and angle correction of each servo (3.3.10)."""
+        return (await self._session.request(QueryServoParameterRequest())).servos
+
+    async def add_servo_parameters(self, servos: Iterable[ServoParameter]) -> None:
+        """Store caption and angle correction of servos (3.3.11). Raise Rejected if the board refuses."""
+        request = AddServoParameterRequest(tuple(servos))
+        await self._session.command(request, "its memory may be full, or it has no such servo")
+
+    async def set_active_table(self, table: int | str) -> None:
+        """Make a joystick table the active one (3.4.5). Raise Rejected if there is none."""
+        request = SetActiveJoystickTableRequest(await self.id_of(TABLE, table))
+        await self._session.command(request, "it may have no such joystick table")
+
+    async def active_table(self) -> int | None:
+        """Return the id of the active joystick table, None if the board has no table (3.4.6)."""
+        return (await self._session.request(QueryActiveJoystickTableRequest())).table_id or None
+
     async def took_effect(self, request: Packet) -> bool | None:
         """Return whether the board is now as `request` would have made it (see `Board.took_effect`)."""
         for record_type in RECORD_TYPES:
@@ -78,13 +97,11 @@ class RecordStore:
                 return await self._find(record_type, record_type.id_of(request)) is None
         match request:
             case AddServoParameterRequest():
-                stored = (await self._session.request(QueryServoParameterRequest())).servos
-                return set(request.servos) <= set(stored)
+                return set(request.servos) <= set(await self.servo_parameters())
             case WriteProjectIDRequest():
                 return await self._session.project_id() == request.project_id
             case SetActiveJoystickTableRequest():
-                active = await self._session.request(QueryActiveJoystickTableRequest())
-                return active.table_id == request.table_id
+                return (await self.active_table() or 0) == request.table_id
             case SetServoParameterRequest():
                 return await self._is_set(request)
             case ClearAllDataRequest():

@@ -1,0 +1,135 @@
+"""Projects (4): everything stored on a board at once. The code of transfers is imported when it is used."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from servolink.client.session import Session
+from servolink.escaping import escape, quote
+from servolink.project.model import Project, is_unfinished
+from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
+
+if TYPE_CHECKING:  # loading them takes longer than loading all packets
+    from servolink.profiles.profile import BoardSettings
+    from servolink.project.transfer.pinned import PinnedConnection
+
+
+class ProjectTransfers:
+    """Reads and writes all that is stored on a board, over one connection each time, with what its profile knows."""
+
+    def __init__(self, session: Session) -> None:
+        """Transfer through `session`."""
+        self._session = session
+        self._reported_unfinished = False
+
+    async def export(self, on_progress: ProgressCallback) -> Project:
+        """Return everything stored on the board (see `Board.export_project`)."""
+        from servolink.project.transfer.read import export_project
+
+        board = self._pinned()
+        with board.connection.bulk():
+            return await export_project(board, on_progress)
+
+    async def plan(self, project: Project, *, replace: bool, unchecked: bool, on_progress: ProgressCallback) -> Plan:
+        """Return what `apply` would change (see `Board.plan_project`)."""
+        from servolink.project.transfer.plan import plan_project
+
+        check_project(project)
+        board, known = self._pinned(), self._known_settings()
+        with board.connection.bulk():
+            return await plan_project(
+                board,
+                project,
+                on_progress=on_progress,
+                replace=replace,
+                unchecked=unchecked,
+                memory_unit=known.memory_unit,
+                project_id_bits=known.project_id_bits,
+            )
+
+    async def apply(
+        self,
+        project: Project,
+        *,
+        replace: bool,
+        backup: bool,
+        folder: Path | None,
+        unchecked: bool,
+        on_progress: ProgressCallback,
+    ) -> ApplyResult:
+        """Make the board hold exactly `project` (see `Board.apply_project`)."""
+        from servolink.project.transfer.apply import apply_project
+        from servolink.project.transfer.backups import BackupStore
+
+        check_project(project)
+        board, store, known = self._pinned(), BackupStore(folder), self._known_settings()
+        with board.connection.bulk():
+            return await apply_project(
+                board,
+                project,
+                store=store,
+                on_progress=on_progress,
+                replace=replace,
+                backup=backup,
+                unchecked=unchecked,
+                memory_unit=known.memory_unit,
+                project_id_bits=known.project_id_bits,
+            )
+
+    async def roll_back(
+        self, backup: Path | None, *, folder: Path | None, on_progress: ProgressCallback
+    ) -> ApplyResult:
+        """Make the board hold what is in a backup (see `Board.rollback_project`)."""
+        from servolink.project.transfer.apply import roll_back
+        from servolink.project.transfer.backups import BackupStore
+
+        board, store, known = self._pinned(), BackupStore(folder), self._known_settings()
+        with board.connection.bulk():
+            return await roll_back(
+                board,
+                backup,
+                store=store,
+                on_progress=on_progress,
+                memory_unit=known.memory_unit,
+                project_id_bits=known.project_id_bits,
+            )
+
+    async def has_unfinished_import(self, folder: Path | None) -> bool:
+        """Return whether an import was interrupted (see `Board.has_unfinished_import`)."""
+        self._reported_unfinished = True  # to the caller, so not to the log as well
+        if is_unfinished(project_id := await self._session.project_id()):
+            return True
+        from servolink.project.transfer.backups import BackupStore, is_import_unfinished
+
+        return is_import_unfinished(BackupStore(folder), project_id, self._session.url)
+
+    async def project_id(self) -> int:
+        """Return the project id (3.3.13). The first time that it marks an unfinished import, log a warning."""
+        project_id = await self._session.project_id()
+        if is_unfinished(project_id) and not self._reported_unfinished:
+            self._reported_unfinished = True
+            logging.getLogger(__name__).warning(
+                "%s holds an unfinished import: apply the project again to finish it, or roll back to undo it",
+                escape(self._session.url),
+            )
+        return project_id
+
+    def _pinned(self) -> PinnedConnection:
+        from servolink.project.transfer.pinned import PinnedConnection
+
+        return PinnedConnection(self._session)
+
+    def _known_settings(self) -> BoardSettings:
+        """Return the settings in the board's profile; all of them unknown without one."""
+        from servolink.profiles.profile import BoardSettings
+
+        profile = self._session.profile
+        return BoardSettings() if profile is None else profile.profile.settings
+
+
+def check_project(project: object) -> None:
+    """Raise TypeError, which says how to read a file, if `project` is not a Project."""
+    if not isinstance(project, Project):
+        raise TypeError(f"project must be a Project, not {quote(project)}; read a file with load_project(path)")
