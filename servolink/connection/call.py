@@ -49,6 +49,26 @@ class Lane:
         known = self.response_size
         self.response_size = size if size > known or known == UNKNOWN_SIZE else known - (known - size) // 8
 
+    def hand_down(self, call: Call) -> Call:
+        """Give the oldest open slot to `call`, all of whose slots are over, and return whose turn it is to send.
+
+        That is who had the youngest slot: each caller who loses a slot gets the next one. The oldest slot is answered
+        first, so a call that repeats behind all others would again be the one whose response is missing. An open slot
+        is younger than all that are over: its response was asked for after the first sending of `call`.
+        """
+        if self.equal and not self.stopped and self.slots and self.slots[0].request == call.packet:
+            for slot in self.slots:
+                owner = slot.call
+                if owner is None or slot.is_fence:
+                    continue
+                slot.call, call.latest = call, slot
+                call.open_slots += 1
+                owner.open_slots -= 1
+                if owner.is_over:
+                    break
+                call = owner
+        return call
+
 
 class Slot(Struct, eq=False):
     """One sending of one request."""

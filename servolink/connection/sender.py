@@ -7,7 +7,6 @@ import logging
 from typing import Any
 
 from servolink.connection.call import Call, Slot
-from servolink.connection.deadlines import BACKOFF, FIRST_TRY
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import outcome_unknown, same, timed_out
 from servolink.connection.frame_log import frame_logger
@@ -91,14 +90,14 @@ class RequestSender:
                 self.leave_queue(call)
             await self.write(data)
             if self._window.depth > 1:
-                await self._mark(packet)
+                await self._mark(call)
             await woken
             if call.response is None:
                 await self._end_latest(call)
             if call.response is None:
                 await self._go_on(call)
-            if call.response is None and call.unanswered > _AT_ONCE:
-                await self._pause(call)
+            if call.response is None and call.unanswered > _AT_ONCE and not call.open_slots:
+                await self._pause(call, packet)
             if call.response is not None:
                 return call.response
 
@@ -119,15 +118,14 @@ class RequestSender:
             raise self.given_up(call, self._loop.time())
         self._give_up_if_late(call, call.since)
 
-    async def _pause(self, call: Call) -> None:
+    async def _pause(self, call: Call, packet: Request[Any]) -> None:
         """Wait before a request is sent again that is lost each time, and less if something happens to its call."""
-        seconds = FIRST_TRY * BACKOFF ** (call.unanswered - _AT_ONCE)
+        seconds = self._answers.times.timeout(packet, call.unanswered - _AT_ONCE, after_write=False)
         left = call.patience - (self._loop.time() - (call.since or 0.0))
         call.woken = self._loop.create_future()
         ends = call.woken, self._answers.over
         await asyncio.wait(ends, timeout=min(seconds, left), return_when=asyncio.FIRST_COMPLETED)
-        if call.response is None:
-            await self._go_on(call)
+        await self._go_on(call)
 
     def leave_queue(self, call: Call) -> None:
         """Tell the scheduler that a packet has its slot, or will not be sent: others may follow."""
@@ -169,11 +167,14 @@ class RequestSender:
         """Open a slot for the packet of a call, which must be written now. Return what its call waits for."""
         if isinstance(packet, SetAngleUnitRequest):
             self.units_sent += 1
+        owner = call
         if call.tries:
             self._stats.retries += 1
-        call.latest = self._open(packet, call, call.tries)
+            if not call.open_slots:
+                owner = self._slots.lanes[packet.packet_id + 1].hand_down(call)
+        owner.latest = self._open(packet, owner, call.tries)
+        owner.open_slots += 1
         call.tries += 1
-        call.open_slots += 1
         call.woken = woken = self._loop.create_future()
         return woken
 
@@ -195,12 +196,18 @@ class RequestSender:
         self._answers.open(slot)
         return slot
 
-    async def _mark(self, packet: Request[Any]) -> None:
-        """Send a fence behind many slots that prove nothing of each other: equal queries, or kept responses."""
+    async def _mark(self, call: Call) -> None:
+        """Send a fence behind many slots that prove nothing of each other: equal queries, or kept responses.
+
+        And behind a repeat, if it would get no response before what others left overdue.
+        """
+        packet = call.packet
+        slots = self._slots.lanes[packet.packet_id + 1].slots
+        behind_others = call.tries > 1 and bool(slots) and slots[0].overdue and slots[0].call is not call
         kept, unproved = self._slots.kept, self._slots.unproved
         is_good = self._answers.answered_in_a_row >= _MARK_GOOD_LINE_EVERY
         every = _MARK_GOOD_LINE_EVERY if is_good else _MARK_EVERY
-        if not packet.alone and (unproved >= every or min(kept, unproved) * 2 >= self._window.depth):
+        if behind_others or (not packet.alone and (unproved >= every or min(kept, unproved) * 2 >= self._window.depth)):
             await self._send_fence(packet)
 
     async def _send_fence(self, packet: Packet) -> Slot:

@@ -269,7 +269,7 @@ def test_the_end_reaches_one_who_pauses_between_two_tries() -> None:
         board.usual_of[QueryServoListRequest] = Fate(mangle=cut_content)
         async with connected(board) as connection:
             asking = asyncio.create_task(connection.request(QueryServoListRequest()))
-            await asyncio.sleep(0.1)  # after four tries
+            await asyncio.sleep(0.03)  # after four tries
             assert len(board.sent) == 4
             begun = now()
             board.vanish()

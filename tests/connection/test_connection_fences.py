@@ -26,6 +26,7 @@ from tests.virtual_time import run
 
 FENCE_KINDS = tuple(type(fence) for fence in FENCES)
 LIST = QueryServoListRequest()
+PROJECT = QueryProjectIDRequest()
 
 
 def kinds(board: FakeBoard) -> list[type[Packet]]:
@@ -437,6 +438,46 @@ def test_equal_queries_behind_a_lost_one_are_all_answered_by_their_own_or_a_fres
 
             for _ in range(20):
                 await asyncio.gather(*(ask() for _ in range(4)))
+
+    run(main())
+
+
+def test_a_query_found_lost_gets_the_next_response_before_equal_ones_that_were_asked_for_later() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        async with connected(board, depth=8) as connection:
+            board.plan(QueryProjectIDRequest, LOST)  # so the youngest of the first four is left without a response
+            order: list[int] = []
+
+            async def ask(number: int) -> None:
+                await connection.request(PROJECT)
+                order.append(number)
+
+            first = [asyncio.create_task(ask(number)) for number in range(4)]
+            await asyncio.sleep(0)
+            other = asyncio.create_task(connection.request(LIST))  # whose response proves that
+            await asyncio.sleep(LATENCY / 2)
+            later = [asyncio.create_task(ask(number)) for number in range(4, 7)]
+            await asyncio.gather(*first, other, *later)
+            assert order == list(range(7))
+            assert connection.stats.retries == 1
+            assert (connection.stats.timeouts, connection.stats.late_responses) == (0, 0)
+
+    run(main())
+
+
+def test_a_repeat_behind_what_others_left_overdue_is_sent_with_a_fence() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        async with connected(board, depth=8) as connection:
+            await connection.request(LIST)
+            # Each leaves a slot, and the first one of them gets the response to a later call.
+            await asyncio.gather(*(abandon(connection, board, LIST) for _ in range(6)))
+            for fence in FENCE_KINDS:
+                board.plan(fence, LOST)
+            before = len(board.sent)
+            await connection.request(LIST)
+            assert kinds(board)[before:].count(QueryServoListRequest) <= 4  # once for each of the others, without it
 
     run(main())
 

