@@ -1,0 +1,182 @@
+"""Exchanges: the requests of all programs, and the order in which they are sent to the board."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import Protocol
+
+from msgspec import Struct
+
+from servolink.hub.roles import Role
+from servolink.hub.session_state import SessionState
+from servolink.protocol.codec import PACKETS
+from servolink.protocol.packet import Packet, Query, Result
+
+
+class ProgramCounters(Struct):
+    """What has passed between a program and the hub."""
+
+    requests: int = 0
+    """Frames of the program, of whatever kind."""
+    responses: int = 0
+    """Frames sent to it, button events included."""
+    unanswered: int = 0
+    """Requests that the board did not answer."""
+    refused: int = 0
+    """Requests that were not sent: without the role or the lease, beyond a limit, or after a stop."""
+    ignored: int = 0
+    """Intact frames that no board would answer: of a board, undecodable, or in mode 0."""
+
+
+class Asker(Protocol):
+    """The program that asks, as far as those who answer it need it."""
+
+    session_id: str
+    who: str
+    role: Role
+    state: SessionState
+    counters: ProgramCounters
+    queue: ProgramQueue
+
+    def finish(self, exchange: Exchange, response: Packet | None) -> None:
+        """End one of its requests with a response, or with none."""
+
+
+class Exchange(Struct, eq=False):
+    """One request of one program, until it is over: answered, sent if it has no response, or given up."""
+
+    program: Asker
+    packet: Packet
+    stops: int = 0
+    """How many stops there had been when it came; a motion is not sent after a later one."""
+    frame: bytes | None = None
+    """The response for the program; None while there is none, and if there will be none."""
+    is_silent: bool = False
+    """Its program is not to hear the response."""
+    is_over: bool = False
+
+
+class ProgramQueue:
+    """The unsent requests of one program, in its order."""
+
+    __slots__ = ("exchanges", "is_blocked", "is_listed")
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self.exchanges: deque[Exchange] = deque()
+        self.is_blocked = False
+        """Its next request must not be sent yet: an earlier one could still be overtaken by it."""
+        self.is_listed = False
+        """Whether it is in the ring of a `RoundRobin`."""
+
+
+class RoundRobin:
+    """Takes the requests of programs in turn, one from each.
+
+    A program that floods waits in its own queue. Nothing here is asynchronous: whoever sends asks for the next one.
+    """
+
+    def __init__(self) -> None:
+        """Start without requests."""
+        self._ring: deque[ProgramQueue] = deque()  # those with unsent requests; the next one first
+        self.holder: ProgramQueue | None = None
+        """While a program holds the board alone, only its requests are taken."""
+
+    def __bool__(self) -> bool:
+        """Return whether there are unsent requests, of whomever."""
+        return bool(self._ring)
+
+    def add(self, exchange: Exchange) -> None:
+        """Append a request to the queue of its program."""
+        queue = exchange.program.queue
+        queue.exchanges.append(exchange)
+        if not queue.is_listed:
+            queue.is_listed = True
+            self._ring.append(queue)
+
+    def take(self, may: Callable[[Exchange], bool]) -> Exchange | None:
+        """Return the next request for which `may` is true, None if there is none. Its program goes to the end."""
+        ring, holder = self._ring, self.holder
+        for _ in range(len(ring)):
+            queue = ring[0]
+            if not queue.is_blocked and (holder is None or queue is holder) and may(queue.exchanges[0]):
+                exchange = queue.exchanges.popleft()
+                ring.popleft()
+                self._list_again(queue)
+                return exchange
+            ring.rotate(-1)
+        return None
+
+    def take_equal(self, taken: Exchange, means_same: Callable[[Exchange], bool]) -> list[Exchange]:
+        """Return the unsent queries that the response to `taken`, a query, answers as well.
+
+        That is an equal query for which `means_same`, if it is the next request of its program; in the program of
+        `taken` itself, if there are only queries before it. Others may depend on what is sent before them.
+        """
+        packet, equal = taken.packet, list[Exchange]()
+        for queue in self._ring:
+            if queue.is_blocked or (self.holder is not None and queue is not self.holder):
+                continue
+            waiting = queue.exchanges
+            while waiting and waiting[0].packet == packet and means_same(waiting[0]):
+                equal.append(waiting.popleft())
+        own = taken.program.queue
+        if own.exchanges and not own.is_blocked:
+            equal += self._take_later(own, packet)
+        if equal:
+            self._drop_empty()
+        return equal
+
+    def drop(self, queue: ProgramQueue) -> list[Exchange]:
+        """Remove all requests of a program and return them."""
+        dropped = list(queue.exchanges)
+        queue.exchanges.clear()
+        if self.holder is queue:
+            self.holder = None
+        self._drop_empty()
+        return dropped
+
+    def drop_where(self, unwanted: Callable[[Exchange], bool]) -> list[Exchange]:
+        """Remove the requests of all programs that are `unwanted` and return them."""
+        dropped = list[Exchange]()
+        for queue in self._ring:
+            found = [exchange for exchange in queue.exchanges if unwanted(exchange)]
+            if found:
+                queue.exchanges = deque(exchange for exchange in queue.exchanges if not unwanted(exchange))
+                dropped += found
+        self._drop_empty()
+        return dropped
+
+    def __iter__(self) -> Iterator[Exchange]:
+        """Iterate over all unsent requests."""
+        for queue in self._ring:
+            yield from queue.exchanges
+
+    def _take_later(self, queue: ProgramQueue, packet: Packet) -> list[Exchange]:
+        """Return the queries equal to `packet` that stand behind other queries of the same program."""
+        queries = list[Exchange]()
+        for exchange in queue.exchanges:
+            if not isinstance(exchange.packet, Query):
+                break
+            if exchange.packet == packet:
+                queries.append(exchange)
+        for exchange in queries:
+            queue.exchanges.remove(exchange)
+        return queries
+
+    def _list_again(self, queue: ProgramQueue) -> None:
+        queue.is_listed = bool(queue.exchanges)
+        if queue.is_listed:
+            self._ring.append(queue)
+
+    def _drop_empty(self) -> None:
+        for queue in self._ring:
+            queue.is_listed = bool(queue.exchanges)
+        self._ring = deque(queue for queue in self._ring if queue.is_listed)
+
+
+def refusal(packet: Packet) -> Packet | None:
+    """Return the response by which a board refuses `packet`, None if it has none."""
+    declared = PACKETS.get(packet.packet_id + 1)
+    return declared(0) if declared is not None and issubclass(declared, Result) else None

@@ -1,0 +1,236 @@
+"""Hub: one process owns a board, and any number of programs use it at once (docs/design/hub.md)."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from typing import Any
+
+from servolink.client.board import Board
+from servolink.client.events import ButtonEvent
+from servolink.client.reconnect import ConnectionState
+from servolink.hub.events import ButtonRelay
+from servolink.hub.exchanges import Exchange, refusal
+from servolink.hub.notices import (
+    ButtonPressed,
+    ConnectionChanged,
+    HoldChanged,
+    HoldStatus,
+    HubStatus,
+    Notice,
+    ProgramJoined,
+    ProgramLeft,
+    ProgramStatus,
+    Refused,
+)
+from servolink.hub.program import Program
+from servolink.hub.roles import Role
+from servolink.hub.upstream import Upstream
+from servolink.motion.angles import AngleUnit
+from servolink.protocol.codec import Codec
+
+_logger = logging.getLogger(__name__)
+
+
+class Hub:
+    """Shares one board among programs, each of which uses it as if it were alone."""
+
+    def __init__(self, board: Board, *, name: str) -> None:
+        """Use `share`, which opens and closes the hub."""
+        self.board = board
+        self.name = name
+        self.programs: dict[str, Program] = {}
+        """By session id, in the order in which they joined."""
+        self._buttons = ButtonRelay(board, self._deliver)
+        self._upstream = Upstream(board, self._buttons)
+        self._now = asyncio.get_running_loop().time
+        self._began_at = self._now()
+        self._joined_at: dict[str, float] = {}
+        self._listeners: list[Callable[[Notice], None]] = []
+        self._state: ConnectionState = "connected"
+        self._hold: HoldStatus | None = None
+        self._responses_to_left = 0
+        self._tasks = set[asyncio.Task[None]]()
+
+    @property
+    def url(self) -> str:
+        """The address of the board."""
+        return self.board.url
+
+    def start(self) -> None:
+        """Begin to serve programs."""
+        self._upstream.start()
+        self._begin(self._follow_connection())
+
+    async def close(self) -> None:
+        """End all sessions. The board stays open, and as it is."""
+        for program in list(self.programs.values()):
+            if program.on_end is not None:
+                program.on_end()
+            program.leave()
+        for task in self._tasks:
+            task.cancel()
+        if self._tasks:
+            await asyncio.wait(self._tasks)
+        await self._buttons.close()
+        await self._upstream.close()
+
+    # --- programs -----------------------------------------------------------------------------------------------
+
+    def join(
+        self,
+        sink: Callable[[bytes], None],
+        *,
+        who: str,
+        door: str,
+        role: Role = Role.EDIT,
+        codec: Codec | None = None,
+        unit: AngleUnit = "degree",
+        session_id: str | None = None,
+    ) -> Program:
+        """Begin the session of a program. `sink` takes whole frames for it; it must neither block nor raise.
+
+        `unit` is that of its angles until it sets another one. Raise ValueError if the session id is in use.
+        """
+        codec = codec or self.board.codec
+        program = Program(self, sink, codec, who=who, door=door, role=role, unit=unit, session_id=session_id)
+        if program.session_id in self.programs:
+            raise ValueError("this session has begun already")
+        self.programs[program.session_id] = program
+        self._joined_at[program.session_id] = self._now()
+        self.tell(ProgramJoined(program.session_id, who, door, str(role)))
+        return program
+
+    def forget(self, program: Program) -> None:
+        """End what a program that leaves has here; see `Program.leave`."""
+        if self.programs.pop(program.session_id, None) is None:
+            return
+        self._joined_at.pop(program.session_id)
+        self._responses_to_left += program.counters.responses
+        self._upstream.waiting.drop(program.queue)
+        if program.session_id in self._buttons.subscribers:
+            self._begin(self._buttons.left(program.session_id))
+        self.release_hold(program.session_id)
+        self.tell(ProgramLeft(program.session_id, program.who))
+
+    # --- what programs ask --------------------------------------------------------------------------------------
+
+    def ask(self, exchange: Exchange) -> None:
+        """Send a request when it is its turn; see `Program`."""
+        self._upstream.ask(exchange)
+
+    def stop(self, exchange: Exchange) -> None:
+        """Send a stop before everything else; see `Program`."""
+        for dropped in self._upstream.stop(exchange):
+            self.refuse(dropped, "a stop came first")
+
+    def refuse(self, exchange: Exchange, reason: str) -> None:
+        """End a request that is not sent, and tell why."""
+        program, packet = exchange.program, exchange.packet
+        program.counters.refused += 1
+        self.tell(Refused(program.session_id, program.who, type(packet).__name__, reason))
+        program.finish(exchange, refusal(packet))
+
+    def _deliver(self, event: ButtonEvent) -> None:
+        for program in list(self.programs.values()):
+            if program.state.is_subscribed:
+                program.push(event)
+        self.tell(ButtonPressed(event.button_id, event.event))
+
+    async def _follow_connection(self) -> None:
+        async for state in self.board.states():
+            if state != self._state:
+                self._state = state
+                self.tell(ConnectionChanged(state))
+
+    def _begin(self, doing: Coroutine[Any, Any, None]) -> None:
+        """Run a task that ends with the hub at the latest."""
+        task = asyncio.get_running_loop().create_task(doing)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    # --- exclusive use ------------------------------------------------------------------------------------------
+
+    def hold(self, session_id: str, reason: str) -> bool:
+        """Make all others wait until `release_hold`. Return whether that is possible: nobody else does it."""
+        if self._hold is not None:
+            return self._hold.session == session_id
+        program = self.programs[session_id]
+        self._hold = HoldStatus(session_id, program.who, reason)
+        self._upstream.waiting.holder = program.queue
+        self.tell(HoldChanged(session_id, program.who, reason))
+        return True
+
+    def release_hold(self, session_id: str) -> None:
+        """End the exclusive use, if it is that of this session."""
+        if self._hold is None or self._hold.session != session_id:
+            return
+        self._hold = None
+        self._upstream.waiting.holder = None
+        self._upstream.wake()
+        self.tell(HoldChanged(None, None, ""))
+
+    # --- notices and status -------------------------------------------------------------------------------------
+
+    def listen(self, listener: Callable[[Notice], None]) -> Callable[[], None]:
+        """Call `listener` with each notice; it must not raise. Return what ends that."""
+        self._listeners.append(listener)
+
+        def end() -> None:
+            if listener in self._listeners:
+                self._listeners.remove(listener)
+
+        return end
+
+    def tell(self, notice: Notice) -> None:
+        """Pass a notice to all who listen."""
+        for listener in list(self._listeners):
+            listener(notice)
+
+    def status(self) -> HubStatus:
+        """Return who uses the board, and what has passed."""
+        now = self._now()
+        stats = self.board.stats
+        return HubStatus(
+            self.name,
+            self.url,
+            self._state,
+            now - self._began_at,
+            tuple(self._status_of(program, now) for program in self.programs.values()),
+            self._hold,
+            self._responses_to_left + sum(program.counters.responses for program in self.programs.values()),
+            sum(stats.skipped.values()),
+        )
+
+    def _status_of(self, program: Program, now: float) -> ProgramStatus:
+        counters = program.counters
+        return ProgramStatus(
+            program.session_id,
+            program.who,
+            program.door,
+            str(program.role),
+            now - self._joined_at[program.session_id],
+            program.waiting,
+            counters.requests,
+            counters.responses,
+            counters.unanswered,
+            counters.refused,
+            counters.ignored,
+            program.garbage,
+        )
+
+
+@asynccontextmanager
+async def share(board: Board, *, name: str) -> AsyncIterator[Hub]:
+    """Share `board`, which should be opened with `reconnect=True, angle_unit=None`, until the block ends.
+
+    The board stays open. Nothing is served by itself: see `servolink.hub.doors`.
+    """
+    hub = Hub(board, name=name)
+    hub.start()
+    try:
+        yield hub
+    finally:
+        await hub.close()

@@ -1,0 +1,109 @@
+"""Notices: what a hub reports to those who listen, and its status; plain data for any door."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+from msgspec import Struct
+
+from servolink.client.reconnect import ConnectionState
+
+
+class ProgramJoined(Struct, frozen=True, tag="program_joined"):
+    """A program has begun to use the board."""
+
+    session: str
+    who: str
+    door: str
+    role: str
+
+
+class ProgramLeft(Struct, frozen=True, tag="program_left"):
+    """A program has gone."""
+
+    session: str
+    who: str
+
+
+class ConnectionChanged(Struct, frozen=True, tag="connection_changed"):
+    """The connection to the board was lost, restored or closed."""
+
+    state: ConnectionState
+
+
+class HoldChanged(Struct, frozen=True, tag="hold_changed"):
+    """A program holds the board alone from now on, or does not any more: then `session` and `who` are None."""
+
+    session: str | None
+    who: str | None
+    reason: str
+
+
+class Refused(Struct, frozen=True, tag="refused"):
+    """A packet of a program was not sent to the board."""
+
+    session: str
+    who: str
+    packet: str
+    """The name of the packet, such as `ExecuteActionRequest`."""
+    reason: str
+
+
+class ButtonPressed(Struct, frozen=True, tag="button"):
+    """A button of the joystick was pressed or released."""
+
+    button_id: int
+    event: int
+
+
+class Problem(Struct, frozen=True, tag="problem"):
+    """Something that people should look at."""
+
+    text: str
+
+
+Notice: TypeAlias = ProgramJoined | ProgramLeft | ConnectionChanged | HoldChanged | Refused | ButtonPressed | Problem
+
+
+class ProgramStatus(Struct, frozen=True):
+    """One program, and what has passed between it and the hub."""
+
+    session: str
+    who: str
+    door: str
+    role: str
+    since: float
+    """Seconds since it joined."""
+    waiting: int
+    """Requests that are not over."""
+    requests: int
+    responses: int
+    unanswered: int
+    refused: int
+    ignored: int
+    garbage: int
+    """Bytes that belong to no frame."""
+
+
+class HoldStatus(Struct, frozen=True):
+    """Who holds the board alone."""
+
+    session: str
+    who: str
+    reason: str
+
+
+class HubStatus(Struct, frozen=True):
+    """A hub, its board and its programs."""
+
+    name: str
+    url: str
+    state: ConnectionState
+    since: float
+    """Seconds since the hub began."""
+    programs: tuple[ProgramStatus, ...]
+    hold: HoldStatus | None
+    responses: int
+    """Responses and button events sent to programs, of those that have left too."""
+    noise: int
+    """Bytes from the board that belong to no frame."""

@@ -1,0 +1,56 @@
+"""Every method of Board through a hub, as on the board itself."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from servolink.client.connect import connect
+from servolink.hub.hub import share
+from servolink.hub.local import LocalTransport
+from servolink.protocol.codec import Codec
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.transport import VirtualTransport
+from tests.client.fake_board import now
+from tests.client.test_board import CHAPTERS
+from tests.virtual_time import run
+
+
+@pytest.mark.parametrize("order", ["little", "big"])
+@pytest.mark.parametrize("board_order", ["little", "big"])
+@pytest.mark.parametrize("use", CHAPTERS)
+def test_each_command_does_what_it_says(use: Any, board_order: Any, order: Any) -> None:
+    async def main() -> None:
+        url = f"virtual://?servos=3&byte_order={board_order}"
+        async with (
+            connect(url, byte_order=board_order, angle_unit=None) as upstream,
+            share(upstream, name="rex") as hub,
+            connect(LocalTransport(hub, codec=Codec(order)), byte_order=order) as board,
+        ):
+            await use(board)
+            assert board.url == "share://rex"
+            for stats in (board.stats, upstream.stats):
+                assert stats.timeouts == stats.undecodable == stats.unsolicited == stats.retries == 0
+
+    run(main())
+
+
+def test_a_button_press_on_the_board_arrives_at_those_who_asked() -> None:
+    async def main() -> None:
+        virtual = VirtualBoard(2)
+        async with (
+            connect(VirtualTransport(virtual), angle_unit=None) as upstream,
+            share(upstream, name="rex") as hub,
+            connect(LocalTransport(hub)) as one,
+            connect(LocalTransport(hub)) as other,
+            one.button_events() as events,
+        ):
+            virtual.press_button(4, now())
+            event = await anext(events)
+            assert (event.button_id, event.kind) == (4, "press")
+            await asyncio.sleep(1)
+            assert other.stats.events_received == 0
+
+    run(main())
