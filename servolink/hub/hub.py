@@ -11,6 +11,7 @@ from typing import Any
 from servolink.client.board import Board
 from servolink.client.events import ButtonEvent
 from servolink.client.reconnect import ConnectionState
+from servolink.escaping import escape
 from servolink.hub.events import ButtonRelay
 from servolink.hub.exchanges import Exchange, refusal
 from servolink.hub.notices import (
@@ -121,9 +122,19 @@ class Hub:
         """Send a request when it is its turn; see `Program`."""
         self._upstream.ask(exchange)
 
-    def stop(self, exchange: Exchange) -> None:
+    def ask_stop(self, exchange: Exchange) -> None:
         """Send a stop before everything else; see `Program`."""
-        for dropped in self._upstream.stop(exchange):
+        self._drop_motions()
+        self._upstream.ask_stop(exchange)
+
+    async def stop(self, who: str) -> None:
+        """Stop all servos for `who`, ahead of everything (see `Board.stop`)."""
+        _logger.info("%s stops the board", escape(who))
+        self._drop_motions()
+        await self.board.stop()
+
+    def _drop_motions(self) -> None:
+        for dropped in self._upstream.drop_motions():
             self.refuse(dropped, "a stop came first")
 
     def refuse(self, exchange: Exchange, reason: str) -> None:

@@ -30,7 +30,7 @@ class Exchanger(Protocol):
     def ask(self, exchange: Exchange) -> None:
         """Take a request, and call `exchange.program.finish` when it is over."""
 
-    def stop(self, exchange: Exchange) -> None:
+    def ask_stop(self, exchange: Exchange) -> None:
         """Take a stop, which goes before everything, and call `exchange.program.finish` when it is over."""
 
     def forget(self, program: Program) -> None:
@@ -131,7 +131,7 @@ class Program:
         if isinstance(packet, TransmissionModeSettingRequest):
             self._set_mode(exchange, packet)
         elif is_stop(packet):
-            self._hub.stop(exchange)
+            self._hub.ask_stop(exchange)
         else:
             self._hub.ask(exchange)
 

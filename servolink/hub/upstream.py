@@ -77,12 +77,15 @@ class Upstream:
         if self._idle:
             self.wake()
 
-    def stop(self, exchange: Exchange) -> list[Exchange]:
-        """Send a stop at once and finish it. Return the motions that are not sent any more, whoever asked for them."""
-        self.stops += 1
+    def ask_stop(self, exchange: Exchange) -> None:
+        """Send a stop at once, and finish it."""
         task = self._loop.create_task(self._stop(exchange))
         self._stopping.add(task)
         task.add_done_callback(self._stopping.discard)
+
+    def drop_motions(self) -> list[Exchange]:
+        """Return the motions of all programs that will not be sent any more, because of a stop."""
+        self.stops += 1
         return self.waiting.drop_where(lambda waiting: is_motion(waiting.packet))
 
     def wake(self) -> None:
