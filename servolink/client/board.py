@@ -56,7 +56,8 @@ R = TypeVar("R", bound=Response)
 class Board:
     """A connected board, made by `connect`, with a method for each command of the protocol's document, by chapters.
 
-    - Connection: `url`, `codec`, `profile`, `connection`, `stats`, `states`, `request`, `send`, `took_effect`, `close`
+    - Connection: `url`, `codec`, `profile`, `limits`, `connection`, `stats`, `states`, `request`, `send`,
+      `took_effect`, `close`
     - 3.1 settings: `set_transmission_mode`, `clear_all_data`, `memory`, `battery`, `send_dummy_data`
     - 3.2 servos: `servo_ids`, `servos`, `watch`, `servo`, `set_servo`, `release`, `stop`, `set_angle_unit`, `unit_of`,
       `move`, `follow`, `run_action`, `play`
@@ -93,6 +94,7 @@ class Board:
     ) -> None:
         """Use `connect` instead."""
         self._session = session
+        self._limits = limits
         self._servos = ServoController(session, angle_unit, limits, interval_unit)
         self._records = RecordStore(session)
         self._runs = StoredRuns(session, self._servos, self._records, limits, interval_unit)
@@ -123,6 +125,11 @@ class Board:
     def profile(self) -> ProfileInUse | None:
         """Name and profile of the board; None if nothing is known of it (see `connect`)."""
         return self._session.profile
+
+    @property
+    def limits(self) -> MotionLimits:
+        """The limits of movements: those given to `connect`, tightened by the profile's. False if there are none."""
+        return self._limits
 
     @property
     def connection(self) -> Connection:

@@ -14,6 +14,7 @@ from servolink.client.alarms import Alarm
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
 from servolink.motion.angles import AngleUnit
+from servolink.motion.limits import MotionLimits
 from servolink.profiles.profile import ProfileInUse
 from servolink.protocol.codec import Codec
 from servolink.sync.iterator import BlockingIterator, ButtonEvents, ServoReadings
@@ -97,6 +98,11 @@ class Board:
     def profile(self) -> ProfileInUse | None:
         """Name and profile of the board; None if nothing is known of it (see `servolink.connect`)."""
         return self._board.profile
+
+    @property
+    def limits(self) -> MotionLimits:
+        """The limits of movements: those given to `connect`, tightened by the profile's. False if there are none."""
+        return self._board.limits
 
     @property
     def connection(self) -> Connection:

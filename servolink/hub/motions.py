@@ -1,0 +1,125 @@
+"""Motions: sends what moves servos, within the limits of the board, and finds out when it is over."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any, NamedTuple
+
+from servolink.client.board import Board
+from servolink.client.collect import collect
+from servolink.errors import EncodeError, OutcomeUnknown, RequestError, RequestTimeout, ServolinkError
+from servolink.hub.motion_gate import refused_response
+from servolink.motion.movement import INTERVAL_UNIT
+from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.packet import Command, Packet, Request, Response
+from servolink.protocol.record_types import ACTION, MACRO, RecordType
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    QueryServoRequest,
+    SetServoParameterRequest,
+)
+
+_PAUSE = 0.3  # seconds between two readings of servos that may move
+_RESTING = 4  # readings in a row between which no servo turns
+_JITTER = 2  # degrees (or ADC steps) by which the reading of a resting servo may differ
+
+
+class Outcome(NamedTuple):
+    """What became of a motion."""
+
+    response: Response | None
+    """The response for the program; None if it gets none."""
+    refused: str = ""
+    """Why it was not sent, for people; empty if it was."""
+
+
+class Motions:
+    """Sends motions as the board's own methods do, so that limits hold by the same code for every program."""
+
+    def __init__(self, board: Board) -> None:
+        """Send to `board`, whose units are set as the program means them whenever a motion is sent."""
+        self._board = board
+
+    async def send(self, packet: Packet) -> Outcome:
+        """Send a motion, unless it exceeds the limits of the board or they cannot be compared with it.
+
+        With limits, a stored record and all that it runs is read and checked first. Raise RequestTimeout or
+        OutcomeUnknown if the board does not answer.
+        """
+        try:
+            if isinstance(packet, Request):
+                return Outcome(await self._board.request(packet, unchecked=True))
+            assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
+            # Without limits, the board decides about what the library would refuse: a servo that is there twice.
+            await (self._board.send(packet) if self._board.limits else self._board.connection.send(packet))
+            return Outcome(None)
+        except (RequestTimeout, OutcomeUnknown):
+            raise
+        except (EncodeError, RequestError) as error:
+            return Outcome(await self.refused(packet), str(error))
+
+    async def refused(self, packet: Packet) -> Response | None:
+        """Return what a program gets for a packet that was not sent. The state of servos is read for it."""
+        if not isinstance(packet, SetServoParameterRequest):
+            return refused_response(packet)
+        try:
+            states = await self._board.connection.request(QueryServoRequest(packet.servo_id))
+        except ServolinkError:
+            return None
+        return refused_response(packet, states.servos)
+
+    async def seconds_of(self, packet: Packet) -> float | None:
+        """Return how long a motion takes that was just sent; None if that cannot be computed."""
+        match packet:
+            case ExecuteActionRequest():
+                return max((step.interval for step in packet.steps), default=0) * self._interval_unit
+            case ExecuteActionExRequest():
+                return await self._seconds_of(ACTION, packet.action_id)
+            case ExecuteMacroRequest():
+                return await self._seconds_of(MACRO, packet.macro_id)
+            case _:  # a servo that is started may turn to an old target, one that is released falls
+                return None
+
+    async def until_rest(self) -> None:
+        """Return when no servo has turned for a second. While the board does not answer, that is unknown: go on."""
+        connection, first, count = self._board.connection, dict[int, int](), 0
+        units_sent = -1
+        while count < _RESTING:
+            await asyncio.sleep(_PAUSE)
+            before = connection.units_sent
+            try:
+                here = {
+                    one.servo_id: one.angle for one in (await connection.request(QueryServoRequest(ALL_SERVOS))).servos
+                }
+            except ServolinkError:
+                connection, count = self._board.connection, 0
+                continue
+            # After another unit was set, the same servo reports another number.
+            if before == connection.units_sent == units_sent and _is_same(first, here):
+                count += 1
+            else:
+                first, count, units_sent = here, 1, before
+
+    @property
+    def _interval_unit(self) -> float:
+        profile = self._board.profile
+        return (profile and profile.settings.interval_unit) or INTERVAL_UNIT
+
+    async def _seconds_of(self, kind: RecordType[Any], record_id: int) -> float | None:
+        from servolink.project.speed import Run  # late: most programs run nothing that is stored
+
+        try:
+            stored = await collect(self._get, kind, record_id)
+        except ServolinkError:
+            return None
+        return Run(stored, kind.by_id(stored)[record_id], self._interval_unit).known_seconds()
+
+    async def _get(self, kind: RecordType[Any], record_id: int) -> Any:
+        return await (self._board.action(record_id) if kind is ACTION else self._board.macro(record_id))
+
+
+def _is_same(first: dict[int, int], here: dict[int, int]) -> bool:
+    """Return whether the same servos are where they were, up to what their sensors differ by at rest."""
+    return first.keys() == here.keys() and all(abs(first[one] - here[one]) <= _JITTER for one in first)

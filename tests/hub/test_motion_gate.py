@@ -1,0 +1,121 @@
+"""What a program may send, and what it gets for a packet that is not sent."""
+
+from __future__ import annotations
+
+import pytest
+
+from servolink.hub.lease import LeaseChange, MotionLease
+from servolink.hub.motion_gate import MotionGate, refused_response, stops_all
+from servolink.hub.roles import Role
+from servolink.protocol.editing import (
+    AddActionRequest,
+    AddActionResponse,
+    AddServoParameterRequest,
+    AddServoParameterResponse,
+    ExecuteMacroRequest,
+    ExecuteMacroResponse,
+)
+from servolink.protocol.packet import Packet
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    QueryServoRequest,
+    ServoState,
+    SetServoParameterRequest,
+    SetServoParameterResponse,
+)
+from servolink.protocol.settings import ClearAllDataRequest, ClearAllDataResponse
+
+MOVE = ExecuteActionRequest(())
+STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
+
+
+def gate() -> tuple[MotionGate, MotionLease]:
+    lease = MotionLease()
+    return MotionGate(lease, "rex", {"ann": "servolink move (pid 7)", "bob": "evil\x1b[2J"}.__getitem__), lease
+
+
+def test_the_first_motion_takes_the_lease_and_others_learn_who_has_it() -> None:
+    checks, _ = gate()
+    assert checks.admit("ann", Role.EDIT, MOVE, 100.0) == ("", [LeaseChange("taken", None, "ann", "ann")])
+    assert checks.admit("ann", Role.EDIT, MOVE, 101.0) == ("", [])
+    admission = checks.admit("bob", Role.EDIT, MOVE, 103.5)
+    assert admission.changes == []
+    assert admission.reason == (
+        "the servos of rex are moved by servolink move (pid 7), which has had the lease for 3 s: wait until it is "
+        "free, or take it over with `servolink share --take rex`"
+    )
+
+
+def test_a_lease_that_is_over_is_free_for_the_next_motion() -> None:
+    checks, _ = gate()
+    checks.admit("ann", Role.EDIT, MOVE, 100.0)
+    assert checks.admit("bob", Role.EDIT, MOVE, 110.0) == (
+        "",
+        [LeaseChange("over", "ann", None), LeaseChange("taken", None, "bob", "bob")],
+    )
+
+
+def test_names_of_programs_are_escaped() -> None:
+    checks, _ = gate()
+    checks.admit("bob", Role.EDIT, MOVE, 0.0)
+    assert "by evil\\x1b[2J, which has had the lease for 2 min:" in checks.lease_reason(150.0)
+    assert "for 3 h:" in checks.lease_reason(3 * 3600)
+
+
+def test_nobody_is_named_while_the_lease_is_free() -> None:
+    assert gate()[0].lease_reason(0.0) == ""
+
+
+@pytest.mark.parametrize("packet", [STOP, QueryServoRequest(1), ExecuteMacroRequest(1), AddActionRequest(1)])
+def test_only_motion_needs_the_lease_and_a_stop_does_not(packet: Packet) -> None:
+    checks, lease = gate()
+    lease.take("ann", 0.0)
+    is_free = not isinstance(packet, ExecuteMacroRequest)
+    assert (checks.admit("bob", Role.EDIT, packet, 1.0).reason == "") == is_free
+    assert lease.holder == "ann"
+
+
+def test_without_the_role_the_lease_is_not_taken() -> None:
+    checks, lease = gate()
+    assert checks.admit("ann", Role.RUN, MOVE, 0.0).reason == (
+        "ExecuteActionRequest needs the role move, and this program has the role run"
+    )
+    assert lease.holder is None
+
+
+def state(servo_id: int, is_start: int, is_hold: int) -> ServoState:
+    return ServoState(servo_id, 0, 0, 0, 0, is_start, is_hold)
+
+
+@pytest.mark.parametrize(
+    ("packet", "response"),
+    [
+        (MOVE, None),
+        (ExecuteActionExRequest(1), None),
+        (ExecuteMacroRequest(1), ExecuteMacroResponse(0)),
+        (AddServoParameterRequest(()), AddServoParameterResponse(0)),
+        (AddActionRequest(1), AddActionResponse(0)),
+        (ClearAllDataRequest(), ClearAllDataResponse(0)),
+        (SetServoParameterRequest(2, 1, 1), SetServoParameterResponse(2, 0, 1)),
+        (SetServoParameterRequest(9, 1, 1), None),
+        (SetServoParameterRequest(ALL_SERVOS, 1, 1), SetServoParameterResponse(ALL_SERVOS, 0, 1)),
+        (SetServoParameterRequest(ALL_SERVOS, 0, 0), SetServoParameterResponse(ALL_SERVOS, 0, 1)),
+    ],
+)
+def test_a_refused_packet_is_answered_as_by_a_board_that_refuses(packet: Packet, response: Packet | None) -> None:
+    assert refused_response(packet, [state(1, 1, 1), state(2, 0, 1)]) == response
+
+
+def test_the_response_for_all_servos_differs_from_the_request_if_any_servo_does() -> None:
+    packet = SetServoParameterRequest(ALL_SERVOS, 0, 0)
+    assert refused_response(packet, [state(1, 0, 0), state(2, 0, 0)]) == SetServoParameterResponse(ALL_SERVOS, 0, 0)
+    assert refused_response(packet, [state(1, 0, 0), state(2, 1, 1)]) == SetServoParameterResponse(ALL_SERVOS, 1, 1)
+    assert refused_response(packet) is None
+
+
+def test_only_a_stop_of_all_servos_ends_every_motion() -> None:
+    assert stops_all(STOP)
+    assert not stops_all(SetServoParameterRequest(1, 0, 1))
+    assert not stops_all(SetServoParameterRequest(ALL_SERVOS, 0, 0))
