@@ -6,6 +6,7 @@ import errno
 import os
 import re
 import stat
+import sys
 import time
 import warnings
 from contextlib import suppress
@@ -20,6 +21,12 @@ _TEMPORARY = re.compile(r"\.servolink-[0-9a-f]{16}")
 _ABANDONED = 3600
 """The age in seconds at which a temporary file is certainly not being written any more."""
 _PRIVATE = 0o600
+_NAME = re.compile(r"(?!com\d+$)[a-z0-9][a-z0-9_-]{0,63}", re.IGNORECASE | re.ASCII)
+
+
+def is_name(text: str) -> bool:
+    """Return whether `text` can be a board's name: letters, digits, - and _; nothing like an address or a path."""
+    return _NAME.fullmatch(text) is not None
 
 
 def read_file(path: Path, limit: int) -> bytes:
@@ -86,6 +93,13 @@ def user_folder(kind: Literal["config", "data", "runtime"]) -> Path:
             return find("servolink", appauthor=False)
         except RuntimeError as error:
             raise OSError(errno.ENOENT, f"{error}; set HOME") from error
+
+
+def is_ours(status: os.stat_result) -> bool:
+    """Return whether this is the status of a folder into which only this user can put files: no link, nobody else's."""
+    if sys.platform == "win32":
+        return stat.S_ISDIR(status.st_mode)  # it lies in the user's profile
+    return stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid() and not status.st_mode & 0o022
 
 
 def _refuse_irregular(path: Path, status: os.stat_result) -> None:

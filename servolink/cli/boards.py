@@ -26,7 +26,8 @@ from servolink.discovery.names import (
 )
 from servolink.discovery.search import NONE_HERE, discover, search
 from servolink.errors import InvalidAddress, OpenError, TransportError
-from servolink.profiles.store import is_name, profile_names
+from servolink.files import is_name
+from servolink.profiles.store import profile_names
 from servolink.protocol.servos import ALL_SERVOS
 from servolink.transports.device_info import DeviceInfo
 from servolink.transports.registry import create

@@ -25,8 +25,9 @@ from servolink.doctor.learn_motion import interval_finding, plan_movement
 from servolink.doctor.learn_profile import Measured, merge_profile
 from servolink.doctor.learn_trial import Trial, connected
 from servolink.errors import OpenError, ServolinkError
+from servolink.files import is_name
 from servolink.profiles.profile import BoardIdentityRecord, BoardProfile
-from servolink.profiles.store import is_name, load_profile, save_profile
+from servolink.profiles.store import load_profile, save_profile
 from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.codec import Codec
 from servolink.transports.registry import create

@@ -11,8 +11,8 @@ import msgspec
 
 from servolink.discovery.search import only, search
 from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
-from servolink.files import MIB, read_file, reason, user_folder, write_atomically
-from servolink.profiles.store import is_name, profile_names
+from servolink.files import MIB, is_name, read_file, reason, user_folder, write_atomically
+from servolink.profiles.store import profile_names
 from servolink.profiles.toml_text import toml_value
 from servolink.transports.address import Address, refusal
 from servolink.transports.device_info import DeviceInfo, PortIdentity

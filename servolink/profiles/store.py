@@ -14,20 +14,14 @@ from msgspec.structs import asdict
 
 from servolink.errors import ProfileError
 from servolink.escaping import escape, quote
-from servolink.files import read_file, reason, user_folder, write_atomically
+from servolink.files import is_name, read_file, reason, user_folder, write_atomically
 from servolink.profiles.profile import BoardProfile, BoardSettings, about, fields_of
 from servolink.profiles.toml_text import TextError, line_of, read_toml, toml_lines, toml_value
 
 S = TypeVar("S", bound=Struct)
 
-_NAME = re.compile(r"(?!com\d+$)[a-z0-9][a-z0-9_-]{0,63}", re.IGNORECASE | re.ASCII)
 _MOST_BYTES = 0x10000
 _ENDING = ".toml"
-
-
-def is_name(text: str) -> bool:
-    """Return whether `text` can be a board's name: letters, digits, - and _; nothing like an address."""
-    return _NAME.fullmatch(text) is not None
 
 
 def profile_path(name: str) -> Path:

@@ -30,6 +30,8 @@ class BaseTransport(ABC):
 
     is_recorded = False
     """Whether what is sent is recorded or compared with a recording, so that it must not depend on chance."""
+    is_shared = False
+    """Whether a hub is at the other end, which repeats requests itself and keeps programs apart."""
 
     def __init__(self, url: str) -> None:
         """Start unopened; errors and log lines call the transport `url`."""

@@ -28,7 +28,7 @@ from servolink.discovery.names import (
     save_alias,
 )
 from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
-from servolink.profiles.store import is_name
+from servolink.files import is_name
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]))

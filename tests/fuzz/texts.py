@@ -10,8 +10,9 @@ from servolink.discovery.announcements import candidates
 from servolink.discovery.names import Alias, aliases_path, load_aliases, save_alias
 from servolink.errors import OpenError, ProfileError, ProjectError, TransportUnavailable
 from servolink.escaping import escape
+from servolink.files import is_name
 from servolink.listeners import host_and_port
-from servolink.profiles.store import is_name, load_profile, profile_path, save_profile
+from servolink.profiles.store import load_profile, profile_path, save_profile
 from servolink.project.project_file import format_project, parse_project
 from servolink.project.transfer.backups import BackupStore
 from servolink.transports.address import Address

@@ -17,6 +17,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, ParamSpec, Self
 
+import msgspec
+
+from servolink.files import user_folder
 from servolink.transports.base import Transport
 from servolink.transports.device_info import PortIdentity
 from servolink.transports.faults import Faults, FaultyTransport
@@ -24,6 +27,7 @@ from servolink.transports.hid import HidDevice
 from servolink.transports.memory import MemoryTransport
 from servolink.transports.recording import RecordingTransport
 from servolink.transports.registry import create
+from servolink.transports.share import Greeting, Welcome, hub_folder, socket_path
 from servolink.transports.threaded import Device, DeviceTransport
 from servolink.transports.usb import UsbDevice
 from tests.transports.fake_hid import KERNEL_QUEUE, FakeHid
@@ -223,6 +227,48 @@ class TcpWire(Wire, asyncio.Protocol):
         self._connection.resume_reading()
 
 
+class ShareWire(TcpWire):
+    """The share transport, and a hub that says welcome."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self._name = name
+        self._greeting = b""
+
+    async def start(self) -> Transport:
+        self._accepted = asyncio.Event()
+        listener = socket.socket(socket.AF_UNIX)
+        user_folder("runtime").mkdir(mode=0o700, exist_ok=True)
+        with hub_folder() as folder:
+            self._path = os.path.realpath(folder) + f"/{self._name}.sock"
+            listener.bind(socket_path(folder, self._name))
+        listener.listen()
+        self._server = await asyncio.get_running_loop().create_server(lambda: self, sock=listener)
+        return create(f"share://{self._name}")
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._connection = transport
+        transport.set_write_buffer_limits(high=0)
+        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16384)
+
+    def data_received(self, data: bytes) -> None:
+        if self._accepted.is_set():
+            super().data_received(data)
+            return
+        self._greeting += data
+        if self._greeting.endswith(b"\n"):
+            greeting = msgspec.json.decode(self._greeting, type=Greeting)
+            welcome = Welcome(servolink=1, session="1", name=self._name, url="virtual://", role=greeting.role)
+            assert self._connection is not None
+            self._connection.write(msgspec.json.encode(welcome) + b"\n")
+            self._accepted.set()
+
+    async def vanish(self) -> None:
+        await super().vanish()
+        Path(self._path).unlink(missing_ok=True)
+
+
 class MemoryWire(Wire):
     """One end of a pair, and the other."""
 
@@ -339,6 +385,7 @@ class UsbWire(Wire):
 WIRES: dict[str, Callable[[Path], Wire]] = {
     "serial": lambda _: PtyWire(),
     "tcp": lambda _: TcpWire(),
+    "share": lambda _: ShareWire("rex"),
     "memory": lambda _: MemoryWire(),
     "hid": lambda folder: HidWire(folder / "hidraw0"),
     "usb": lambda _: UsbWire(),
