@@ -5,9 +5,9 @@ The lock ends with the process, however that ends: a file that can be locked is 
 
 from __future__ import annotations
 
+import errno
 import json
 import os
-import stat
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -18,11 +18,11 @@ from typing import BinaryIO
 
 import msgspec
 
-from servolink.files import user_folder
+from servolink.files import is_ours, user_folder
 from servolink.transports.device_info import DeviceInfo
 
 _SUFFIX = ".board"
-_PRIVATE = stat.S_IRWXU
+_PRIVATE = 0o700
 _MOST_BYTES = 65536
 
 if sys.platform == "win32":
@@ -30,7 +30,8 @@ if sys.platform == "win32":
 
     _FAR = 2**30  # a lock keeps others from reading the bytes it covers, so it covers one that is never written
 
-    def _lock(file: BinaryIO, *, wait: bool) -> bool:
+    def lock(file: BinaryIO, *, wait: bool) -> bool:
+        """Lock a file until it is closed, however that happens. Return whether it is locked."""
         file.seek(_FAR)
         try:
             msvcrt.locking(file.fileno(), msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
@@ -42,7 +43,8 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-    def _lock(file: BinaryIO, *, wait: bool) -> bool:
+    def lock(file: BinaryIO, *, wait: bool) -> bool:
+        """Lock a file until it is closed, however that happens. Return whether it is locked."""
         try:
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except OSError:
@@ -55,29 +57,39 @@ def announced(board: DeviceInfo) -> Iterator[None]:
     """Make `candidates` find `board` within this context; it is not found where no private file can be kept."""
     with ExitStack() as stack:
         with suppress(OSError):
-            folder = user_folder("runtime")
-            folder.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
-            if _is_ours(folder):  # another user's folder, or a link, could make us write anywhere
-                _write(board, folder, stack)
+            _write(board, private_folder(), stack)
         yield
 
 
 def candidates() -> list[DeviceInfo]:
     """Return the virtual boards that are being served by this user on this machine."""
+    return read_all(_SUFFIX)
+
+
+def private_folder() -> Path:
+    """Return the folder of announcements, made if there is none. Raise OSError if others can write to it."""
+    folder = user_folder("runtime")
+    folder.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
+    if not is_ours(folder.lstat()):  # another user's folder, or a link, could make us write anywhere
+        raise PermissionError(errno.EPERM, "belongs to another user, or others can write to it", str(folder))
+    return folder
+
+
+def read_all(suffix: str) -> list[DeviceInfo]:
+    """Return what the files with this suffix announce; remove those whose program is gone."""
     try:
         folder = user_folder("runtime")
-        names = sorted(folder.glob(f"*{_SUFFIX}")) if _is_ours(folder) else []
+        names = sorted(folder.glob(f"*{suffix}")) if is_ours(folder.lstat()) else []
     except OSError:
         return []
     return [board for name in names if (board := _read(name)) is not None]
 
 
-def _is_ours(folder: Path) -> bool:
-    """Return whether only this user can put files into `folder`, which otherwise could name a board of theirs."""
-    if sys.platform == "win32":
-        return True  # it lies in the user's profile
-    status = folder.lstat()
-    return stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid() and not status.st_mode & 0o022
+def write(board: DeviceInfo, file: BinaryIO) -> None:
+    """Announce `board` in a file that is locked."""
+    file.seek(0)
+    file.truncate()
+    file.write(json.dumps(asdict(board)).encode())
 
 
 def _write(board: DeviceInfo, folder: Path, stack: ExitStack) -> None:
@@ -85,18 +97,21 @@ def _write(board: DeviceInfo, folder: Path, stack: ExitStack) -> None:
     number, name = tempfile.mkstemp(_SUFFIX, dir=folder)
     stack.callback(Path(name).unlink, missing_ok=True)
     file = stack.enter_context(os.fdopen(number, "wb", buffering=0))
-    _lock(file, wait=True)  # before writing: a file with content and no lock counts as left over
-    file.write(json.dumps(asdict(board)).encode())
+    lock(file, wait=True)  # before writing: a file with content and no lock counts as left over
+    write(board, file)
 
 
 def _read(path: Path) -> DeviceInfo | None:
-    """Return the board announced in `path`, None if it cannot be read; remove the file if its server is gone."""
+    """Return the board announced in `path`, None if it cannot be read; remove the file if its program is gone."""
     try:
         with path.open("r+b", buffering=0) as file:
             content = file.read(_MOST_BYTES)
-            left_over = bool(content) and _lock(file, wait=False)  # an empty file is about to be written
+            left_over = bool(content) and lock(file, wait=False)  # an empty file is about to be written
+            if left_over and sys.platform != "win32":  # while it is locked, or it may be another program's by then
+                path.unlink(missing_ok=True)
         if left_over:
-            path.unlink(missing_ok=True)
+            if sys.platform == "win32":  # where an open file cannot be removed
+                path.unlink(missing_ok=True)
             return None
         return msgspec.json.decode(content, type=DeviceInfo)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError):

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import msgspec
 
-from servolink.discovery.search import only, search
+from servolink.discovery import hubs
+from servolink.discovery.search import is_same_place, only, search
 from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
 from servolink.files import MIB, is_name, read_file, reason, user_folder, write_atomically
 from servolink.profiles.store import profile_names
@@ -112,8 +113,11 @@ class Resolved(NamedTuple):
     """The name given for it, or that of the profile which it was recognised to have."""
 
 
-async def resolve_board(board: str | None) -> Resolved:
+async def resolve_board(board: str | None, *, through_hub: bool = True) -> Resolved:
     """Return address and name of `board`: an address, a name given by `servolink use`, or None for the only one here.
+
+    A board that a hub shares is at the address of the hub, unless another address is given. `through_hub` False is for
+    the hub itself, which needs the address behind it.
 
     An address has a name if that name has a profile, and stands for the same port or, without a serial number, for the
     same address. Raise OpenError if none or several are here, or not the one of that name; InvalidAddress for an
@@ -121,7 +125,7 @@ async def resolve_board(board: str | None) -> Resolved:
     """
     if board is not None and not is_name(board) and not profile_names():
         return Resolved(board, None)
-    return await asyncio.to_thread(_resolve, board)
+    return await asyncio.to_thread(_resolve, board, through_hub=through_hub)
 
 
 async def resolve_url(board: str | None) -> str:
@@ -131,24 +135,46 @@ async def resolve_url(board: str | None) -> str:
     return (await resolve_board(board)).url
 
 
-def _resolve(board: str | None) -> Resolved:
+def _resolve(board: str | None, *, through_hub: bool) -> Resolved:
     if board is None:
         devices = search()
-        return _recognised(only(devices), devices)
+        found = _recognised(only(devices), devices)
+        if not through_hub and (hub := _at(found.url)) is not None:
+            raise OpenError(f"the only board here, {hub.shares}, is {hub.product} already: use {hub.url}")
+        return found
     if not is_name(board):
         return _recognised(board, None)
     aliases = load_aliases()
-    if (alias := aliases.get(board)) is None:
+    alias = aliases.get(board)
+    if through_hub and (hub := _hub_for(board, alias)) is not None:
+        return Resolved(hub.url, board)
+    if alias is None:
         known = f"in {aliases_path()} (known: {', '.join(sorted(aliases))})" if aliases else "(none is known)"
         raise InvalidAddress(f"{board} is neither an address nor a name {known}; give it: servolink use {board} URL")
     return Resolved(current_url(board, alias, search() if alias.serial_number else ()), board)
+
+
+def _at(url: str) -> DeviceInfo | None:
+    """Return the hub at an address."""
+    return next((hub for hub in hubs.candidates() if hub.url == url), None)
+
+
+def _hub_for(name: str, alias: Alias | None) -> DeviceInfo | None:
+    """Return the hub of the board called `name`: the one that shares it or, if nothing has this name, is called so."""
+    if alias is None:
+        return _at(f"share://{name}")
+    for hub in hubs.candidates():
+        fits = alias.identity.fits(hub.identity) if alias.serial_number else is_same_place(hub.shares, alias.url)
+        if fits and (not hubs.is_new_board(alias.url) or hub.url == f"share://{name}"):
+            return hub
+    return None
 
 
 def _recognised(url: str, devices: Sequence[DeviceInfo] | None) -> Resolved:
     """Return `url` with the name whose profile is for the board there."""
     with_profile = set(profile_names())
     aliases = {name: alias for name, alias in load_aliases().items() if name in with_profile} if with_profile else {}
-    found = [name for name, alias in aliases.items() if not alias.serial_number and _is_same_place(alias.url, url)]
+    found = [name for name, alias in aliases.items() if not alias.serial_number and is_same_place(alias.url, url)]
     by_number = {name: alias for name, alias in aliases.items() if alias.serial_number}
     if by_number and Address.parse(url).serial_device:
         here = identity_at(url, search() if devices is None else devices)
@@ -156,24 +182,6 @@ def _recognised(url: str, devices: Sequence[DeviceInfo] | None) -> Resolved:
     if len(found) > 1:
         raise OpenError(f"{url} is {' and '.join(sorted(found))}, each with a profile of its own; use one of the names")
     return Resolved(url, found[0] if found else None)
-
-
-def _is_same_place(one: str, other: str) -> bool:
-    """Return whether two addresses differ at most in options of the connection, such as the byte order."""
-    second = Address.parse(other)
-    try:
-        first = Address.parse(one)
-    except InvalidAddress:  # written by hand, and of no use to anybody
-        return False
-    if first.serial_device or second.serial_device:
-        return first.serial_device == second.serial_device
-    return (first.scheme, first.host, first.port, first.path, first.options) == (
-        second.scheme,
-        second.host,
-        second.port,
-        second.path,
-        second.options,
-    )
 
 
 def _write(aliases: Mapping[str, Alias]) -> None:

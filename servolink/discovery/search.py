@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from importlib import import_module
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ _KINDS = (
     "servolink.transports.hid_devices",
     "servolink.transports.usb_devices",
     "servolink.discovery.announcements",
+    "servolink.discovery.hubs",
 )
 """The modules whose `candidates` find boards, the best way to a board first."""
 _MODULE_OF = dict(zip(("serial", "hid", "usb"), _KINDS, strict=False))
@@ -55,7 +57,32 @@ def find_devices() -> Found:
             found.devices.extend(_find_with(plug_in))
         except TransportError as error:
             found.failures.append(error)
-    return found
+    return found._replace(devices=_through_hubs(found.devices))
+
+
+def _through_hubs(devices: list[DeviceInfo]) -> list[DeviceInfo]:
+    """Return the devices, with a problem for those that a hub shares: they are used through it."""
+    hubs = [device for device in devices if device.shares]
+    return [
+        next(
+            (
+                replace(device, problem=f"{hub.product}: use {hub.url}")
+                for hub in hubs
+                if not device.shares and is_same_place(device.url, hub.shares)
+            ),
+            device,
+        )
+        for device in devices
+    ]
+
+
+def is_same_place(one: str, other: str) -> bool:
+    """Return whether two addresses differ at most in options of the connection, such as the byte order."""
+    try:
+        first, second = Address.parse(one), Address.parse(other)
+    except InvalidAddress:  # written by hand, and of no use to anybody
+        return False
+    return _place(first) == _place(second) and (bool(first.serial_device) or first.options == second.options)
 
 
 def identity_of(url: str) -> PortIdentity | None:
@@ -100,7 +127,7 @@ NONE_HERE = (
 
 
 def boards(candidates: Iterable[DeviceInfo]) -> list[DeviceInfo]:
-    """Return one candidate for each board: the first that can be opened, or else the first.
+    """Return one candidate for each board: a hub that shares it, the first that can be opened, or else the first.
 
     Candidates with one identity are one board that is reached in several ways, unless two are reached in the same
     way: makers of cheap adapters give all of them one serial number.
@@ -112,7 +139,7 @@ def boards(candidates: Iterable[DeviceInfo]) -> list[DeviceInfo]:
     for candidate in candidates:
         identity = candidate.identity.device
         groups.setdefault(candidate if identity in ambiguous else identity, []).append(candidate)
-    return [next((way for way in ways if not way.problem), ways[0]) for ways in groups.values()]
+    return [min(ways, key=lambda way: (not way.shares, bool(way.problem))) for ways in groups.values()]
 
 
 def only(candidates: Sequence[DeviceInfo]) -> str:

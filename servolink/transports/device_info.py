@@ -90,6 +90,8 @@ class DeviceInfo:
     """How to know the device again; unknown for one that is not on USB."""
     problem: str = ""
     """Why it cannot be opened, and what to do; empty if nothing is known to prevent it."""
+    shares: str = ""
+    """The address of the board, if this is a hub that shares it; else empty."""
 
     @property
     def serial_number(self) -> str:

@@ -101,7 +101,7 @@ def test_an_address_gives_its_kind_of_transport(url: str, kind: type) -> None:
     [
         (
             "seral:///dev/ttyACM0",
-            "known are hid://, memory://, replay://, serial://, tcp://, usb://, virtual:// and a bare device path",
+            "known are hid://, memory://, replay://, serial://, share://, tcp://, usb://, virtual:// and a bare device",
         ),
         ("serial://", "must name a device: serial:///dev/ttyACM0 or serial://COM3"),
         ("serial://COM3:9600", "must name a device"),

@@ -1,0 +1,123 @@
+"""The hubs that run here: each has its name for itself, and announces which board it shares.
+
+The file `NAME.hub` in the user's runtime folder belongs to the hub that has locked it. The lock ends with the process,
+so that the name of a hub that was killed is free again.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from servolink.discovery.announcements import lock, private_folder, read_all, write
+from servolink.discovery.search import identity_of, is_same_place
+from servolink.errors import OpenError
+from servolink.files import is_name, reason
+from servolink.transports.device_info import ANY_DEVICE, DeviceInfo
+
+_SUFFIX = ".hub"
+_PRIVATE = 0o700
+_TRIES, _PAUSE = 10, 0.01  # of locking a name; the search for boards locks what was left over for a moment
+
+
+class HubClaim:
+    """The name of a hub, as long as it is claimed."""
+
+    def __init__(self, name: str, folder: Path, file: BinaryIO) -> None:
+        """Use `claimed_hub`."""
+        self.name = name
+        self.folder = folder
+        """Where nobody but this user can put files."""
+        self._file = file
+
+    @property
+    def url(self) -> str:
+        """The address of the hub."""
+        return f"share://{self.name}"
+
+    def announce(self, url: str) -> None:
+        """Make the search find this hub, which shares the board at `url`. Raise OpenError if another one shares it.
+
+        Blocks for some milliseconds. To be called when programs can connect.
+        """
+        identity = identity_of(url) or ANY_DEVICE
+        product = f"shared by a hub (pid {os.getpid()})"
+        write(DeviceInfo(self.url, product, identity, shares=url), self._file)
+        # After it was written: of two hubs that begin at the same time at least one finds the other.
+        if (other := hub_of(url, but=self.url)) is not None:
+            raise OpenError(f"{url} is {other.product} already: use {other.url}, or end that one first")
+
+
+@contextmanager
+def claimed_hub(name: str) -> Iterator[HubClaim]:
+    """Have the name of a hub for oneself within this context. Raise OpenError, which names the hub that has it."""
+    if not is_name(name):
+        raise OpenError(f"{name!r} cannot be the name of a hub: use up to 64 letters, digits, - and _")
+    try:
+        folder = private_folder()
+        folder.chmod(_PRIVATE)  # made by an earlier version or by another program, perhaps for others to read
+        file = _locked(folder / f"{name}{_SUFFIX}")
+    except OSError as error:
+        raise OpenError(f"share://{name}: no hub can run here: {reason(error)} ({error.filename})") from error
+    if file is None:
+        raise OpenError(f"share://{name} is {_described(name)} already: use it, or choose another name with --name")
+    with file:
+        try:
+            yield HubClaim(name, folder, file)
+        finally:
+            with suppress(OSError):  # Windows removes no open file; one without a lock counts as left over
+                (folder / f"{name}{_SUFFIX}").unlink()
+
+
+def candidates() -> list[DeviceInfo]:
+    """Return the hubs of this user that run on this machine."""
+    return [hub for hub in read_all(_SUFFIX) if hub.shares]
+
+
+def hub_of(url: str, *, but: str = "") -> DeviceInfo | None:
+    """Return the hub that shares the board at `url`, None if none does, leaving out the one at the address `but`."""
+    if is_new_board(url):
+        return None
+    return next((hub for hub in candidates() if hub.url != but and is_same_place(hub.shares, url)), None)
+
+
+def is_new_board(url: str) -> bool:
+    """Return whether each connection to this address leads to a board of its own."""
+    return url.startswith(("virtual://", "replay://"))
+
+
+def _described(name: str) -> str:
+    """Return what the hub `name` does, in words that follow "is"."""
+    for hub in candidates():
+        if hub.url == f"share://{name}":
+            return f"{hub.product}, for {hub.shares},"
+    return "taken by a hub that is starting or ending"
+
+
+def _locked(path: Path) -> BinaryIO | None:
+    """Return the file, empty and locked, None if another program has it. Raise OSError if it cannot be had at all."""
+    for _ in range(_TRIES):
+        number = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
+        file = os.fdopen(number, "r+b", buffering=0)
+        try:
+            if lock(file, wait=False) and _is_at(path, file):
+                file.truncate()
+                return file
+        except BaseException:
+            file.close()
+            raise
+        file.close()
+        time.sleep(_PAUSE)
+    return None
+
+
+def _is_at(path: Path, file: BinaryIO) -> bool:
+    """Return whether the file is still the one at `path`: a program that ended may have removed it meanwhile."""
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.lstat())
+    except FileNotFoundError:
+        return False
