@@ -1,0 +1,170 @@
+"""Hubs have their names and boards for themselves, and are found in place of the boards that they share."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+import pytest
+
+from servolink.discovery import hubs, search
+from servolink.discovery.announcements import announced, lock
+from servolink.discovery.hubs import claimed_hub, hub_of
+from servolink.discovery.names import Alias, resolve_board, resolve_url, save_alias
+from servolink.discovery.search import boards, only
+from servolink.errors import InvalidAddress, OpenError
+from servolink.transports.device_info import DeviceInfo, PortIdentity
+
+TCP = "tcp://127.0.0.1:9000"
+SERIAL = DeviceInfo("serial:///dev/ttyACM0", "board", PortIdentity(0x1209, 1, "A1"))
+HUB = DeviceInfo("share://rex", "shared by a hub (pid 1)", SERIAL.identity, shares=SERIAL.url)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name in ("XDG_RUNTIME_DIR", "XDG_CONFIG_HOME"):
+        monkeypatch.setenv(name, str(tmp_path))
+    monkeypatch.setattr(search, "_KINDS", ("servolink.discovery.announcements", "servolink.discovery.hubs"))
+    return tmp_path / "servolink"
+
+
+@contextmanager
+def hub(name: str, url: str) -> Iterator[None]:
+    with claimed_hub(name) as claim:
+        claim.announce(url)
+        yield
+
+
+def test_a_hub_is_found_while_it_runs(folder: Path) -> None:
+    with claimed_hub("rex") as claim:
+        assert hubs.candidates() == []  # it does not listen yet
+        claim.announce(TCP)
+        assert hubs.candidates() == [DeviceInfo("share://rex", f"shared by a hub (pid {os.getpid()})", shares=TCP)]
+        assert (folder / "rex.hub").stat().st_mode & 0o777 == 0o600
+        assert folder.stat().st_mode & 0o777 == 0o700
+    assert hubs.candidates() == []
+    assert list(folder.iterdir()) == []
+
+
+def test_a_name_is_that_of_one_hub() -> None:
+    with hub("rex", TCP):
+        with pytest.raises(OpenError, match=rf"shared by a hub \(pid {os.getpid()}\), for {TCP}, already.*--name"):
+            claimed_hub("rex").__enter__()
+        with claimed_hub("other"):
+            pass
+    with claimed_hub("rex"), pytest.raises(OpenError, match="taken by a hub that is starting"):
+        claimed_hub("rex").__enter__()
+
+
+def test_a_board_is_shared_by_one_hub() -> None:
+    with (
+        hub("rex", "serial:///dev/ttyACM0?baudrate=9600"),
+        claimed_hub("other") as claim,
+        pytest.raises(OpenError, match=r"serial:///dev/ttyACM0 is shared by a hub.*already: use share://rex"),
+    ):
+        claim.announce("serial:///dev/ttyACM0")
+    with hub("one", "virtual://"), hub("two", "virtual://"):
+        assert hub_of("virtual://") is None
+
+
+def test_the_name_of_a_hub_that_was_killed_is_free(folder: Path) -> None:
+    folder.mkdir(mode=0o700)
+    (folder / "rex.hub").write_text(json.dumps({"url": "share://rex", "shares": TCP}))
+    with hub("rex", TCP):
+        assert [each.url for each in hubs.candidates()] == ["share://rex"]
+    (folder / "rex.hub").write_text(json.dumps({"url": "share://rex", "shares": TCP}))
+    assert hubs.candidates() == []
+    assert list(folder.iterdir()) == []
+
+
+def test_a_file_that_is_replaced_while_it_is_locked_is_not_taken_for_the_name(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another hub ends, and removes the file, between opening and locking it."""
+    files: list[BinaryIO] = []
+
+    def removed_first(file: BinaryIO, *, wait: bool) -> bool:
+        if not files:
+            (folder / "rex.hub").unlink()
+        files.append(file)
+        return lock(file, wait=wait)
+
+    monkeypatch.setattr(hubs, "lock", removed_first)
+    with hub("rex", TCP):
+        assert [each.url for each in hubs.candidates()] == ["share://rex"]
+    assert len(files) == 2
+
+
+@pytest.mark.parametrize("name", ["", "../x", "a/b", "x" * 65, "COM3", "a b", "-x", "é", "a.b"])
+def test_a_name_is_letters_digits_and_dashes(name: str) -> None:
+    with pytest.raises(OpenError, match="cannot be the name of a hub"):
+        claimed_hub(name).__enter__()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links, owners and modes are those of Unix")
+def test_no_hub_runs_where_others_can_put_files(folder: Path, tmp_path: Path) -> None:
+    (others := tmp_path / "others").mkdir(mode=0o700)
+    folder.symlink_to(others)
+    with pytest.raises(OpenError, match="belongs to another user, or others can write to it"):
+        claimed_hub("rex").__enter__()
+    folder.unlink()
+    folder.mkdir()
+    folder.chmod(0o770)
+    with pytest.raises(OpenError, match="belongs to another user, or others can write to it"):
+        claimed_hub("rex").__enter__()
+    folder.chmod(0o700)
+    (folder / "rex.hub").symlink_to(tmp_path / "victim")
+    with pytest.raises(OpenError, match="no hub can run here"):
+        claimed_hub("rex").__enter__()
+    assert not (tmp_path / "victim").exists()
+    assert list(others.iterdir()) == []
+
+
+def test_a_folder_that_others_may_read_becomes_private(folder: Path) -> None:
+    folder.mkdir()
+    folder.chmod(0o755)
+    with hub("rex", TCP):
+        assert folder.stat().st_mode & 0o777 == 0o700
+
+
+def test_the_search_leads_to_the_hub() -> None:
+    with announced(DeviceInfo(TCP, "virtual board")), hub("rex", TCP):
+        board, shared = search.search()
+        assert board.problem == f"shared by a hub (pid {os.getpid()}): use share://rex"
+        assert not shared.problem
+        assert only([board, shared]) == "share://rex"
+        assert asyncio.run(resolve_url(None)) == "share://rex"
+
+
+def test_of_the_ways_to_a_board_the_hub_is_taken() -> None:
+    hid = DeviceInfo("hid://1209:0001/A1", "board", SERIAL.identity)
+    assert boards([SERIAL, hid, HUB]) == [HUB]
+
+
+def test_a_name_leads_to_the_hub_of_its_board(monkeypatch: pytest.MonkeyPatch) -> None:
+    save_alias("left", Alias(TCP))
+    save_alias("toy", Alias("virtual://"))
+    with hub("rex", TCP):
+        assert asyncio.run(resolve_board("left")) == ("share://rex", "left")
+        assert asyncio.run(resolve_board("rex")) == ("share://rex", "rex")
+        assert asyncio.run(resolve_url(TCP)) == TCP
+        assert asyncio.run(resolve_board("left", through_hub=False)) == (TCP, "left")
+        with pytest.raises(InvalidAddress, match="neither an address nor a name"):
+            asyncio.run(resolve_board("rex", through_hub=False))
+        with pytest.raises(OpenError, match=f"the only board here, {TCP}, is shared by a hub"):
+            asyncio.run(resolve_board(None, through_hub=False))
+    with hub("left", "tcp://127.0.0.1:1"):  # the hub of another board
+        assert asyncio.run(resolve_url("left")) == TCP
+    with hub("other", "virtual://"):
+        assert asyncio.run(resolve_url("toy")) == "virtual://"
+    with hub("toy", "virtual://"):
+        assert asyncio.run(resolve_url("toy")) == "share://toy"
+    save_alias("right", Alias("serial:///dev/ttyACM7", "A1"))
+    monkeypatch.setattr(hubs, "candidates", lambda: [HUB])
+    assert asyncio.run(resolve_url("right")) == "share://rex"
