@@ -10,8 +10,7 @@ from msgspec import Struct
 
 from servolink.hub.roles import Role
 from servolink.hub.session_state import SessionState
-from servolink.protocol.codec import PACKETS
-from servolink.protocol.packet import Packet, Query, Result
+from servolink.protocol.packet import Packet, Query
 
 
 class ProgramCounters(Struct):
@@ -95,12 +94,12 @@ class RoundRobin:
             queue.is_listed = True
             self._ring.append(queue)
 
-    def take(self, may: Callable[[Exchange], bool]) -> Exchange | None:
-        """Return the next request for which `may` is true, None if there is none. Its program goes to the end."""
+    def take(self) -> Exchange | None:
+        """Return the next request that may be sent, None if there is none. Its program goes to the end."""
         ring, holder = self._ring, self.holder
         for _ in range(len(ring)):
             queue = ring[0]
-            if not queue.is_blocked and (holder is None or queue is holder) and may(queue.exchanges[0]):
+            if not queue.is_blocked and (holder is None or queue is holder):
                 exchange = queue.exchanges.popleft()
                 ring.popleft()
                 self._list_again(queue)
@@ -174,9 +173,3 @@ class RoundRobin:
         for queue in self._ring:
             queue.is_listed = bool(queue.exchanges)
         self._ring = deque(queue for queue in self._ring if queue.is_listed)
-
-
-def refusal(packet: Packet) -> Packet | None:
-    """Return the response by which a board refuses `packet`, None if it has none."""
-    declared = PACKETS.get(packet.packet_id + 1)
-    return declared(0) if declared is not None and issubclass(declared, Result) else None

@@ -11,16 +11,22 @@ from typing import Any
 from servolink.client.board import Board
 from servolink.client.events import ButtonEvent
 from servolink.client.reconnect import ConnectionState
+from servolink.errors import ServolinkError
 from servolink.escaping import escape
 from servolink.hub.events import ButtonRelay
-from servolink.hub.exchanges import Exchange, refusal
+from servolink.hub.exchanges import Exchange
+from servolink.hub.lease import SECONDS_AFTER
+from servolink.hub.lease_keeper import LeaseKeeper
+from servolink.hub.motions import Motions
 from servolink.hub.notices import (
     ButtonPressed,
     ConnectionChanged,
     HoldChanged,
     HoldStatus,
     HubStatus,
+    LeaseStatus,
     Notice,
+    Problem,
     ProgramJoined,
     ProgramLeft,
     ProgramStatus,
@@ -28,6 +34,7 @@ from servolink.hub.notices import (
 )
 from servolink.hub.program import Program
 from servolink.hub.roles import Role
+from servolink.hub.sending import PacketSender
 from servolink.hub.upstream import Upstream
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
@@ -38,14 +45,25 @@ _logger = logging.getLogger(__name__)
 class Hub:
     """Shares one board among programs, each of which uses it as if it were alone."""
 
-    def __init__(self, board: Board, *, name: str) -> None:
+    def __init__(self, board: Board, *, name: str, lease_seconds: float = SECONDS_AFTER) -> None:
         """Use `share`, which opens and closes the hub."""
         self.board = board
         self.name = name
         self.programs: dict[str, Program] = {}
         """By session id, in the order in which they joined."""
         self._buttons = ButtonRelay(board, self._deliver)
-        self._upstream = Upstream(board, self._buttons)
+        motions = Motions(board)
+        self._keeper = LeaseKeeper(
+            name,
+            motions,
+            lease_seconds,
+            who_of=self._who_of,
+            tell=self.tell,
+            stop_board=self._stop_for,
+            begin=self._begin,
+        )
+        sender = PacketSender(board, motions, self._keeper, self._buttons, self._refused)
+        self._upstream = Upstream(board, sender)
         self._now = asyncio.get_running_loop().time
         self._began_at = self._now()
         self._joined_at: dict[str, float] = {}
@@ -71,6 +89,7 @@ class Hub:
             if program.on_end is not None:
                 program.on_end()
             program.leave()
+        self._keeper.close()
         for task in self._tasks:
             task.cancel()
         if self._tasks:
@@ -106,8 +125,10 @@ class Hub:
 
     def forget(self, program: Program) -> None:
         """End what a program that leaves has here; see `Program.leave`."""
-        if self.programs.pop(program.session_id, None) is None:
+        if self.programs.get(program.session_id) is not program:
             return
+        self._keeper.left(program.session_id)  # which names it
+        del self.programs[program.session_id]
         self._joined_at.pop(program.session_id)
         self._responses_to_left += program.counters.responses
         self._upstream.waiting.drop(program.queue)
@@ -124,25 +145,35 @@ class Hub:
 
     def ask_stop(self, exchange: Exchange) -> None:
         """Send a stop before everything else; see `Program`."""
-        self._drop_motions()
+        self._stop_motions()
         self._upstream.ask_stop(exchange)
 
     async def stop(self, who: str) -> None:
         """Stop all servos for `who`, ahead of everything (see `Board.stop`)."""
         _logger.info("%s stops the board", escape(who))
-        self._drop_motions()
+        self._stop_motions()
         await self.board.stop()
 
-    def _drop_motions(self) -> None:
-        for dropped in self._upstream.drop_motions():
-            self.refuse(dropped, "a stop came first")
+    async def _stop_for(self, reason: str) -> None:
+        """Stop all servos because nobody watches over them."""
+        try:
+            await self.stop(reason)
+        except ServolinkError as error:
+            self.tell(Problem(str(error)))
 
-    def refuse(self, exchange: Exchange, reason: str) -> None:
-        """End a request that is not sent, and tell why."""
-        program, packet = exchange.program, exchange.packet
+    def _stop_motions(self) -> None:
+        self._upstream.drop_motions()
+        self._keeper.stopped()
+
+    def _refused(self, exchange: Exchange, reason: str) -> None:
+        """Count a packet that is not sent, and tell why."""
+        program = exchange.program
         program.counters.refused += 1
-        self.tell(Refused(program.session_id, program.who, type(packet).__name__, reason))
-        program.finish(exchange, refusal(packet))
+        self.tell(Refused(program.session_id, program.who, type(exchange.packet).__name__, reason))
+
+    def _who_of(self, session: str) -> str:
+        program = self.programs.get(session)
+        return "a program that has left" if program is None else program.who
 
     def _deliver(self, event: ButtonEvent) -> None:
         for program in list(self.programs.values()):
@@ -162,7 +193,38 @@ class Hub:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
+    # --- the motion lease ---------------------------------------------------------------------------------------
+
+    @property
+    def lease(self) -> LeaseStatus | None:
+        """Which program may move the robot; None if none has."""
+        return self._keeper.status
+
+    def take_lease(self, session_id: str, *, dead_man: float | None = None, force: bool = False) -> bool:
+        """Give the lease to a program if it is free, or with `force`. Return whether it has the lease now.
+
+        If the program then sends no beat for `dead_man` seconds (0.05..60), or leaves, the board is stopped.
+        """
+        return self._keeper.take(session_id, dead_man=dead_man, force=force)
+
+    def give_lease(self, session_id: str) -> None:
+        """Free the lease if this program holds it. A motion ends by itself."""
+        self._keeper.give(session_id)
+
+    def ask_for_lease(self, session_id: str) -> None:
+        """Tell the holder of the lease that this program asks for it."""
+        self._keeper.ask(session_id)
+
+    def beat(self, session_id: str) -> None:
+        """Count a sign of life of a program that holds the lease with a dead-man time."""
+        self._keeper.beat(session_id)
+
     # --- exclusive use ------------------------------------------------------------------------------------------
+
+    @property
+    def held_by(self) -> HoldStatus | None:
+        """The program that holds the board alone."""
+        return self._hold
 
     def hold(self, session_id: str, reason: str) -> bool:
         """Make all others wait until `release_hold`. Return whether that is possible: nobody else does it."""
@@ -210,6 +272,7 @@ class Hub:
             self._state,
             now - self._began_at,
             tuple(self._status_of(program, now) for program in self.programs.values()),
+            self.lease,
             self._hold,
             self._responses_to_left + sum(program.counters.responses for program in self.programs.values()),
             sum(stats.skipped.values()),
@@ -234,12 +297,13 @@ class Hub:
 
 
 @asynccontextmanager
-async def share(board: Board, *, name: str) -> AsyncIterator[Hub]:
+async def share(board: Board, *, name: str, lease_seconds: float = SECONDS_AFTER) -> AsyncIterator[Hub]:
     """Share `board`, which should be opened with `reconnect=True, angle_unit=None`, until the block ends.
 
-    The board stays open. Nothing is served by itself: see `servolink.hub.doors`.
+    The motion lease of a program lasts `lease_seconds` after the end of its last motion. The board stays open. Nothing
+    is served by itself: see `servolink.hub.doors`.
     """
-    hub = Hub(board, name=name)
+    hub = Hub(board, name=name, lease_seconds=lease_seconds)
     hub.start()
     try:
         yield hub

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 
 from servolink.errors import OpenError
 from servolink.hub.hub import Hub
@@ -21,33 +22,33 @@ class LocalTransport(BaseTransport):
         hub: Hub,
         *,
         who: str = "this process",
+        door: str = "local",
         role: Role = Role.EDIT,
         codec: Codec | None = None,
         unit: AngleUnit = "degree",
         session_id: str | None = None,
     ) -> None:
-        """Join `hub` when it is opened."""
+        """Join `hub` when it is opened, unless `join` comes first."""
         super().__init__(f"share://{hub.name}")
         self.program: Program | None = None
-        """The session; None before it is opened."""
-        self._hub = hub
-        self._who, self._role, self._codec, self._unit, self._session_id = who, role, codec, unit, session_id
+        """The session; None before it has begun."""
+        self._join = partial(
+            hub.join, self._receive, who=who, door=door, role=role, codec=codec, unit=unit, session_id=session_id
+        )
         self._pending: list[bytes] = []
 
+    def join(self) -> Program:
+        """Begin the session, and return it. Raise OpenError if its id is in use."""
+        if self.program is None:
+            try:
+                self.program = self._join()
+            except ValueError as error:
+                raise OpenError(f"{self.url}: {error}") from None
+            self.program.on_end = lambda: self._lose(ConnectionError("the hub has ended"))
+        return self.program
+
     async def _open(self) -> None:
-        try:
-            self.program = self._hub.join(
-                self._receive,
-                who=self._who,
-                door="local",
-                role=self._role,
-                codec=self._codec,
-                unit=self._unit,
-                session_id=self._session_id,
-            )
-        except ValueError as error:
-            raise OpenError(f"{self.url}: {error}") from None
-        self.program.on_end = lambda: self._lose(ConnectionError("the hub has ended"))
+        self.join()
 
     def _send(self, data: bytes) -> None:
         if data and self.program is not None:

@@ -7,6 +7,7 @@ from typing import TypeAlias
 from msgspec import Struct
 
 from servolink.client.reconnect import ConnectionState
+from servolink.hub.lease import LeaseEvent
 
 
 class ProgramJoined(Struct, frozen=True, tag="program_joined"):
@@ -29,6 +30,29 @@ class ConnectionChanged(Struct, frozen=True, tag="connection_changed"):
     """The connection to the board was lost, restored or closed."""
 
     state: ConnectionState
+
+
+class LeaseStatus(Struct, frozen=True):
+    """Who may move the robot."""
+
+    session: str
+    who: str
+    since: float
+    """Seconds since it got the lease."""
+    dead_man: float | None
+    """Seconds without a beat of the holder after which the board is stopped, None if no beats are expected."""
+
+
+class LeaseChanged(Struct, frozen=True, tag="lease_changed"):
+    """The motion lease has another holder, is free, or is asked for."""
+
+    event: LeaseEvent
+    before: str | None
+    """The session that held it."""
+    holder: LeaseStatus | None
+    """Who holds it now, None if it is free."""
+    by: str | None
+    """The session that took it or asks for it, None if time or a loss ended it."""
 
 
 class HoldChanged(Struct, frozen=True, tag="hold_changed"):
@@ -62,7 +86,9 @@ class Problem(Struct, frozen=True, tag="problem"):
     text: str
 
 
-Notice: TypeAlias = ProgramJoined | ProgramLeft | ConnectionChanged | HoldChanged | Refused | ButtonPressed | Problem
+Notice: TypeAlias = (
+    ProgramJoined | ProgramLeft | ConnectionChanged | LeaseChanged | HoldChanged | Refused | ButtonPressed | Problem
+)
 
 
 class ProgramStatus(Struct, frozen=True):
@@ -102,6 +128,7 @@ class HubStatus(Struct, frozen=True):
     since: float
     """Seconds since the hub began."""
     programs: tuple[ProgramStatus, ...]
+    lease: LeaseStatus | None
     hold: HoldStatus | None
     responses: int
     """Responses and button events sent to programs, of those that have left too."""

@@ -1,0 +1,139 @@
+"""LeaseKeeper: the motion lease in time: it ends by itself, and the board is stopped when a dead man's beats stop."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Coroutine, Iterable
+from typing import Any
+
+from servolink.escaping import escape
+from servolink.hub.exchanges import Exchange
+from servolink.hub.lease import LeaseChange, MotionLease
+from servolink.hub.motion_gate import MotionGate
+from servolink.hub.motions import Motions
+from servolink.hub.notices import LeaseChanged, LeaseStatus, Notice
+from servolink.protocol.packet import Packet
+from servolink.protocol.servos import ExecuteActionRequest
+
+_logger = logging.getLogger(__name__)
+
+
+class LeaseKeeper:
+    """Admits the packets of programs, and keeps the lease of whoever moves the robot."""
+
+    def __init__(
+        self,
+        name: str,
+        motions: Motions,
+        seconds_after: float,
+        *,
+        who_of: Callable[[str], str],
+        tell: Callable[[Notice], None],
+        stop_board: Callable[[str], Coroutine[Any, Any, None]],
+        begin: Callable[[Coroutine[Any, Any, None]], None],
+    ) -> None:
+        """Keep the lease of the board `name`; `stop_board` stops it for a reason, `begin` runs a task of the hub."""
+        self._lease = MotionLease(seconds_after)
+        self._gate = MotionGate(self._lease, name, who_of)
+        self._motions = motions
+        self._who_of = who_of
+        self._tell = tell
+        self._stop_board = stop_board
+        self._begin = begin
+        self._loop = asyncio.get_running_loop()
+        self._timer: asyncio.TimerHandle | None = None
+        self._is_reading = False
+
+    @property
+    def status(self) -> LeaseStatus | None:
+        """Who may move the robot, None if nobody does."""
+        lease = self._lease
+        if lease.holder is None:
+            return None
+        return LeaseStatus(lease.holder, self._who_of(lease.holder), self._loop.time() - lease.since, lease.dead_man)
+
+    def close(self) -> None:
+        """End nothing any more."""
+        if self._timer is not None:
+            self._timer.cancel()
+
+    # --- what programs do ---------------------------------------------------------------------------------------
+
+    def admit(self, exchange: Exchange) -> str:
+        """Return why the packet of a program must not be sent, empty if it may; a motion takes a free lease."""
+        program = exchange.program
+        admission = self._gate.admit(program.session_id, program.role, exchange.packet, self._loop.time())
+        self._report(admission.changes)
+        return admission.reason
+
+    async def moved(self, session: str, packet: Packet) -> None:
+        """Count a motion that was sent: the lease lasts until some time after its end."""
+        if isinstance(packet, ExecuteActionRequest):
+            self._count(session, await self._motions.seconds_of(packet), self._loop.time())
+        else:  # its time may have to be read from the board, for which nobody should wait
+            self._begin(self._count_later(session, packet))
+
+    def stopped(self) -> None:
+        """Count all motions as over."""
+        self._report(self._lease.stopped(self._loop.time()))
+
+    def take(self, session: str, *, dead_man: float | None, force: bool) -> bool:
+        """Give the lease to `session` if it is free, or with `force`. Return whether it has it now."""
+        self._report(self._lease.take(session, self._loop.time(), dead_man=dead_man, force=force))
+        return self._lease.holder == session
+
+    def give(self, session: str) -> None:
+        """Free the lease if `session` holds it."""
+        self._report(self._lease.give(session, self._loop.time()))
+
+    def ask(self, session: str) -> None:
+        """Tell the holder that `session` asks for the lease."""
+        self._report(self._lease.asked(session, self._loop.time()))
+
+    def beat(self, session: str) -> None:
+        """Count a sign of life of the holder."""
+        self._report(self._lease.beat(session, self._loop.time()))
+
+    def left(self, session: str) -> None:
+        """Free the lease if `session` holds it, which is gone."""
+        self._report(self._lease.left(session, self._loop.time()))
+
+    # --- what time does -----------------------------------------------------------------------------------------
+
+    async def _count_later(self, session: str, packet: Packet) -> None:
+        sent_at = self._loop.time()
+        self._count(session, await self._motions.seconds_of(packet), sent_at)
+
+    def _count(self, session: str, seconds: float | None, sent_at: float) -> None:
+        ends_at = None if seconds is None else sent_at + seconds
+        self._report(self._lease.moved(session, ends_at, self._loop.time()))
+        if self._lease.is_end_unknown and not self._is_reading:
+            self._is_reading = True
+            self._begin(self._read_until_rest())
+
+    async def _read_until_rest(self) -> None:
+        try:
+            await self._motions.until_rest()
+        finally:
+            self._is_reading = False
+        self._report(self._lease.rested(self._loop.time()))
+
+    def _report(self, changes: Iterable[LeaseChange]) -> None:
+        """Tell everybody what has happened to the lease, and look again when something is due."""
+        for change in changes:
+            self._tell(LeaseChanged(change.event, change.before, self.status, change.by))
+            who = "" if change.before is None else escape(self._who_of(change.before))
+            _logger.info("the motion lease was %s%s", change.event, who and f" ({who} had it)")
+            if change.must_stop:
+                self._begin(self._stop_board(f"{who} has gone silent"))
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if (due := self._lease.next_due()) is not None:
+            self._timer = self._loop.call_at(due, self._look)
+
+    def _look(self) -> None:
+        self._timer = None
+        # Timers may fire a little early: nothing would be due then.
+        self._report(self._lease.advance(max(self._loop.time(), self._lease.next_due() or 0.0)))

@@ -1,0 +1,138 @@
+"""PacketSender: sends one packet of a program to the board, after all that must come first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from servolink.client.board import Board
+from servolink.errors import OutcomeUnknown, Rejected, WrongBoard
+from servolink.hub.events import ButtonRelay
+from servolink.hub.exchanges import Exchange
+from servolink.hub.lease_keeper import LeaseKeeper
+from servolink.hub.motions import Motions
+from servolink.hub.roles import carries_angles, is_motion
+from servolink.hub.unit_switch import UnitSwitch
+from servolink.protocol.editing import WriteProjectIDRequest, WriteProjectIDResponse
+from servolink.protocol.joystick import SubscribeButtonEventRequest
+from servolink.protocol.packet import Command, Packet, Query, Request
+from servolink.protocol.servos import QueryServoRequest, SetAngleUnitRequest
+from servolink.protocol.settings import ClearAllDataRequest, ClearAllDataResponse
+
+STOPPED = "a stop came first"
+"""Why a motion is not sent that was asked for before a stop."""
+
+
+class PacketSender:
+    """Admits packets, sets units for them, and sends them; refuses those that must not be sent."""
+
+    def __init__(
+        self,
+        board: Board,
+        motions: Motions,
+        keeper: LeaseKeeper,
+        buttons: ButtonRelay,
+        on_refused: Callable[[Exchange, str], None],
+    ) -> None:
+        """Send to `board` what `keeper` admits. Call `on_refused` with each packet that is not sent, and the reason."""
+        self.stops = 0
+        """How many times everything was stopped; a motion asked for before a stop is not sent after it."""
+        self._board = board
+        self._motions = motions
+        self._keeper = keeper
+        self._buttons = buttons
+        self._units = UnitSwitch(board)
+        self._on_refused = on_refused
+
+    async def send(self, exchange: Exchange, on_free: Callable[[], None]) -> Packet | None:
+        """Send a packet and return the response for its program, None if there is none.
+
+        Until it is with the connection, which keeps the order, the further packets of the program wait; then `on_free`
+        is called.
+        """
+        packet = exchange.packet
+        if isinstance(packet, Query) and not isinstance(packet, QueryServoRequest):
+            return await self._request(packet)
+        has_angles = carries_angles(packet)
+        exchange.program.queue.is_blocked = True
+        try:
+            if isinstance(packet, SetAngleUnitRequest):
+                return await self._units.set(packet, exchange.program.state)
+            if isinstance(packet, SubscribeButtonEventRequest):
+                return await self._buttons.set(exchange.program, packet)
+            if reason := await self._why_not(exchange):
+                return await self.refused(exchange, reason)
+            if has_angles:
+                await self._units.enter(packet, exchange.program.state)
+        finally:
+            exchange.program.queue.is_blocked = False
+            on_free()
+        try:
+            return await self._send(exchange)
+        finally:
+            if has_angles:
+                self._units.leave()
+
+    async def refused(self, exchange: Exchange, reason: str) -> Packet | None:
+        """Return what a program gets for a packet that is not sent."""
+        self._on_refused(exchange, reason)
+        return await self._motions.refused(exchange.packet)
+
+    async def _why_not(self, exchange: Exchange) -> str:
+        """Return why a packet must not be sent, empty if it may."""
+        packet, guard = exchange.packet, self._board.connection.guard
+        if isinstance(packet, Query):
+            return ""
+        if reason := self._keeper.admit(exchange):
+            return reason
+        try:
+            if guard is not None:
+                await guard(packet)
+        except WrongBoard as error:
+            return str(error)
+        return ""
+
+    async def _send(self, exchange: Exchange) -> Packet | None:
+        packet = exchange.packet
+        if is_motion(packet):
+            return await self._move(exchange)
+        match packet:
+            case ClearAllDataRequest():
+                return ClearAllDataResponse(await _is_done(self._board.clear_all_data()))
+            case WriteProjectIDRequest():  # by which the board is recognised after a loss
+                return WriteProjectIDResponse(await _is_done(self._board.write_project_id(packet.project_id)))
+            case Request():
+                return await self._request(packet)
+            case _:
+                assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
+                await self._board.connection.send(packet)
+                return None
+
+    async def _move(self, exchange: Exchange) -> Packet | None:
+        """Send a motion, unless a stop came while something was awaited, or it exceeds a limit."""
+        if exchange.stops != self.stops:
+            return await self.refused(exchange, STOPPED)
+        packet, session = exchange.packet, exchange.program.session_id
+        try:
+            outcome = await self._motions.send(packet)
+        except OutcomeUnknown:
+            await self._keeper.moved(session, packet)  # it may have been carried out
+            raise
+        if outcome.refused:
+            self._on_refused(exchange, outcome.refused)
+        else:
+            await self._keeper.moved(session, packet)
+        return outcome.response
+
+    async def _request(self, packet: Request[Any]) -> Packet:
+        response: Packet = await self._board.connection.request(packet, unchecked=True)
+        return response
+
+
+async def _is_done(doing: Coroutine[Any, Any, None]) -> int:
+    """Return 1 when something is done, 0 if the board refuses it."""
+    try:
+        await doing
+    except Rejected:
+        return 0
+    return 1
