@@ -80,10 +80,20 @@ def parse_project_file(text: str | bytes, *, unchecked: bool = False) -> Project
         value = read_json(text)
         _check_version(value)
         unchecked = unchecked or value.get("values") == "unchecked"
-        given = convert(value, _file_type(unchecked=unchecked))
-        return ProjectFile(struct_from_json(Project, given), given.values == "unchecked")
+        return project_from_form(convert(value, file_type(unchecked=unchecked)))
     except ValueError as error:  # EncodeError is a ValueError
         raise ProjectError(str(error)) from error
+
+
+def project_from_form(given: Any) -> ProjectFile:
+    """Return the content of a file as it was converted to `file_type`."""
+    return ProjectFile(struct_from_json(Project, given), given.values == "unchecked")
+
+
+def project_to_form(project: Project, *, unchecked: bool = False) -> dict[str, Any]:
+    """Return the object of a file for `project.sorted()`, ready for `json.dumps`."""
+    head: dict[str, Any] = {"schema": SCHEMA} | ({"values": "unchecked"} if unchecked else {})
+    return {**head, **record_to_json(project.sorted())}
 
 
 def save_project(path: str | os.PathLike[str], project: Project, *, unchecked: bool = False) -> None:
@@ -108,18 +118,18 @@ def save_project(path: str | os.PathLike[str], project: Project, *, unchecked: b
 
 def format_project(project: Project, *, unchecked: bool = False) -> str:
     """Return the text of a file for `project.sorted()`: equal for equal projects, even with values of no meaning."""
-    head: dict[str, Any] = {"schema": SCHEMA} | ({"values": "unchecked"} if unchecked else {})
-    return write_json(head | record_to_json(project.sorted()))
+    return write_json(project_to_form(project, unchecked=unchecked))
 
 
 def schema_text() -> str:
     """Return the JSON Schema of project files, with which editors complete and check them."""
-    described = msgspec.json.schema(_file_type(unchecked=False))
+    described = msgspec.json.schema(file_type(unchecked=False))
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "servolink project"}
     return json.dumps(head | described, indent=2) + "\n"
 
 
-def _file_type(*, unchecked: bool) -> Any:
+def file_type(*, unchecked: bool) -> Any:
+    """Return the msgspec type of a file: that of a project, behind the fields of the head."""
     return json_type(Project, unchecked=unchecked, head=_HEAD)
 
 

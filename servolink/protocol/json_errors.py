@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -49,7 +50,7 @@ def _explain(message: str, value: Any, expected: Any) -> tuple[str, str]:
     opinion, _, where = message.rpartition(_AT)
     # An error in the whole value names no place; what looks like one may be part of a field's name.
     is_placed = opinion and not (isinstance(value, dict) and any(_AT in key for key in value))
-    path = where.rstrip("`") if is_placed else ""
+    path = (where.rstrip("`") if is_placed else "").partition("[...]")[0]  # a key, which msgspec does not name
     info: Any = inspect.type_info(expected)
     for found in _PART.finditer(path):
         key, number = found.groups()
@@ -59,7 +60,7 @@ def _explain(message: str, value: Any, expected: Any) -> tuple[str, str]:
 
 def _field(info: Any, value: dict[str, Any], key: str) -> Any:
     """Return the type of a field of `value`."""
-    structs = _structs(info)
+    structs = _structs(_bare(info))
     if key == "type" and structs[0].tag is not None:
         return inspect.LiteralType(tuple(struct.tag for struct in structs))
     (struct,) = (struct for struct in structs if struct.tag is None or struct.tag == value.get("type"))
@@ -80,19 +81,55 @@ def _structs(info: Any) -> tuple[Any, ...]:
 def _reason(info: Any, value: Any) -> str:
     """Return why `value` itself is wrong, whatever it contains; empty if it is right."""
     info = _bare(info)
-    if isinstance(info, inspect.IntType):
-        return _wrong_integer(info, value)
-    if isinstance(info, inspect.StrType):
-        return _wrong_text(info, value)
-    if isinstance(info, inspect.LiteralType):
-        return f"must be one of {', '.join(map(str, info.values))}, not {quote_json(value)}"
-    if isinstance(info, inspect.VarTupleType):
-        return "" if isinstance(value, (list, tuple)) else f"must be a list, not {quote_json(value)}"
     if structs := _structs(info):
         return _wrong_object(structs, value)
-    if isinstance(info, inspect.UnionType) and type(value) is int:
-        return next(_wrong_integer(_bare(one), value) for one in info.types if isinstance(_bare(one), inspect.IntType))
-    return f"must be an integer or null, not {quote_json(value)}"
+    if type(info) in _REASONS:
+        return _REASONS[type(info)](info, value)
+    return f"must be {_WORDS.get(type(info), 'something else')}, not {quote_json(value)}"
+
+
+_WORDS: dict[type, str] = {
+    inspect.IntType: "an integer",
+    inspect.FloatType: "a number",
+    inspect.StrType: "text",
+    inspect.BoolType: "true or false",
+    inspect.NoneType: "null",
+}
+_TYPES: dict[type, tuple[type, ...]] = {
+    inspect.IntType: (int,),
+    inspect.FloatType: (int, float),
+    inspect.StrType: (str,),
+    inspect.LiteralType: (str, int),
+}
+
+
+def _wrong_values(info: inspect.DictType, value: Any) -> str:
+    """Return which value of an object with any keys is wrong, and why; empty if `value` is one and all are right."""
+    if not isinstance(value, dict):
+        return f"must be an object, not {quote_json(value)}"
+    expected = _bare(info.value_type)
+    for key, one in value.items():
+        if type(one) not in _TYPES.get(type(expected), ()):
+            return f"{quote(key)} {_reason(expected, one)}"
+    return ""
+
+
+def _wrong_choice(info: inspect.UnionType, value: Any) -> str:
+    """Return why `value` is of none of several types: the reason of the type that it is nearest to."""
+    members: list[Any] = [_bare(one) for one in info.types]
+    for member in members:
+        if type(value) in _TYPES.get(type(member), ()):
+            return _reason(member, value)
+    words = [_WORDS.get(type(member)) or ", ".join(map(str, member.values)) for member in members]
+    return f"must be {' or '.join(words)}, not {quote_json(value)}"
+
+
+def _wrong_number(info: inspect.FloatType, value: Any) -> str:
+    if type(value) not in {int, float}:
+        return f"must be a number, not {quote_json(value)}"
+    low = f"above {info.gt:g}" if info.gt is not None else "" if info.ge is None else f"at least {info.ge:g}"
+    high = f"below {info.lt:g}" if info.lt is not None else "" if info.le is None else f"at most {info.le:g}"
+    return f"must be {' and '.join(filter(None, (low, high))) or 'a smaller number'}, not {quote_json(value)}"
 
 
 def _wrong_integer(info: inspect.IntType, value: Any) -> str:
@@ -101,6 +138,14 @@ def _wrong_integer(info: inspect.IntType, value: Any) -> str:
     if info.multiple_of and value % info.multiple_of:
         return f"must be a multiple of {info.multiple_of}, the unit in which boards count, not {quote_json(value)}"
     return f"{quote_json(value)} is outside {info.ge}..{info.le}"
+
+
+def _wrong_literal(info: inspect.LiteralType, value: Any) -> str:
+    return f"must be one of {', '.join(map(str, info.values))}, not {quote_json(value)}"
+
+
+def _wrong_list(info: inspect.VarTupleType, value: Any) -> str:
+    return "" if isinstance(value, (list, tuple)) else f"must be a list, not {quote_json(value)}"
 
 
 def _wrong_text(info: inspect.StrType, value: Any) -> str:
@@ -122,6 +167,17 @@ def _wrong_object(structs: tuple[Any, ...], value: Any) -> str:
         return f"{quote_json(unknown[0])} is not a field; the fields are {', '.join(names)}"
     missing = [field.encode_name for field in struct.fields if field.required and field.encode_name not in value]
     return f"{', '.join(map(quote_json, missing))} {'is' if len(missing) == 1 else 'are'} missing" if missing else ""
+
+
+_REASONS: dict[type, Callable[[Any, Any], str]] = {
+    inspect.IntType: _wrong_integer,
+    inspect.FloatType: _wrong_number,
+    inspect.StrType: _wrong_text,
+    inspect.LiteralType: _wrong_literal,
+    inspect.VarTupleType: _wrong_list,
+    inspect.DictType: _wrong_values,
+    inspect.UnionType: _wrong_choice,
+}
 
 
 def quote_json(value: Any) -> str:

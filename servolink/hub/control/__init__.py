@@ -1,0 +1,1 @@
+"""The control interface of a hub: JSON-RPC 2.0."""
