@@ -11,7 +11,7 @@ from importlib import import_module
 
 from benchmarks.measuring import Result
 
-PARTS = ("model", "simulation", "framing", "hidden", "sums", "stalls", "flood", "lossy", "reopening", "soak")
+PARTS = ("model", "simulation", "framing", "hidden", "sums", "stalls", "flood", "lossy", "reopening", "soak", "hub")
 """Modules here, each with `run(*, short) -> Result`."""
 
 

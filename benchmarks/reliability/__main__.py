@@ -20,6 +20,7 @@ from benchmarks.reliability import (
     flood,
     framing,
     hidden,
+    hub,
     lossy,
     model,
     reopening,
@@ -30,6 +31,7 @@ from benchmarks.reliability import (
     together,
 )
 from benchmarks.reliability.history import STEPS, relive
+from benchmarks.reliability.hub_history import relive_sharing
 from benchmarks.report import FIGURES
 from servolink.escaping import escape
 
@@ -43,16 +45,16 @@ def main() -> int:
     parser.add_argument("--short", action="store_true", help="a slice that takes seconds")
     parser.add_argument("--record", action="store_true", help="publish the figures")
     parser.add_argument("--seed", type=int, metavar="N", help="live through the history of one seed and show its end")
-    parser.add_argument("--steps", type=int, default=STEPS, help="simulation: calls in a history")
-    parser.add_argument("--first", type=int, default=0, metavar="N", help="simulation: the first seed")
-    parser.add_argument("--histories", type=int, metavar="N", help="simulation: how many seeds")
+    parser.add_argument("--steps", type=int, metavar="N", help="simulation, hub: calls in a history")
+    parser.add_argument("--first", type=int, default=0, metavar="N", help="simulation, hub: the first seed")
+    parser.add_argument("--histories", type=int, metavar="N", help="simulation, hub: how many seeds")
     parser.add_argument("--python", action="append", metavar="PATH", help="stalls: an interpreter to try, any number")
     parser.add_argument("--real", action="store_true", help="stalls: also in real time, over a pseudo-terminal")
     parser.add_argument("--hours", type=float, default=2.0, help="soak: for how long")
     parser.add_argument("--virtual", action="store_true", help="soak: in virtual time, not over a pseudo-terminal")
     args = parser.parse_args()
     if args.seed is not None:
-        return _replay(args.seed, args.steps)
+        return (_replay_sharing if args.part == "hub" else _replay)(args.seed, args.steps or STEPS)
     begun = time.monotonic()
     result = _work(args)()
     result |= {
@@ -71,7 +73,7 @@ def _work(args: argparse.Namespace) -> Callable[[], Result]:
     pythons = tuple(args.python or [sys.executable])
     work: dict[str, Callable[..., Result]] = {
         "model": model.run,
-        "simulation": partial(simulation.run, first=args.first, histories=args.histories, steps=args.steps),
+        "simulation": partial(simulation.run, first=args.first, histories=args.histories, steps=args.steps or STEPS),
         "framing": framing.run,
         "hidden": hidden.run,
         "sums": sums.run,
@@ -79,6 +81,7 @@ def _work(args: argparse.Namespace) -> Callable[[], Result]:
         "flood": flood.run,
         "lossy": lossy.run,
         "reopening": reopening.run,
+        "hub": partial(hub.run, first=args.first, histories=args.histories, steps=args.steps),
         "soak": partial(soak.run, hours=args.hours, virtual=args.virtual),
     }
     return partial(work[args.part], short=args.short)
@@ -95,6 +98,21 @@ def _replay(seed: int, steps: int) -> int:
         print(f"{when:14.6f}  {event:16} {what.hex(' ') if isinstance(what, bytes) else escape(what)}")
     print(f"{steps} calls in {history.seconds:.0f} s of virtual time: {dict(history.counts)}")
     print(f"history {history.digest}")
+    for fault in history.faults:
+        print(f"wrong: {fault}", file=sys.stderr)
+    return 1 if history.faults else 0
+
+
+def _replay_sharing(seed: int, steps: int) -> int:
+    history = relive_sharing(seed, steps)
+    scene = history.scene
+    print(
+        f"seed {seed}: {scene.programs} programs; {scene.line.name}; board: {scene.board.name}; depth {scene.depth}"
+        f"{'; the cable is pulled' if scene.pulled else ''}"
+    )
+    for when, event, what in history.latest:
+        print(f"{when:14.6f}  {event:8} {escape(what)}")
+    print(f"{steps} requests in {history.seconds:.0f} s of virtual time: {dict(history.counts)}")
     for fault in history.faults:
         print(f"wrong: {fault}", file=sys.stderr)
     return 1 if history.faults else 0

@@ -5,18 +5,18 @@ Every answer tells which sending it answers, as far as the packet has room for i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
 from typing import Protocol
 
-from benchmarks.reliability.checker import Checker
 from benchmarks.reliability.line import Direction, Line
 from benchmarks.reliability.witness import Witness
 from servolink.errors import DecodeError
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import HEADER_SIZE, Frame
 from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.packet import Packet, Request
+from servolink.protocol.packet import Packet, Request, Response
 from servolink.protocol.parser import FrameParser
 from tests.client.numbered_board import numbered
 
@@ -65,13 +65,31 @@ class Wire(Protocol):
         """Bring `data` at that time; times never decrease."""
 
 
+class Judge(Protocol):
+    """Who knows what was sent, and judges what is done."""
+
+    def executes(self, number: int | None, packet: Packet) -> int:
+        """Note what the board does, and return the number that its answer must show; None: nobody sent this."""
+        ...
+
+    def arrives(self, number: int, when: float | None) -> None:
+        """Note when the answer to a sending will have arrived whole; None if it never will."""
+
+
 class SimulatedBoard:
     """Takes bytes, and lays what it says on a wire."""
 
     def __init__(
-        self, character: Character, line: Line, codec: Codec, random: Random, wire: Wire, checker: Checker
+        self,
+        character: Character,
+        line: Line,
+        codec: Codec,
+        random: Random,
+        wire: Wire,
+        checker: Judge,
+        response: Callable[[Packet, int], Response] = numbered,
     ) -> None:
-        """Draw everything that goes wrong from `random`."""
+        """Draw everything that goes wrong from `random`; `response` makes the response to a sending."""
         self.to_board, self.to_host = Witness(), Witness()
         self.free_at = wire.now
         """When everything that it was asked so far is answered."""
@@ -81,6 +99,7 @@ class SimulatedBoard:
         self._random = random
         self._wire = wire
         self._checker = checker
+        self._response = response
         self._down_line, self._up_line = Direction(line, random), Direction(line, random)
         self._parser = FrameParser(codec.byte_order)
         self._heard_at = wire.now
@@ -150,10 +169,10 @@ class SimulatedBoard:
             ready += self._random.uniform(*_LATE_BY)
         if self._random.random() < _PUSHED:
             self._say(ButtonEventResponse(number, 1), begins, 0)
-        arrives = self._say(numbered(packet, number), ready, number)
+        arrives = self._say(self._response(packet, number), ready, number)
         self._checker.arrives(number, arrives)
         if self._random.random() < character.twice:
-            self._say(numbered(packet, number), self.free_at, number)
+            self._say(self._response(packet, number), self.free_at, number)
 
     def _say(self, packet: Packet, ready: float, number: int) -> float | None:
         """Say `packet` at `ready`, unless there is a restart before; return when it has arrived whole."""

@@ -1,0 +1,223 @@
+"""Programs that share a board: some with the library, some that only write frames, and all of them killed at times."""
+
+from __future__ import annotations
+
+import asyncio
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from random import Random
+from typing import Any, cast
+
+from benchmarks.reliability.hub_checker import STOP, Asked, HubChecker, is_change
+from servolink.client.board import Board
+from servolink.client.connect import connect
+from servolink.errors import ConnectionLost, OpenError, ServolinkError
+from servolink.hub.hub import Hub
+from servolink.hub.local import LocalTransport
+from servolink.motion.angles import AngleUnit
+from servolink.protocol import editing, joystick, records, servos, settings
+from servolink.protocol.codec import Codec
+from servolink.protocol.frame import Frame
+from servolink.protocol.packet import Command, Packet, Request, Response
+from servolink.protocol.parser import FrameParser
+
+CANCELLED = 0.02
+"""Chance that a caller loses patience."""
+_PATIENCE = 0.02
+_MOST_AT_ONCE = 6  # queries that a program without the library writes in one go
+_GIVEN_UP = 120.0  # seconds after which such a program no longer waits for a response
+_HUNG = 900.0  # seconds after which a call of the library has failed
+_DEGREES, _RAW = 0, 1
+
+
+def _steps(tag: int) -> tuple[records.Step, ...]:
+    return (records.Step(1 + tag % 3, 90, 1 + tag % 30_000), records.Step(4, tag // 30_000, 20))
+
+
+_KINDS: dict[Callable[[int], Packet], float] = {
+    lambda tag: editing.QueryProjectIDRequest(): 10,
+    lambda tag: settings.QueryMemorySizeRequest(): 8,
+    lambda tag: settings.QueryRemainPowerRequest(): 6,
+    lambda tag: joystick.QueryActiveJoystickTableRequest(): 4,
+    editing.QueryActionRequest: 8,
+    editing.QueryMacroRequest: 4,
+    joystick.QueryJoystickTableRequest: 3,
+    lambda tag: servos.QueryServoRequest(1 + tag % 3): 8,
+    lambda tag: servos.QueryServoRequest(servos.ALL_SERVOS): 10,
+    lambda tag: servos.QueryServoListRequest(): 2,
+    lambda tag: editing.QueryActionListRequest(): 1,
+    lambda tag: editing.QueryServoParameterRequest(): 1,
+    editing.WriteProjectIDRequest: 3,
+    lambda tag: editing.AddActionRequest(tag, f"wave {tag}", _steps(tag)): 4,
+    editing.DeleteActionRequest: 2,
+    lambda tag: editing.AddServoParameterRequest((records.ServoParameter(1, 2, f"arm {tag}"),)): 1,
+    joystick.SetActiveJoystickTableRequest: 1,
+    lambda tag: settings.SendDummyDataRequest(f"test {tag}".encode()): 1,
+    lambda tag: servos.ExecuteActionRequest(_steps(tag)): 5,
+    servos.ExecuteActionExRequest: 1,
+    editing.ExecuteMacroRequest: 2,
+    lambda tag: servos.SetServoParameterRequest(1 + tag % 3, 1, 1): 1,
+    lambda tag: settings.ClearAllDataRequest(): 0.5,
+    lambda tag: STOP: 0.5,
+}
+"""Makers of packets from a number that is used once, with their weights."""
+
+
+class SharingProgram(ABC):
+    """One program at a hub."""
+
+    def __init__(self, name: str, hub: Hub, checker: HubChecker, random: Random, tags: Callable[[], int]) -> None:
+        """Draw what it does from `random`, with numbers from `tags`, each used once."""
+        self.name = name
+        self.unit = random.choice((_DEGREES, _RAW))
+        self.is_over = False
+        """Whether its connection is lost."""
+        self._hub, self._checker, self._random, self._tags = hub, checker, random, tags
+
+    def drawn(self) -> Packet:
+        """Return something to ask."""
+        [make] = self._random.choices(tuple(_KINDS), tuple(_KINDS.values()))
+        return make(self._tags())
+
+    @abstractmethod
+    async def join(self) -> None:
+        """Connect to the hub."""
+
+    @abstractmethod
+    async def ask(self) -> int:
+        """Ask once, or several things at once; return how many."""
+
+    @abstractmethod
+    async def leave(self) -> None:
+        """Disconnect, whatever is under way."""
+
+
+class RawProgram(SharingProgram):
+    """Writes frames and takes the responses in the order of its requests, as a program without the library does."""
+
+    async def join(self) -> None:
+        """Connect as over TCP."""
+        self._codec = Codec("big" if self._random.random() < 0.3 else "little")
+        self._parser = FrameParser(self._codec.byte_order)
+        self._waiting: deque[Asked] = deque()
+        self._idle = asyncio.Event()
+        self._program = self._hub.join(
+            self._hear, who=self.name, door="tcp", codec=self._codec, unit="degree" if self.unit == _DEGREES else "adc"
+        )
+
+    async def ask(self) -> int:
+        """Ask several queries at once, or anything else alone."""
+        wanted = [self.drawn()]
+        if not is_change(wanted[0]):
+            more = (self.drawn() for _ in range(self._random.randrange(_MOST_AT_ONCE)))
+            wanted += [packet for packet in more if not is_change(packet)]
+        asked = [self._checker.asks(self.name, self.unit, packet, at_once=True) for packet in wanted]
+        self._waiting.extend(one for one in asked if isinstance(one.request, Request))
+        self._idle.clear()
+        self._write(b"".join(map(self._codec.encode, wanted)))
+        if self._waiting:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(_GIVEN_UP):
+                    await self._idle.wait()
+        self._give_up(len(self._waiting))
+        return len(wanted)
+
+    async def leave(self) -> None:
+        """Vanish."""
+        self._give_up(len(self._waiting))
+        self._program.leave()
+
+    def _write(self, data: bytes) -> None:
+        """Write in one piece or in two, as the system pleases."""
+        at = self._random.randrange(len(data))
+        for piece in (data[:at], data[at:]):
+            if piece:
+                self._program.receive(piece)
+
+    def _hear(self, data: bytes) -> None:
+        for frame in self._parser.feed(data):
+            self._take(frame)
+
+    def _take(self, frame: Frame) -> None:
+        response = self._codec.decode(*frame)
+        if isinstance(response, joystick.ButtonEventResponse):
+            self._checker.fault(f"{self.name} heard of a button that it had not asked for")
+            return
+        fitting = (at for at, asked in enumerate(self._waiting) if _fits(asked.request, response))
+        if (at := next(fitting, None)) is None:
+            self._checker.fault(f"{self.name} got {response}, which it had not asked for")
+            return
+        self._give_up(at)
+        self._checker.answered(self._waiting.popleft(), cast("Response", response))
+        if not self._waiting:
+            self._idle.set()
+
+    def _give_up(self, count: int) -> None:
+        for _ in range(count):
+            self._checker.unanswered(self._waiting.popleft())
+
+
+def _fits(request: Packet, response: Packet) -> bool:
+    return (
+        isinstance(request, Request)
+        and response.packet_id == request.packet_id + 1
+        and request.accepts(cast("Response", response))
+    )
+
+
+class LibraryProgram(SharingProgram):
+    """Uses `Board`, as every program with the library does."""
+
+    async def join(self) -> None:
+        """Connect in the process of the hub."""
+        unit: AngleUnit = "degree" if self.unit == _DEGREES else "adc"
+        while True:
+            try:
+                transport = LocalTransport(self._hub, who=self.name, unit=unit)
+                transport.is_recorded = True  # the handshake is always the same
+                self._board: Board = await connect(transport, angle_unit=None)
+            except OpenError:
+                self._checker.counts["not opened"] += 1
+            else:
+                return
+
+    async def ask(self) -> int:
+        """Ask once, and lose patience at times."""
+        packet, random, loop = self.drawn(), self._random, asyncio.get_running_loop()
+        asked = self._checker.asks(self.name, self.unit, packet, at_once=False)
+        task = loop.create_task(self._ask(asked))
+        if random.random() < CANCELLED:
+            loop.call_later(random.uniform(0, _PATIENCE), task.cancel)
+        await asyncio.wait((task,), timeout=_HUNG)
+        if not task.done():
+            self._checker.hung(asked)
+            task.cancel()
+        elif task.cancelled():
+            self._checker.counts["cancelled"] += 1
+        else:
+            task.result()
+        return 1
+
+    async def leave(self) -> None:
+        """Close the board."""
+        await self._board.close()
+
+    async def _ask(self, asked: Asked) -> None:
+        packet = asked.request
+        try:
+            if packet == STOP:
+                await self._board.stop()
+            elif isinstance(packet, Command):
+                await self._board.send(packet)
+            else:
+                self._checker.answered(asked, await self._board.request(cast("Request[Any]", packet)))
+        except ConnectionLost:
+            self._checker.counts["lost"] += 1
+            self.is_over = True
+        except ServolinkError:
+            self._checker.unanswered(asked)
+
+
+KINDS: tuple[type[SharingProgram], ...] = (RawProgram, LibraryProgram)
