@@ -6,7 +6,7 @@ import argparse
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from servolink.cli.arguments import SERVO_NAME, SPEED, number
 from servolink.cli.live import Draw, follow, live_bars
@@ -84,9 +84,10 @@ def run_move(args: argparse.Namespace) -> int:
     pace = DEFAULT_SPEED if args.speed is None and args.duration is None else args.speed
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        from servolink.client.names import servo_targets
+        from servolink.client.names import find_targets
 
-        targets = {servo_id: kind(angle) for servo_id, angle in (await servo_targets(board, named)).items()}
+        found, captions = await find_targets(board, named)
+        targets = {servo_id: kind(angle) for servo_id, angle in found.items()}
         before = {servo.servo_id: servo for servo in await reported(board, targets)}
         # `move` checks this as well, but no servo must be started for a move that is then refused.
         await board.move(targets, duration=args.duration, speed=pace, dry_run=True)
@@ -99,7 +100,11 @@ def run_move(args: argparse.Namespace) -> int:
             with _bars(targets, shown=not args.json and is_terminal()) as draw:
                 after = {servo.servo_id: servo for servo in await follow(board, targets, seconds, draw)}
             interruption.state = "all servos have arrived"
-        _print(targets, before, after, seconds, as_json=args.json)
+        moves = [
+            _Move(each, captions.get(each), before[each].angle, target, after[each].angle if after else None)
+            for each, target in targets.items()
+        ]
+        _print(moves, seconds, as_json=args.json)
         return OK
 
     return run_with_board(args, talk, angle_unit=kind.unit, **limits_of(args))
@@ -122,33 +127,35 @@ def _bars(targets: Mapping[int, int], *, shown: bool) -> AbstractContextManager[
     return live_bars(targets) if shown else nullcontext(lambda elapsed, servos: None)
 
 
-def _print(
-    targets: Mapping[int, int],
-    before: Mapping[int, Servo],
-    after: Mapping[int, Servo],
-    seconds: float,
-    *,
-    as_json: bool,
-) -> None:
+class _Move(NamedTuple):
+    """What one servo was to do, and where it is then."""
+
+    servo_id: int
+    caption: str | None
+    start: int
+    target: int
+    end: int | None
+
+
+def _print(moves: Sequence[_Move], seconds: float, *, as_json: bool) -> None:
     if as_json:
         servos = [
             {
-                "servo_id": servo_id,
-                "from_angle": int(before[servo_id].angle),
-                "target_angle": int(target),
-                "angle": int(after[servo_id].angle) if after else None,
-                "angle_unit": "adc" if isinstance(target, Adc) else "degree",
+                "servo_id": move.servo_id,
+                "servo_caption": move.caption,
+                "from_angle": int(move.start),
+                "target_angle": int(move.target),
+                "angle": None if move.end is None else int(move.end),
+                "angle_unit": "adc" if isinstance(move.target, Adc) else "degree",
             }
-            for servo_id, target in targets.items()
+            for move in moves
         ]
-        print_json({"duration_seconds": seconds, "arrived": bool(after), "servos": servos})
+        arrived = all(move.end is not None for move in moves)
+        print_json({"duration_seconds": seconds, "arrived": arrived, "servos": servos})
         return
-    rows = [
-        (servo_id, before[servo_id].angle, target, after[servo_id].angle if after else None)
-        for servo_id, target in targets.items()
-    ]
-    columns = ("servo", "from", "target", "now")
-    print_table(Table(columns if after else columns[:3], [row[: 4 if after else 3] for row in rows]))
+    columns = dict(zip(("servo", "caption", "from", "target", "now"), zip(*moves, strict=True), strict=True))
+    known = {name: values for name, values in columns.items() if any(value is not None for value in values)}
+    print_table(Table([*known], [*zip(*known.values(), strict=True)]))
 
 
 def servo_angle(text: str) -> tuple[int | str, int]:
@@ -191,7 +198,7 @@ def run_stop(args: argparse.Namespace) -> int:
                 else f"all {len(servos)} servos report that they are"
             )
             print_text(f"{who} stopped and held")
-        print_servos(servos, as_json=args.json)
+        print_servos(servos, as_json=args.json, captions={})
         return OK
 
     options: dict[str, Any] = {"greet": False, "handshake": False}  # the handshake comes after the stop
@@ -220,7 +227,7 @@ def run_release(args: argparse.Namespace) -> int:
     check_can_release(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        servo_ids = await chosen_servos(board, args.servos)
+        servo_ids, captions = await find_chosen(board, args.servos)
         await reported(board, servo_ids)
         which = listed(servo_ids) if servo_ids else "all servos"
         if not await may_release(args, interruption, which):
@@ -228,7 +235,7 @@ def run_release(args: argparse.Namespace) -> int:
         interruption.state = f"{which} may have been released; `servolink stop` holds all servos again"
         await _release_each(board, servo_ids or [ALL_SERVOS])
         interruption.state = f"{which} released; `servolink stop` holds all servos again"
-        print_servos(await board.servos(), as_json=args.json)
+        print_servos(await board.servos(), as_json=args.json, captions=captions)
         return OK
 
     return run_with_board(args, talk)
@@ -236,11 +243,16 @@ def run_release(args: argparse.Namespace) -> int:
 
 async def chosen_servos(board: Board, servos: Sequence[int | str]) -> list[int]:
     """Return the ids of servos, each once; none if all are meant."""
-    from servolink.client.names import servo_ids
+    return (await find_chosen(board, servos))[0]
+
+
+async def find_chosen(board: Board, servos: Sequence[int | str]) -> tuple[list[int], dict[int, str]]:
+    """Return the ids of servos, as `chosen_servos` does, and the captions that were read for that, by id."""
+    from servolink.client.names import find_servos
     from servolink.protocol.servos import ALL_SERVOS
 
-    chosen = await servo_ids(board, servos)
-    return [] if ALL_SERVOS in chosen else [*dict.fromkeys(chosen)]
+    chosen, captions = await find_servos(board, servos)
+    return [] if ALL_SERVOS in chosen else [*dict.fromkeys(chosen)], captions
 
 
 async def _release_each(board: Board, servo_ids: Sequence[int]) -> None:

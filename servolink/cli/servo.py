@@ -93,10 +93,11 @@ def run_state(args: argparse.Namespace) -> int:
     from servolink.cli.session import Interruption, run_with_board
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        for servo_id in await _servo_ids(board, args.servos):
+        servo_ids, captions = await _find_servos(board, args.servos)
+        for servo_id in servo_ids:
             interruption.state = f"servos may have been {args.done}; `servolink servos` shows them"
             await board.set_servo(servo_id, start=args.start, hold=True)
-        print_servos(await board.servos(), as_json=args.json)
+        print_servos(await board.servos(), as_json=args.json, captions=captions)
         return OK
 
     return run_with_board(args, talk, state="no servo was changed")
@@ -109,7 +110,7 @@ def run_unit(args: argparse.Namespace) -> int:
     from servolink.protocol.servos import ALL_SERVOS
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        servo_ids = await _servo_ids(board, args.servos)
+        servo_ids, _ = await _find_servos(board, args.servos)
         for servo_id in servo_ids:
             interruption.state = "units of angles may have been set"
             await board.set_angle_unit(args.unit, servo_id)
@@ -123,20 +124,25 @@ def run_unit(args: argparse.Namespace) -> int:
     return run_with_board(args, talk, state="no unit was set", angle_unit=None)
 
 
-async def _servo_ids(board: Board, servos: list[int | str], *, takes_all: bool = True) -> list[int]:
-    """Return the ids of servos, 255 for all. Raise NotFound, before anything is changed, for one that is missing."""
-    from servolink.client.names import servo_ids
+async def _find_servos(
+    board: Board, servos: list[int | str], *, takes_all: bool = True
+) -> tuple[list[int], dict[int, str]]:
+    """Return the ids of servos, 255 for all, and the captions that were read for that, by id.
+
+    Raise NotFound, before anything is changed, for a servo that is missing.
+    """
+    from servolink.client.names import find_servos
     from servolink.errors import NotFound
     from servolink.protocol.servos import ALL_SERVOS
 
-    found = await servo_ids(board, servos)
+    found, captions = await find_servos(board, servos)
     there = await board.servo_ids()
     allowed = {*there, ALL_SERVOS} if takes_all else {*there}
     if missing := [servo_id for servo_id in found if servo_id not in allowed]:
         raise NotFound(f"the board has no servo {missing[0]}; no servo was changed")
     if not there:
         raise NotFound("the board has no servos")
-    return found
+    return found, captions
 
 
 def run_rename(args: argparse.Namespace) -> int:
@@ -157,7 +163,7 @@ def _change(args: argparse.Namespace, **fields: Any) -> int:
     from servolink.cli.stored.parameters import change_parameters
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        [servo_id] = await _servo_ids(board, [args.servo], takes_all=False)
+        [servo_id], _ = await _find_servos(board, [args.servo], takes_all=False)
         return await change_parameters(args, board, interruption, {servo_id: lambda one: replace(one, **fields)})
 
     return run_with_board(args, talk, greet=False, state=UNTOUCHED)

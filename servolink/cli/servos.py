@@ -69,11 +69,11 @@ def are(servo_ids: Sequence[int]) -> str:
     return f"{listed(servo_ids)} {'are' if len(servo_ids) > 1 else 'is'}"
 
 
-def servo_object(servo: Servo, captions: Mapping[int, str] | None) -> dict[str, Any]:
-    """Return what a servo reports, for `--json`, with the stored `captions` unless that is None."""
+def servo_object(servo: Servo, captions: Mapping[int, str]) -> dict[str, Any]:
+    """Return what a servo reports, for `--json`, with its caption, None if that is not in `captions`."""
     return {
         "servo_id": servo.servo_id,
-        **({} if captions is None else {"servo_caption": captions.get(servo.servo_id)}),
+        "servo_caption": captions.get(servo.servo_id),
         "angle": int(servo.angle),
         "angle_unit": servo.angle.unit if isinstance(servo.angle, Angle) else None,
         "current_raw": servo.current,
@@ -84,17 +84,17 @@ def servo_object(servo: Servo, captions: Mapping[int, str] | None) -> dict[str, 
     }
 
 
-def print_servos(servos: Iterable[Servo], *, as_json: bool, captions: Mapping[int, str] | None = None) -> None:
-    """Print what servos report, with the stored `captions`."""
+def print_servos(servos: Iterable[Servo], *, as_json: bool, captions: Mapping[int, str]) -> None:
+    """Print what servos report, with the stored `captions`; those that were not read are left out."""
     if as_json:
         print_json({"servos": [servo_object(servo, captions) for servo in servos]})
         return
-    named = captions if captions and any(captions.values()) else None
-    columns = ("servo", *(() if named is None else ("caption",)), "angle", "current (raw)", "temperature (raw)", "type")
+    is_named = any(captions.values())
+    columns = ("servo", *(("caption",) if is_named else ()), "angle", "current (raw)", "temperature (raw)", "type")
     rows = [
         (
             servo.servo_id,
-            *(() if named is None else (named.get(servo.servo_id),)),
+            *((captions.get(servo.servo_id),) if is_named else ()),
             servo.angle,
             servo.current,
             servo.temperature,

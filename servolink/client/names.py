@@ -41,13 +41,22 @@ async def servo_ids(source: Source, servos: Iterable[int | str]) -> list[int]:
 
     Raise NotFound or AmbiguousName for what is not one servo's caption.
     """
+    return (await find_servos(source, servos))[0]
+
+
+async def find_servos(source: Source, servos: Iterable[int | str]) -> tuple[list[int], dict[int, str]]:
+    """Return the ids of servos, as `servo_ids` does, and the captions that were read for that, by id.
+
+    If only ids are given, no captions are read.
+    """
     names = [_servo(servo) for servo in servos]
     request, named = QueryServoParameterRequest(), list[Named]()
     if any(isinstance(name, str) for name in names):
         stored = (await source.request(request)).servos
         # An entry for 255 would make one caption mean all servos.
         named = [Named("servo", one.servo_id, one.servo_caption) for one in stored if one.servo_id != ALL_SERVOS]
-    return [_the_one(named, "servo", name, request) if isinstance(name, str) else name for name in names]
+    ids = [_the_one(named, "servo", name, request) if isinstance(name, str) else name for name in names]
+    return ids, {one.record_id: one.caption for one in named}
 
 
 async def servo_id(source: Source, servo: int | str) -> int:
@@ -57,20 +66,26 @@ async def servo_id(source: Source, servo: int | str) -> int:
 
 async def servo_targets(source: Source, targets: Targets) -> Mapping[int, float]:
     """Return `targets` by id, `all` as each servo of the board. Raise EncodeError for a servo that is given twice."""
+    return (await find_targets(source, targets))[0]
+
+
+async def find_targets(source: Source, targets: Targets) -> tuple[Mapping[int, float], dict[int, str]]:
+    """Return `targets` by id, as `servo_targets` does, and the captions that were read for that, by id."""
     if not isinstance(targets, Mapping) or not any(isinstance(servo, str) for servo in targets):
-        return targets  # type: ignore[return-value]  # by id, or refused later
+        return targets, {}  # type: ignore[return-value]  # by id, or refused later
     targets = dict(targets)  # a copy, because the caller may change the original meanwhile
     request = QueryServoListRequest()
     every = (await source.request(request)).servo_id_list if ALL in targets else ()
     if ALL in targets and not every:
         raise NotFound("the board has no servos", request)
     found: dict[int, float] = {}
-    for number, (servo, angle) in zip(await servo_ids(source, targets), targets.items(), strict=True):
+    ids, captions = await find_servos(source, targets)
+    for number, (servo, angle) in zip(ids, targets.items(), strict=True):
         for each in dict.fromkeys(every) if servo == ALL else (number,):
             if each in found:
                 raise EncodeError(f"servo {each} is given twice, the second time as {quote(servo)}")
             found[each] = angle
-    return found
+    return found, captions
 
 
 async def record_id(

@@ -14,6 +14,7 @@ from servolink.project.build import build_project
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.virtual.kind import BoardKind
 from tests.cli.programs import call, in_terminal
 from tests.cli.robot import Robot
 
@@ -47,6 +48,30 @@ def test_servos_are_moved_by_name(named: Robot) -> None:
     assert angles(named) == [30, -10, 5]
     assert named("move", "all=0", "--duration", "0.1").code == 0
     assert angles(named) == [0, 0, 0]
+
+
+def test_captions_are_shown_where_one_was_given(named: Robot) -> None:
+    said = named("move", "Hip=30", "3=5", "--duration", "0.1")
+    assert [line.split() for line in said.out.splitlines()] == [
+        ["servo", "caption", "from", "target", "now"],
+        ["1", "hip", "2°", "30°", "30°"],
+        ["3", "6°", "5°", "5°"],
+    ]
+    by_id = named("move", "1=0", "--no-wait", "--duration", "0.1")
+    assert by_id.out.split() == ["servo", "from", "target", "1", "30°", "0°"]
+    moved = named("move", "hip=3", "3=5", "--duration", "0.1", "--json").json["servos"]
+    assert [servo["servo_caption"] for servo in moved] == ["hip", None]
+    assert named("move", "1=3", "--duration", "0.1", "--json").json["servos"][0]["servo_caption"] is None
+    for command in ("release hip --yes", "servo start hip"):
+        lines = named(*command.split()).out.splitlines()
+        assert [line.split()[:2] for line in lines] == [["servo", "caption"], ["1", "hip"], ["2", "a=b"], ["3", "5°"]]
+    assert "caption" not in named("servo", "hold", "1").out
+
+
+def test_ids_are_not_looked_up(named: Robot) -> None:
+    named.board.kind = BoardKind(unsupported=("QueryServoParameter",))
+    for command in ("move 1=3 --start", "release 1 --yes", "servo start 1", "servo hold all"):
+        assert named(*command.split()).code == 0
 
 
 def test_servos_are_released_by_name(named: Robot) -> None:
