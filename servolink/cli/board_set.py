@@ -1,23 +1,29 @@
-"""`servolink board set`: limits that no program can exceed, and what a user knows of a board. Nothing is opened."""
+"""`servolink board set`: limits that no program can exceed, and what a user knows of a board.
+
+Limits are kept by servo id: a caption is looked up on the board when they are set. Otherwise nothing is opened.
+"""
 
 from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from servolink.cli.arguments import SERVO_ID, SPEED, number
+from servolink.cli.arguments import SERVO_NAME, SPEED, number
 from servolink.cli.board import add_name, known_name, label, limit_rows, run_show, value_text
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import Table, print_error, print_table, print_text
+from servolink.cli.session import Interruption, run_interruptible
+from servolink.errors import InvalidAddress, RequestTimeout, TransportError
 
 if TYPE_CHECKING:
     from servolink.profiles.profile import BoardProfile, SafetyLimits
 
 _PAIR = re.compile(r"(-?[0-9.]+)\.\.(-?[0-9.]+)", re.ASCII)
 _UNSET = "unset"
+_ALL = "all"
 _ANGLE = number(-0x8000, 0x7FFF, "degrees")
 _COMMON = ("byte_order", "caption_encoding")  # settings whose options every command has
 
@@ -35,7 +41,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=_angle,
         metavar="SERVO=LOW..HIGH",
-        help="allowed angles of a servo in degrees, such as 3=20..160; 3=unset removes them",
+        help="allowed angles of a servo in degrees, such as 3=20..160; 3=unset removes them. A caption in place of an "
+        "id is looked up on the board, and the id is kept",
     )
     limits.add_argument(
         "--speed",
@@ -64,26 +71,62 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Change the profile and keep it. What a user sets is certain."""
-    from msgspec.structs import replace
+    from servolink.profiles.profile import BoardSettings
 
-    from servolink.profiles.profile import BY_HAND, BoardProfile, BoardSettings, Evidence
-    from servolink.profiles.store import load_profile, save_profile
-
-    name, _ = known_name(args)
-    profile = load_profile(name) or BoardProfile()
+    name, url = known_name(args)
     given = {key: getattr(args, key) for key in BoardSettings.__struct_fields__ if getattr(args, key) is not None}
     unset = dict.fromkeys(key for key in args.unset if key != "soft_start")
     if not (given or args.unset or args.angle or args.speed or args.soft_start):
         usage_error(args, "give at least one limit or setting")
     if twice := sorted(given.keys() & unset.keys()):
         usage_error(args, f"--{twice[0].replace('_', '-')} is set and unset")
+
+    async def main(interruption: Interruption) -> int:
+        return _set(args, name, given, unset, await _ids(args, name, url))
+
+    return run_interruptible(main, "nothing was set")
+
+
+async def _ids(args: argparse.Namespace, name: str, url: str | None) -> dict[int | str, int]:
+    """Return the id of each servo in `args`. Ask the board only if a caption is given."""
+    servos = [servo for servo, _ in (*args.angle, *args.speed) if servo != _ALL]
+    if all(isinstance(servo, int) for servo in servos):
+        return dict(zip(servos, servos, strict=True))
+    if url is None:
+        raise InvalidAddress(f"{name} has no address, so its captions are unknown; give ids in place of captions")
+
+    from servolink.client.connect import connect
+    from servolink.client.names import servo_ids
+
+    try:
+        async with connect(
+            name, byte_order=args.byte_order, caption_encoding=args.caption_encoding, angle_unit=None
+        ) as board:
+            return dict(zip(servos, await servo_ids(board, servos), strict=True))
+    except (TransportError, RequestTimeout) as error:
+        raise type(error)(f"{error}; without the board, give ids in place of captions") from error
+
+
+def _set(
+    args: argparse.Namespace,
+    name: str,
+    given: dict[str, Any],
+    unset: dict[str, Any],
+    ids: Mapping[int | str, int],
+) -> int:
+    from msgspec.structs import replace
+
+    from servolink.profiles.profile import BY_HAND, BoardProfile, Evidence
+    from servolink.profiles.store import load_profile, save_profile
+
+    profile = load_profile(name) or BoardProfile()
     evidence = {key: each for key, each in profile.evidence.items() if key not in unset}
     now = datetime.now(UTC).replace(microsecond=0)
     evidence |= {key: Evidence("certain", BY_HAND, now) for key in given}
     changed = replace(
         profile,
         settings=replace(profile.settings, **given, **unset),
-        limits=_changed_limits(args, profile.limits),
+        limits=_changed_limits(args, profile.limits, ids),
         evidence=evidence,
     )
     path = save_profile(name, changed)
@@ -92,6 +135,9 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         return run_show(args)
     print_text(f"{name} is set; kept in {path}")
+    for servo, servo_id in ids.items():
+        if isinstance(servo, str):
+            print_text(f"'{servo}' is servo {servo_id}; its limits are kept by this id")
     rows = [*limit_rows(changed.limits), *((label(key), value_text(key, value)) for key, value in given.items())]
     if rows:
         print_table(Table((), rows))
@@ -105,17 +151,17 @@ def _missing_servos(profile: BoardProfile) -> list[int]:
     return sorted({*profile.limits.angles, *profile.limits.speed_caps} - set(profile.identity.servo_ids))
 
 
-def _changed_limits(args: argparse.Namespace, limits: SafetyLimits) -> SafetyLimits:
+def _changed_limits(args: argparse.Namespace, limits: SafetyLimits, ids: Mapping[int | str, int]) -> SafetyLimits:
     from servolink.profiles.profile import SafetyLimits
 
     angles, caps, cap, soft_start = dict(limits.angles), dict(limits.speed_caps), limits.speed_cap, limits.soft_start
-    for servo_id, pair in args.angle:
-        _put(angles, servo_id, pair)
-    for servo_id, speed in args.speed:
-        if servo_id is None:
+    for servo, pair in args.angle:
+        _put(angles, ids[servo], pair)
+    for servo, speed in args.speed:
+        if servo == _ALL:
             cap = speed
         else:
-            _put(caps, servo_id, speed)
+            _put(caps, ids[servo], speed)
     if "soft_start" in args.unset:
         soft_start = None
     return SafetyLimits(angles=angles, speed_cap=cap, speed_caps=caps, soft_start=args.soft_start or soft_start)
@@ -128,28 +174,30 @@ def _put(values: dict[int, Any], servo_id: int, value: Any) -> None:
         values[servo_id] = value
 
 
-def _angle(text: str) -> tuple[int, tuple[float, float] | None]:
-    servo_id, value = _assigned(text)
+def _angle(text: str) -> tuple[int | str, tuple[float, float] | None]:
+    servo, value = _assigned(text)
+    if servo == _ALL:
+        raise argparse.ArgumentTypeError("angles are limited for one servo at a time, not for all")
     if value == _UNSET:
-        return SERVO_ID(servo_id), None
+        return SERVO_NAME(servo), None
     if (pair := _PAIR.fullmatch(value)) is None:
         raise argparse.ArgumentTypeError(f"must be like 3=20..160 or 3=unset, not {text!r}")
     low, high = _ANGLE(pair[1]), _ANGLE(pair[2])
     if low > high:
         raise argparse.ArgumentTypeError(f"{text!r} has the highest angle first; write the lowest first")
-    return SERVO_ID(servo_id), (low, high)
+    return SERVO_NAME(servo), (low, high)
 
 
-def _speed(text: str) -> tuple[int | None, float | None]:
-    servo_id, value = _assigned(text)
-    return None if servo_id == "all" else SERVO_ID(servo_id), None if value == _UNSET else SPEED(value)
+def _speed(text: str) -> tuple[int | str, float | None]:
+    servo, value = _assigned(text)
+    return SERVO_NAME(servo), None if value == _UNSET else SPEED(value)
 
 
 def _assigned(text: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
+    servo, equals, value = text.rpartition("=")  # a caption may contain `=`
     if not equals:
         raise argparse.ArgumentTypeError(f"must be SERVO=VALUE, not {text!r}")
-    return name, value
+    return servo, value
 
 
 def _setting(name: str) -> Callable[[str], Any]:

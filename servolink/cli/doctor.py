@@ -7,7 +7,7 @@ import asyncio
 from dataclasses import asdict
 from typing import Any
 
-from servolink.cli.arguments import SERVO_ID, not_empty
+from servolink.cli.arguments import SERVO_NAME, not_empty
 from servolink.cli.main import FAILED, NO_BOARD, OK, usage_error
 from servolink.cli.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
@@ -52,7 +52,9 @@ def _add_learning(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--clear", action="store_true", help="with --write: also delete everything on it once; it is restored"
     )
-    group.add_argument("--servo", type=SERVO_ID, metavar="ID", help="also move this servo a little, and time it")
+    group.add_argument(
+        "--servo", type=SERVO_NAME, metavar="SERVO", help="also move this servo (id or caption) a little, and time it"
+    )
     group.add_argument("--yes", action="store_true", help="do not ask")
 
 

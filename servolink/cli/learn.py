@@ -16,15 +16,17 @@ from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import Table, is_terminal, print_error, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.terminal import can_ask, confirm, wait_for_enter
+from servolink.client.names import ALL, servo_id
 from servolink.connection.options import options_in
 from servolink.discovery.names import resolve_url
 from servolink.discovery.search import identity_of
 from servolink.doctor.learn import Learnt, learn_by_asking, learn_by_writing
+from servolink.doctor.learn_contact import Contact, make_contact
 from servolink.doctor.learn_line import Line, SharedTransport
 from servolink.doctor.learn_motion import interval_finding, plan_movement
 from servolink.doctor.learn_profile import Measured, merge_profile
 from servolink.doctor.learn_trial import Trial, connected
-from servolink.errors import OpenError, ServolinkError
+from servolink.errors import OpenError, RequestError, RequestTimeout, ServolinkError
 from servolink.files import is_name
 from servolink.profiles.profile import BoardIdentityRecord, BoardProfile
 from servolink.profiles.store import load_profile, save_profile
@@ -46,6 +48,8 @@ def run(args: argparse.Namespace) -> int:
             "--learn keeps what it measures under the board's name, so give it one first:\n"
             f"  servolink use NAME {name or 'URL'}\n  servolink doctor NAME --learn",
         )
+    if args.servo == ALL:
+        usage_error(args, "--servo times one servo, not all of them")
     if args.clear and not args.write:
         usage_error(args, "--clear needs --write")
     if args.write and not args.yes and not can_ask():
@@ -87,8 +91,11 @@ class _Lesson:
 
     async def _learn(self, transport: SharedTransport, *, power_cycled: bool) -> int:
         args = self._args
+        self._show_step("looking for the board, in both byte orders and transmission modes")
+        contact = await make_contact(transport, args.timeout)
+        servo_id = await self._servo_id(transport, contact)  # first, as all the rest would be in vain if there is none
         learnt = await learn_by_asking(
-            transport, power_cycled=power_cycled, patience=args.timeout, on_step=self._show_step
+            transport, contact, power_cycled=power_cycled, patience=args.timeout, on_step=self._show_step
         )
         identity = await _identity(transport.url, learnt)
         if not await self._may_keep(identity):
@@ -97,11 +104,22 @@ class _Lesson:
         if self._store is not None and await self._may_write():
             await self._write(transport, learnt, self._store)
             self._keep(learnt, identity)
-        if args.servo is not None:
-            learnt.measured.append(await self._time_movement(transport, learnt))
+        if servo_id is not None:
+            learnt.measured.append(await self._time_movement(transport, learnt, servo_id))
             self._keep(learnt, identity)
         self._report(learnt)
         return OK
+
+    async def _servo_id(self, transport: SharedTransport, contact: Contact) -> int | None:
+        """Return the id of the servo to move, None for none. Raise RequestError if its caption is not on the board."""
+        if not isinstance(self._args.servo, str):
+            return None if self._args.servo is None else int(self._args.servo)
+        codec = Codec(contact.byte_order, self._caption_encoding(transport.url) or "utf-8")
+        async with connected(transport, codec, self._args.timeout) as board:
+            try:
+                return await servo_id(board, self._args.servo)
+            except RequestTimeout as error:
+                raise RequestError(f"{error}; without captions, --servo needs an id") from error
 
     async def _write(self, transport: SharedTransport, learnt: Learnt, store: BackupStore) -> None:
         try:
@@ -176,9 +194,9 @@ class _Lesson:
             f"`servolink -b {self._name} rollback {int(trial.backup.name.split('-')[0])}` restores what was on it"
         )
 
-    async def _time_movement(self, transport: SharedTransport, learnt: Learnt) -> Measured:
+    async def _time_movement(self, transport: SharedTransport, learnt: Learnt, servo_id: int) -> Measured:
         async with connected(transport, learnt.codec(), self._args.timeout) as board:
-            planned = await plan_movement(board, self._args.servo, self._profile.limits)
+            planned = await plan_movement(board, servo_id, self._profile.limits)
             print_error(str(planned))
             self._interruption.state = f"servo {planned.servo_id} was moved, and a stop was sent to all servos"
             measured = await interval_finding(board, planned)

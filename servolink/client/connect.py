@@ -50,8 +50,9 @@ class connect:  # noqa: N801 - reads as the function it stands for
 
     `angle_unit` is set on all servos before the first command with an angle; None leaves them as they are.
     `angle_limits` (degrees) and `speed_cap` (degrees per second) are those of all servos or mappings by servo id, and
-    are checked before anything moves, by itself or by a stored record. `soft_start` (degrees per second) is the highest
-    speed of the first movement of each servo (see `Board.move`).
+    are checked before anything moves, by itself or by a stored record. They take ids only: with captions, a program
+    that renames a servo would lift its limits. `soft_start` (degrees per second) is the highest speed of the first
+    movement of each servo (see `Board.move`).
 
     `profile` is what is known of the board (see `servolink board show`): unless given, the profile of the board's name,
     also if the address is recognised as that of a named board. The options above and those in the address override it;

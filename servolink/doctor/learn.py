@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from servolink.doctor.learn_captions import captions_in, encoding_finding
-from servolink.doctor.learn_contact import Contact, byte_order_finding, make_contact, mode_findings
+from servolink.doctor.learn_contact import Contact, byte_order_finding, mode_findings
 from servolink.doctor.learn_line import Line, Quality, SharedTransport, measure_quality
 from servolink.doctor.learn_profile import Measured
 from servolink.doctor.learn_queries import (
@@ -59,18 +59,17 @@ class Learnt:
 
 async def learn_by_asking(
     transport: SharedTransport,
+    contact: Contact,
     *,
     power_cycled: bool = False,
     patience: float | None = None,
     on_step: Step = ignore_step,
 ) -> Learnt:
-    """Return what queries alone tell; nothing is changed but the transmission mode, if the board is silent without it.
+    """Return what queries alone tell after `make_contact`; nothing is changed.
 
     `power_cycled`: the board was just switched off and on. `patience` is the time to wait for each response until it is
-    known how long they take. Raise OpenError if the board cannot be opened or does not answer.
+    known how long they take.
     """
-    on_step("looking for the board, in both byte orders and transmission modes")
-    contact = await make_contact(transport, patience)
     async with Line(transport, Codec(contact.byte_order)) as line:
         line.patience = patience or line.patience
         on_step("sending single queries")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from servolink import Action, Macro, MacroCommand, ServoParameter, Step, connect
 from servolink.doctor.learn import Learnt, learn_by_asking, learn_by_writing
+from servolink.doctor.learn_contact import make_contact
 from servolink.doctor.learn_line import SharedTransport
 from servolink.doctor.learn_profile import Measured
 from servolink.project.transfer.backups import BackupStore
@@ -75,7 +76,7 @@ def learn(
             transport = FaultyTransport(transport, faults, seed=seed)
         shared = SharedTransport(transport)
         try:
-            learnt = await learn_by_asking(shared, power_cycled=power_cycled)
+            learnt = await learn_by_asking(shared, await make_contact(shared), power_cycled=power_cycled)
             if folder is not None:
                 await learn_by_writing(shared, learnt, BackupStore(folder), clear=clear)
         finally:

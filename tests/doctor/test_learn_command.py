@@ -109,6 +109,27 @@ def test_a_servo_is_moved_only_if_it_is_named(robot: Robot, learnt: Any) -> None
     assert {number: round(servo.angle) for number, servo in robot.board.servos.items()} == angles
 
 
+def test_the_servo_may_be_named_by_its_caption(robot: Robot, learnt: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(capsys, "--board", "virtual://", "servo", "rename", "2", "hip").code == 0
+    assert "servo 2 will turn from" in learnt("--servo", "Hip").err
+    assert learnt("--servo", "all").code == 2
+
+
+def test_a_servo_that_is_not_there_is_refused_before_anything_is_learnt(
+    robot: Robot, learnt: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot.board = VirtualBoard(3, codec=Codec("big"))
+    monkeypatch.setattr("servolink.cli.learn.learn_by_asking", None)
+    said = learnt("--servo", "tail")
+    assert (said.code, said.out) == (1, "")
+    assert said.err == "servolink: the board has no servo 'tail'; no servo of it has a caption\n"
+    robot.board = VirtualBoard(3, kind=BoardKind(unsupported=("QueryServoParameter",)))
+    said = learnt("--servo", "tail")
+    assert (said.code, said.out) == (1, "")
+    assert said.err.endswith("; without captions, --servo needs an id\n")
+    assert load_profile("rex") is None
+
+
 def test_limits_of_the_user_stay_and_are_obeyed(robot: Robot, learnt: Any) -> None:
     limits = SafetyLimits(speed_cap=90, angles={2: (-1, 1)})
     save_profile("rex", BoardProfile(limits=limits))

@@ -9,6 +9,7 @@ import pytest
 
 from servolink import connect
 from servolink.doctor.learn import learn_by_asking, learn_by_writing
+from servolink.doctor.learn_contact import make_contact
 from servolink.doctor.learn_line import SharedTransport
 from servolink.errors import ConnectionLost, OpenError, ProjectError, ServolinkError
 from servolink.project.model import UNFINISHED
@@ -264,7 +265,7 @@ def _learn_over(cable: Cable, folder: Path) -> None:
     async def main() -> None:
         shared = SharedTransport(cable)
         try:
-            learnt = await learn_by_asking(shared)
+            learnt = await learn_by_asking(shared, await make_contact(shared))
             await learn_by_writing(shared, learnt, BackupStore(folder), clear=True)
         finally:
             await shared.free()
