@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from servolink.cli.arguments import number, whole_number
 from servolink.cli.main import OK
 from servolink.cli.output import counted, print_error, print_json, print_text
-from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.session import ENDLESS, Interruption, run_with_board
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
@@ -19,17 +19,20 @@ if TYPE_CHECKING:
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink events`."""
     parser.set_defaults(run=run)
+    parser.description = f"{parser.description}\n\n{ENDLESS}"
     parser.add_argument("--count", type=whole_number(1, 10**9), metavar="N", help="end after N events")
     parser.add_argument("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print events until Ctrl-C, the normal end of this command."""
+    """Print events until there are enough, or until Ctrl-C."""
 
     async def talk(board: Board, interruption: Interruption) -> int:
         async with board.button_events() as events:
             print_error("listening for button events until Ctrl-C")
-            interruption.state, interruption.code = "no more events are shown", OK
+            interruption.state = "no more events are shown"
+            if args.count is None and args.seconds is None:
+                interruption.code = OK
             reporting = asyncio.create_task(_report_states(board))
             try:
                 async with asyncio.timeout(args.seconds):

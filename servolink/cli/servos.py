@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from servolink.cli.main import OK
 from servolink.cli.output import Table, print_error, print_json, print_table
-from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.session import Interruption, is_answered, run_with_board
 from servolink.errors import NotFound, Rejected, RequestTimeout
 from servolink.motion.angles import Angle
 
@@ -35,7 +35,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def known_captions(board: Board) -> dict[int, str]:
-    """Return the stored captions by servo id. A board that does not answer this query has none, which is said."""
+    """Return the stored captions by servo id. A board that does not answer this query has none, which is said.
+
+    One whose profile says that it does not is not asked.
+    """
+    if not is_answered(board, "QueryServoParameter"):
+        return {}
     try:
         return {servo.servo_id: servo.servo_caption for servo in await board.servo_parameters()}
     except RequestTimeout as error:

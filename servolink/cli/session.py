@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from servolink.cli.main import INTERRUPTED, NO_BOARD, fail, usage_error
+from servolink.cli.main import INTERRUPTED, NO_BOARD, OK, fail, usage_error
 from servolink.cli.output import Table, console, lost_output, print_error, show_table
 from servolink.cli.terminal import can_ask, end_process, handled
 from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown, RequestTimeout, ServolinkError
@@ -22,6 +22,8 @@ UNFINISHED_IMPORT = (
     "this board holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes it"
 )
 UNTOUCHED = "nothing was changed on the board"
+ENDLESS = "Ctrl-C is its normal end, with exit code 0; before the end that an option sets it is 130."
+"""Said in the help of commands that show something until they are ended; they set `Interruption.code` accordingly."""
 _UNMOVED = "no servo was moved"
 _PATIENCE = 0.2  # seconds for the board to be closed in good order after Ctrl-C
 
@@ -39,7 +41,7 @@ class Interruption:
         """Print the state, once."""
         if not self._reported:
             self._reported = True
-            print_error(f"interrupted: {self.state}")
+            print_error(f"{'ended' if self.code == OK else 'interrupted'}: {self.state}")
 
     @contextmanager
     def watched(self) -> Iterator[None]:
@@ -111,7 +113,7 @@ def run_with_board(
         async with connection as board:
             try:
                 with interruption.watched():
-                    if greet and _answers_project_id(board) and await board.has_unfinished_import():
+                    if greet and is_answered(board, "QueryProjectID") and await board.has_unfinished_import():
                         print_error(UNFINISHED_IMPORT)
                     return await talk(board, interruption)
             except (RequestTimeout, OutcomeUnknown, ConnectionLost) as error:
@@ -122,9 +124,10 @@ def run_with_board(
     return run_interruptible(main, state)
 
 
-def _answers_project_id(board: Board) -> bool:
+def is_answered(board: Board, query: str) -> bool:
+    """Return whether the board may answer a query, such as `QueryProjectID`: its profile does not say otherwise."""
     known = board.profile and board.profile.settings.unsupported
-    return "QueryProjectID" not in (known or ())
+    return query not in (known or ())
 
 
 def refuse_without_answer(args: argparse.Namespace) -> None:

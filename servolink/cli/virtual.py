@@ -36,6 +36,7 @@ from servolink.virtual.transport import StateSaver
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink virtual`."""
     parser.set_defaults(run=run)
+    parser.description = f"{parser.description}\n\nCtrl-C is its normal end, with exit code 0."
     parser.add_argument(
         "--pty", action="store_true", help="serve a pseudo-terminal (the default without --tcp and --usbip)"
     )

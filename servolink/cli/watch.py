@@ -14,7 +14,7 @@ from servolink.cli.main import FAILED, OK, fail, usage_error
 from servolink.cli.motion import chosen_servos
 from servolink.cli.output import print_error
 from servolink.cli.servos import known_captions, reported
-from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.session import ENDLESS, Interruption, is_answered, run_with_board
 from servolink.cli.terminal import can_ask, confirm, single_keys
 from servolink.errors import ConnectionLost, NotFound, ServolinkError
 
@@ -31,6 +31,7 @@ _BATTERY_EVERY = 10.0  # seconds
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink watch`."""
     parser.set_defaults(run=run)
+    parser.description = f"{parser.description}\n\n{ENDLESS}"
     parser.add_argument(
         "servos",
         nargs="*",
@@ -93,6 +94,8 @@ def run(args: argparse.Namespace) -> int:
             print_error(f"servolink: {args.csv} was not replaced")
             return FAILED
         watched = await _begin(board, args)
+        if args.seconds is None:
+            interruption.code = OK
         with ExitStack() as stack:
             write = stack.enter_context(csv_file(watched, args.csv)) if args.csv else None
             on_screen = not args.json and can_draw()
@@ -182,7 +185,7 @@ class _Watch:
 
     async def _battery(self) -> None:
         """Ask for the battery now and then. A board that does not answer is not asked again: that delays readings."""
-        while True:
+        while is_answered(self._board, "QueryRemainPower"):
             try:
                 self._watched.battery = await self._board.battery()
             except ConnectionLost:

@@ -9,6 +9,7 @@ import pytest
 
 from servolink.profiles.profile import BoardIdentityRecord, BoardProfile, BoardSettings, Evidence, SafetyLimits
 from servolink.profiles.store import load_profile, profile_path, save_profile
+from servolink.protocol.records import ServoParameter
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from tests.cli.programs import Said, call, in_terminal
@@ -81,7 +82,9 @@ def test_limits_and_settings_are_set_and_unset(say: type) -> None:
         ("--angle 3=1.2.3..4", "argument --angle: must be from -32768 to 32767 degrees, not '1.2.3'"),
         ("--angle 255=0..1", "argument --angle: must be an integer from 0 to 254, not '255'"),
         ("--speed 3=0", "argument --speed: must be from 0.001 to 100000 degrees per second, not '0'"),
-        ("--speed arm=3", "argument --speed: must be an integer from 0 to 254, not 'arm'"),
+        ("--speed 300=3", "argument --speed: must be an integer from 0 to 254, not '300'"),
+        ("--angle =3..4", "argument --angle: must not be empty"),
+        ("--angle all=3..4", "argument --angle: angles are limited for one servo at a time, not for all"),
         ("--unset colour", "argument --unset: 'colour' is not a setting; `servolink board show` lists them"),
         ("--depth 3 --unset depth", "--depth is set and unset"),
     ],
@@ -91,6 +94,25 @@ def test_what_cannot_be_is_wrong_usage_and_changes_nothing(options: str, why: st
     assert (said.code, said.out) == (2, "")
     assert f"servolink board set: error: {why}" in said.err
     assert load_profile("rex") is None
+
+
+def test_a_caption_is_looked_up_on_the_board_and_its_id_kept(robot: Robot, say: type) -> None:
+    say("use rex virtual://")
+    robot.ask(lambda board: board.add_servo_parameters([ServoParameter(2, 0, "hip"), ServoParameter(3, 0, "a=b")]))
+    said = say("board set rex --angle Hip=20..160 --speed a=b=90 --speed all=120 --angle 1=0..9")
+    assert (said.code, said.err) == (0, "")
+    assert "'Hip' is servo 2; its limits are kept by this id\n" in said.out
+    limits = SafetyLimits(angles={1: (0, 9), 2: (20, 160)}, speed_cap=120, speed_caps={3: 90})
+    assert profile().limits == limits
+    unknown = say("board set rex --angle hop=20..160 --speed 1=5")
+    assert (unknown.code, unknown.out) == (1, "")
+    assert unknown.err == "servolink: the board has no servo 'hop'; did you mean servo 2 'hip'?\n"
+    robot.unplug()
+    without = say("board set rex --angle hip=unset")
+    assert (without.code, without.out) == (3, "")
+    assert without.err == "servolink: there is no board; without the board, give ids in place of captions\n"
+    assert profile().limits == limits
+    assert say("board set rex --angle 2=unset").code == 0
 
 
 LEARNT = BoardProfile(
@@ -251,6 +273,18 @@ def test_a_board_without_project_ids_is_not_asked_for_an_unfinished_import(robot
     assert say("-b rex servos --timeout 0.5").code != 0
     say("board set rex --unsupported QueryProjectID")
     assert say("-b rex servos --timeout 0.5").code == 0
+
+
+def test_queries_that_a_board_does_not_answer_delay_nothing(robot: Robot, say: type) -> None:
+    robot.board = VirtualBoard(3, kind=BoardKind(unsupported=("QueryRemainPower", "QueryServoParameter")))
+    say("use rex virtual://")
+    say("board set rex --unsupported QueryRemainPower,QueryServoParameter")
+    said = say("-b rex watch --hz 10 --seconds 1 --json")
+    assert (said.code, said.err) == (0, "")
+    assert len(said.objects) == 10
+    assert not any(reading["missed"] for reading in said.objects)
+    assert {reading["battery_percent"] for reading in said.objects} == {None}
+    assert say("-b rex servos").err == ""
 
 
 def test_a_damaged_profile_keeps_nobody_from_stopping(robot: Robot, say: type) -> None:

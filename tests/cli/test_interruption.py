@@ -65,7 +65,27 @@ def test_interrupted_events_have_ended_well(served: Addresses) -> None:
     assert listening.stderr is not None
     assert listening.stderr.readline() == "listening for button events until Ctrl-C\n"
     said = finished(listening, signal.SIGINT)
-    assert (said.code, said.out, said.err) == (0, "", "interrupted: no more events are shown\n")
+    assert (said.code, said.out, said.err) == (0, "", "ended: no more events are shown\n")
+
+
+@pytest.mark.parametrize(
+    ("command", "code"),
+    [
+        ("events", 0),
+        ("events --count 3", 130),
+        ("events --seconds 30", 130),
+        ("watch", 0),
+        ("watch --csv watch.csv", 0),
+        ("watch --seconds 30", 130),
+    ],
+)
+def test_a_live_view_is_interrupted_only_before_the_end_that_was_set(
+    command: str, code: int, robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    robot.at(1.0, lambda: signal.raise_signal(signal.SIGINT))
+    said = robot(*command.split())
+    assert (said.code, said.err.splitlines()[-1].partition(":")[0]) == (code, "interrupted" if code else "ended")
 
 
 def test_a_board_that_does_not_answer_is_left_at_once(robot: Robot) -> None:
