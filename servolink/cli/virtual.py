@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     board = VirtualBoard(
         args.servos,
         args.seed,
-        Codec(args.byte_order or "little"),
+        Codec(args.byte_order or "little", args.caption_encoding or "utf-8"),
         BoardKind(**{option.name: getattr(args, option.name) for option in OPTIONS}),
     )
     pushed = {event.servo_id for event in args.script if isinstance(event, Push)}

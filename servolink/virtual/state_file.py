@@ -17,7 +17,6 @@ from servolink.errors import OpenError, PacketError, ServolinkError
 from servolink.files import MIB, read_file, reason, write_atomically
 from servolink.protocol import editing, joystick
 from servolink.protocol.frame import HEADER_SIZE, ByteOrder, encode_frame
-from servolink.protocol.layout import content_size
 from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import RECORD_TYPES, SERVO_PARAMETER, TABLE
 from servolink.virtual.hardware import Hardware
@@ -82,9 +81,8 @@ def _requests(board: Hardware) -> Iterator[bytes]:
     """Yield the frames that restore what `board` stores."""
     codec, storage = board.codec, board.storage
     yield codec.encode(editing.WriteProjectIDRequest(storage.project_id))
-    parameters = [record for _, record in storage.all(SERVO_PARAMETER)]
-    count = len(parameters).to_bytes(content_size(SERVO_PARAMETER.add_class), codec.byte_order)
-    yield encode_frame(SERVO_PARAMETER.add_class.packet_id, count + b"".join(parameters), codec.byte_order)
+    parameters = storage.servo_content(codec.byte_order)
+    yield encode_frame(SERVO_PARAMETER.add_class.packet_id, parameters, codec.byte_order)
     for record_type in RECORD_TYPES:
         for _, record in storage.all(record_type):
             yield encode_frame(record_type.add_class.packet_id, record, codec.byte_order)

@@ -19,6 +19,7 @@ from servolink.protocol.frame import ByteOrder
 from servolink.protocol.layout import content_size, layout
 from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES, TABLE, RecordType, StoredType
+from servolink.protocol.records import ServoParameter
 from servolink.protocol.servos import QueryServoRequest
 from servolink.virtual.kind import BoardKind, OnDuplicate
 
@@ -135,6 +136,18 @@ class Storage:
     def all(self, stored_type: AnyType) -> tuple[Record, ...]:
         """Return all records of a type."""
         return self.contents.records[stored_type]
+
+    def servo_content(self, byte_order: ByteOrder) -> bytes:
+        """Return the content of the request that would store all servo parameters again."""
+        records = [record for _, record in self.all(SERVO_PARAMETER)]
+        count = len(records).to_bytes(content_size(SERVO_PARAMETER.add_class), byte_order)
+        return count + b"".join(records)
+
+    def servo_parameters(self, codec: Codec) -> tuple[ServoParameter, ...]:
+        """Return all servo parameters."""
+        content = self.servo_content(codec.byte_order)
+        request = codec.decode(SERVO_PARAMETER.add_class.packet_id, content)
+        return request.servos if isinstance(request, AddServoParameterRequest) else ()
 
     def delete(self, stored_type: AnyType, record_id: int) -> bool:
         """Delete a record, the first if several have the id; return False if there is none."""

@@ -8,6 +8,9 @@ import sys
 import pytest
 
 from servolink.cli.virtual_view import picture
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import AddServoParameterRequest
+from servolink.protocol.records import ServoParameter
 from servolink.virtual.board import VirtualBoard
 from tests.cli.programs import in_terminal
 
@@ -33,6 +36,13 @@ def test_the_picture_of_a_virtual_board() -> None:
     board.switch(on=False)
     assert texts(board)[1:3] == ["power off  battery 100.0 %  0 programs connected", "buttons down: none"]
     assert texts(board)[5].endswith("released")
+
+
+def test_captions_are_shown_in_the_encoding_of_the_board() -> None:
+    board = VirtualBoard(3, codec=Codec("big", "big5"))
+    parameters = AddServoParameterRequest((ServoParameter(1, -3, "hip"), ServoParameter(3, 0, "左膝\x1b")))
+    board.attach(lambda frame: None).receive(board.codec.encode(parameters, unchecked=True), 0.0)
+    assert [line[:10].strip() for line in texts(board)[5:8]] == ["1 hip", "2", r"3 左膝\x1b"]
 
 
 def test_angles_are_shown_in_degrees_also_if_hosts_ask_for_others() -> None:
