@@ -120,7 +120,7 @@ def single_keys(typed: Callable[[str], None]) -> Iterator[bool]:
 
 
 _KEY = re.compile(r"\x1b[\[O][0-9;]*[A-Za-z~]|.", re.DOTALL)
-_ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
+_ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left", "1;2C": "shift-right", "1;2D": "shift-left"}
 _NAMES = {"\x1b": "esc", "\r": "enter", "\n": "enter", "\t": "tab", " ": "space"}
 
 

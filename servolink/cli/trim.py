@@ -27,10 +27,15 @@ if TYPE_CHECKING:  # and imported late: --help needs none of it
     from servolink.client.servos import Servo
 
 _NUDGE = re.compile(r"(.+)=([+-][0-9]{1,9})", re.DOTALL | re.ASCII)
-_HELP = "left/right or -/+: 1 degree; up/down: servo; u: undo; Enter: store; q: leave"
+_COARSE = 5  # degrees
+_HELP = (
+    f"left/right or -/+: 1 degree; with Shift, or by < and >: {_COARSE} degrees",
+    "up/down: servo; u: undo; Enter: store; q: leave",
+)
 _PAUSE = 0.1  # seconds between readings while no key comes
-_OTHER_LINES = 6  # of the picture, besides servos
+_OTHER_LINES = 7  # of the picture, besides servos
 _STEPS = {"right": 1, "+": 1, "=": 1, "left": -1, "-": -1}
+_STEPS |= {"shift-right": _COARSE, ">": _COARSE, "shift-left": -_COARSE, "<": -_COARSE}
 _SELECT = {"down": 1, "n": 1, "tab": 1, "up": -1, "p": -1}
 _UNSTORED = "no correction was stored"
 
@@ -39,9 +44,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink trim`."""
     parser.set_defaults(run=run, yes=True)
     parser.description = (
-        f"{parser.description}\n\nKeys: {_HELP}.\n\nEach nudge moves the servo. What is stored as its correction is "
-        "the old one and all nudges. The protocol does not say how the board applies a correction: check the "
-        "servos afterwards. `servolink rollback` brings the old corrections back."
+        f"{parser.description}\n\nKeys: {'; '.join(_HELP)}.\n\nEach nudge moves the servo. What is stored as its "
+        "correction is the old one and all nudges. The protocol does not say how the board applies a correction: check "
+        "the servos afterwards. `servolink rollback` brings the old corrections back."
     )
     parser.add_argument(
         "servos", nargs="*", default=[], type=SERVO_NAME, metavar="SERVO", help="which servos, by id or caption (all)"
@@ -209,7 +214,7 @@ def _picture() -> Iterator[Callable[[TrimSession, tuple[Servo, ...], str], None]
             table: Table = session.table(servos, max(1, displayed.height - _OTHER_LINES))
             idle = [one.servo_id for one in servos if one.servo_id == session.selected and not one.is_start]
             said = f"{are(idle)} stopped: nudges have no effect" if idle else message
-            lines = [*plain_lines(table), "", _HELP, escape(said)]
+            lines = [*plain_lines(table), "", *_HELP, escape(said)]
             live.update(Text("\n".join(lines), no_wrap=True, overflow="ellipsis"), refresh=True)
 
         yield draw

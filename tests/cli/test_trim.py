@@ -124,6 +124,15 @@ def test_keys_nudge_undo_and_store(types: Callable[..., Said], robot: Robot) -> 
     assert "the last nudge of servo 1 was taken back" in said.out
 
 
+def test_keys_nudge_by_five_degrees_too(types: Callable[..., Said], robot: Robot) -> None:
+    before = angles(robot)
+    said = types(["\x1b[1;2C\x1b[1;2C<", "\x1b[B\x1b[1;2D", ">>", "\r"], "1", "2")
+    assert said.code == 0
+    assert "left/right or -/+: 1 degree; with Shift, or by < and >: 5 degrees" in said.out
+    assert corrections(robot) == {1: 5, 2: 5}
+    assert angles(robot) == [before[0] + 5, before[1] + 5, before[2]]
+
+
 def test_leaving_stores_nothing_and_says_where_the_servo_is(types: Callable[..., Said], robot: Robot) -> None:
     said = types(["+", "+", "q"], "2")
     assert said.code == 0
