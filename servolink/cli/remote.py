@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:  # and imported late: --help needs none of it
     from servolink.client.board import Board
 
 _HELP = "letter: tap; with Shift: hold until the next tap; space: stop; q or Esc: end"
+_PAGES = "Tab: keys for the next buttons"
 _AFTER_STOP = "all servos are stopped and held: `servolink servo start all` starts them"
 
 
@@ -29,8 +31,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink remote`."""
     parser.set_defaults(run=run)
     parser.description = (
-        f"{parser.description}\n\nKeys: {_HELP}. A tap runs the macros for press and up, a long press the one for it, "
-        "and its release the one for up. Ctrl-C stops all servos and ends."
+        f"{parser.description}\n\nKeys: {_HELP}. {_PAGES}, if there are more buttons than letters. A tap runs the "
+        "macros for press and up; a long press those for press and, 0.8 s later, for long press, and its release the "
+        "one for up. Ctrl-C stops all servos and ends."
     )
     parser.add_argument(
         "--table", type=RECORD_NAME, metavar="NAME", help="which joystick table, by caption or id (the active one)"
@@ -52,9 +55,11 @@ def run(args: argparse.Namespace) -> int:
         if idle:
             print_error(f"servolink: {are(idle)} stopped or released and will not move; `servolink servo start` helps")
         print_text(_HELP)
+        if control.pages > 1:
+            print_text(_PAGES)
         started = "macros may have been started"
         async with stopped_by_interruption(board, interruption, started, "the remote control was ended"):
-            await _obey(control)
+            await _obey(control, captions)
         interruption.state = "the remote control was ended"
         print_text("ended; a macro that still runs goes on, and `servolink stop` stops all servos")
         return OK
@@ -62,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     return run_with_board(args, talk, **limits_of(args))
 
 
-async def _obey(control: RemoteControl) -> None:
+async def _obey(control: RemoteControl, captions: Mapping[int, str]) -> None:
     """Obey keys, one after the other; a stop overtakes those that wait."""
     keys: asyncio.Queue[str] = asyncio.Queue()
 
@@ -71,7 +76,7 @@ async def _obey(control: RemoteControl) -> None:
             keys.put_nowait(key)
 
     presses: asyncio.Queue[str] = asyncio.Queue()
-    worker = asyncio.create_task(_press(control, presses))
+    worker = asyncio.create_task(_press(control, captions, presses))
     try:
         with single_keys(typed) as keyboard:
             if not keyboard:
@@ -82,7 +87,7 @@ async def _obey(control: RemoteControl) -> None:
                     await control.stop()
                     print_text(_AFTER_STOP)
                     presses = asyncio.Queue()
-                    worker = asyncio.create_task(_press(control, presses))
+                    worker = asyncio.create_task(_press(control, captions, presses))
                 else:
                     presses.put_nowait(key)
     finally:
@@ -107,21 +112,21 @@ async def _ended(worker: asyncio.Task[None]) -> None:
         await worker
 
 
-async def _press(control: RemoteControl, presses: asyncio.Queue[str]) -> None:
+async def _press(control: RemoteControl, captions: Mapping[int, str], presses: asyncio.Queue[str]) -> None:
     """Press what comes, and say what that did."""
-    from servolink.cli.remote_control import is_refusal
+    from servolink.cli.remote_control import NEXT_PAGE
 
     while True:
         try:
-            try:
-                key = await asyncio.wait_for(presses.get(), control.wait)
-            except TimeoutError:
-                said = await control.run_waiting()
-            else:
+            key = await asyncio.wait_for(presses.get(), control.wait)
+        except TimeoutError:
+            said = await control.run_waiting()
+        else:
+            said = ""
+            if key != NEXT_PAGE:
                 said = await control.press(key)
-        except ServolinkError as error:
-            if not is_refusal(error):
-                raise
-            said = f"refused: {error}"
+            elif control.pages > 1:
+                control.turn_page()
+                print_table(control.mapping(captions))
         if said:
             print_text(said)

@@ -8,28 +8,50 @@ from contextlib import suppress
 
 from servolink.cli.output import Table
 from servolink.client.board import Board
-from servolink.errors import EncodeError, NotFound, Rejected, ServolinkError
+from servolink.errors import EncodeError, NotFound, Rejected
 from servolink.protocol.records import Button, JoystickTable
 
 KEYS = "abcdefghijklmnoprstuvwxyz"
-"""Keys of buttons, in the order of the table: all letters but q, which ends."""
+"""Keys of buttons, in the order of the table: all letters but q, which ends. More buttons are on further pages."""
+NEXT_PAGE = "tab"
+"""The key that gives the letters to the next buttons."""
 
 _TAP = 0.1  # seconds from press to release
+_LONG = 0.8  # seconds from press to long press
 
 
 class RemoteControl:
-    """Does what the board does when its buttons are pressed: a tap, or a long press, which the next tap releases."""
+    """Does what the board does when its buttons are pressed: a tap, or a long press, which the next tap releases.
+
+    Whether it is a long press is known from the beginning, but its macro is run as late as by a board: after that for
+    press, and in its place.
+    """
 
     def __init__(self, board: Board, table: JoystickTable, seconds: Mapping[int, float | None]) -> None:
         """Start with no button down. `seconds` is how long each macro on the board runs, None for ever."""
         self._board = board
         self._seconds = seconds
         self.table = table
-        self.buttons = dict(zip(KEYS, table.buttons, strict=False))
+        self._page = 0
         self._held: set[int] = set()  # buttons that are down after a long press
         self._runs = 0  # the macro that was started last
         self._ends = 0.0  # when it ends, in seconds of the loop's clock
         self._after: Button | None = None  # released, and its button-up macro waits for that end
+
+    @property
+    def pages(self) -> int:
+        """How many pages the buttons have."""
+        return -(-len(self.table.buttons) // len(KEYS))
+
+    @property
+    def buttons(self) -> dict[str, Button]:
+        """The buttons of this page, by key."""
+        first = self._page * len(KEYS)
+        return dict(zip(KEYS, self.table.buttons[first:], strict=False))
+
+    def turn_page(self) -> None:
+        """Go to the next page, after the last one to the first. Buttons that are held stay down."""
+        self._page = (self._page + 1) % self.pages
 
     @property
     def wait(self) -> float | None:
@@ -50,13 +72,14 @@ class RemoteControl:
         if button.button_id in self._held:
             self._held.discard(button.button_id)
             return f"{name} released: {await self._release(button)}"
-        if key.isupper():
-            done = await self._run(button.button_long_press_macro)
-            self._held.add(button.button_id)
-            return f"{name} held: {done}; the next tap releases it"
         pressed = await self._run(button.button_press_macro)
-        await asyncio.sleep(_TAP)
-        return f"{name} pressed: {pressed}; released: {await self._run(button.button_up_macro)}"
+        if not key.isupper():
+            await asyncio.sleep(_TAP)
+            return f"{name} pressed: {pressed}; released: {await self._run(button.button_up_macro)}"
+        self._held.add(button.button_id)
+        await asyncio.sleep(_LONG)
+        held = await self._run(button.button_long_press_macro)
+        return f"{name} pressed: {pressed}; held: {held}; the next tap releases it"
 
     async def stop(self) -> None:
         """Stop all servos. All buttons are up then, and run nothing."""
@@ -75,37 +98,40 @@ class RemoteControl:
         return f"macro {button.button_up_macro} waits for the end of macro {self._runs}"
 
     async def _run(self, macro_id: int) -> str:
-        """Run a macro, 0 for none, and return what was done, also if it was refused."""
+        """Run a macro, 0 for none, and return what was done, also if it was refused: what comes next is tried."""
         if not macro_id:
             return "no macro"
         if macro_id not in self._seconds:
             return f"macro {macro_id} is not on the board"
-        await self._board.run_macro(macro_id)
+        try:
+            await self._board.run_macro(macro_id)
+        except (EncodeError, Rejected, NotFound) as error:
+            return f"macro {macro_id} was refused: {error}"
         self._runs, self._after = macro_id, None
         self._ends = asyncio.get_running_loop().time() + (self._seconds[macro_id] or 0.0)
         return f"macro {macro_id}"
 
     def mapping(self, captions: Mapping[int, str]) -> Table:
-        """Return which key presses which button, and what that runs; `captions` are those of macros, by id."""
+        """Return which key of this page presses which button, and what that runs; `captions` are those of macros."""
 
         def name(macro_id: int) -> str:
             if not macro_id:
                 return ""
             return f"{macro_id} {captions[macro_id]}".rstrip() if macro_id in captions else f"{macro_id} (missing)"
 
-        keys = {button.button_id: key for key, button in self.buttons.items()}
         rows = [
             (
-                keys.get(button.button_id, ""),
+                key,
                 f"{button.button_id} {button.button_caption}".rstrip(),
                 name(button.button_press_macro),
                 name(button.button_long_press_macro),
                 name(button.button_up_macro),
                 "yes" if button.uninterruptible else "",
             )
-            for button in self.table.buttons
+            for key, button in self.buttons.items()
         ]
-        title = f"joystick table {self.table.table_id} '{self.table.table_caption}'"
+        page = f", page {self._page + 1} of {self.pages}" if self.pages > 1 else ""
+        title = f"joystick table {self.table.table_id} '{self.table.table_caption}'{page}"
         return Table(("key", "button", "press", "long press", "up", "uninterruptible"), rows, title)
 
 
@@ -137,8 +163,3 @@ async def _seconds(board: Board, macro_id: int) -> float | None:
     with suppress(NotFound):
         return (await read_run(board, "macro", macro_id)).known_seconds()
     return 0.0
-
-
-def is_refusal(error: ServolinkError) -> bool:
-    """Return whether a macro was refused, so that other keys may still work."""
-    return isinstance(error, (EncodeError, Rejected, NotFound))

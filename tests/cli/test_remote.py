@@ -106,25 +106,25 @@ def test_a_tap_is_press_and_release(types: Callable[..., Said], runs: Runs) -> N
 
 
 def test_a_long_press_lasts_until_the_next_tap(types: Callable[..., Said], runs: Runs) -> None:
-    types(["B", "b", "b", "\x1b"])
-    assert runs.seconds == [(0.0, DANCE), (0.5, REST), (1.0, WAVE), (1.1, REST)]
+    types(["B", "b", "?", "b", "\x1b"])
+    assert runs.seconds == [(0.0, WAVE), (0.8, DANCE), (0.8, REST), (1.5, WAVE), (1.6, REST)]
 
 
 def test_an_uninterruptible_one_ends_before_the_macro_for_up(types: Callable[..., Said], runs: Runs) -> None:
     said = types(["A", "a", "?", "?", "?", "?", "q"])
-    assert runs.seconds == [(0.0, DANCE), (2.0, REST)]
+    assert runs.seconds == [(0.0, WAVE), (0.8, DANCE), (2.8, REST)]
     assert "button 7 released: macro 3 waits for the end of macro 2" in said.out
 
 
 def test_another_button_takes_the_place_of_what_waits(types: Callable[..., Said], runs: Runs) -> None:
     types(["A", "ab", *"??????", "q"])
-    assert runs.seconds == [(0.0, DANCE), (0.5, WAVE), (0.6, REST)]
+    assert runs.seconds == [(0.0, WAVE), (0.8, DANCE), (0.8, WAVE), (0.9, REST)]
 
 
 def test_a_refusal_ends_nothing(types: Callable[..., Said], runs: Runs) -> None:
     said = types(["C", "c", "a", "q"])
     assert "refused: " in said.out, "the virtual board runs no macro that runs itself"
-    assert "held" not in said.out.split("refused: ")[1]
+    assert "button 9 pressed: no macro; held: macro 4 was refused: " in said.out
     assert [macro_id for _, macro_id in runs] == [REST, WAVE, REST]
 
 
@@ -158,11 +158,58 @@ def test_another_table(types: Callable[..., Said], runs: Runs) -> None:
 
 
 def test_space_stops_at_once_what_runs_and_what_waits(types: Callable[..., Said], runs: Runs, robot: Robot) -> None:
-    said = types(["A", "a ", "q"])
+    said = types(["A", "?", "a ", "q"])
     assert said.code == 0
-    assert [macro_id for _, macro_id in runs] == [DANCE]
+    assert [macro_id for _, macro_id in runs] == [WAVE, DANCE]
     assert "all servos are stopped and held: `servolink servo start all` starts them" in said.out
     assert not any(servo.is_start for servo in robot.ask(lambda board: board.servos()))
+
+
+def test_space_and_the_end_keep_a_long_press_from_running_its_macro(types: Callable[..., Said], runs: Runs) -> None:
+    for keys in (["A", " ", "?", "?", "q"], ["A", "q"]):
+        assert types(keys).code == 0
+    assert [macro_id for _, macro_id in runs] == [WAVE, WAVE]
+
+
+def test_a_long_press_runs_what_a_board_runs(robot: Robot, types: Callable[..., Said], runs: Runs) -> None:
+    ran: list[int] = []
+
+    async def held(board: Board) -> None:
+        await board.set_servo(255, start=True, hold=True)
+        robot.board.press_button(8, asyncio.get_running_loop().time())
+        for _ in range(20):
+            await asyncio.sleep(0.1)
+            robot.board.advance(asyncio.get_running_loop().time())
+            ran.append(robot.board.player.macro_id)
+
+    robot.ask(held)
+    types(["B", "?", "?", "q"])
+    assert [*dict.fromkeys(ran)] == [WAVE, DANCE] == [macro_id for _, macro_id in runs]
+    assert ran.count(WAVE) == pytest.approx(8, abs=1) == 10 * runs.seconds[1][0]
+
+
+def test_tab_gives_the_keys_to_further_buttons(
+    types: Callable[..., Said], runs: Runs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    buttons = (*(Button(number, "", WAVE) for number in range(1, 52)),)
+
+    async def large(self: Board, table_id: int) -> JoystickTable:
+        return JoystickTable(table_id, "Large", buttons)
+
+    monkeypatch.setattr(Board, "joystick_table", large)
+    said = types(["z", "A\ta", "\tb", "\tA", "a", "q"])
+    assert [line for line in said.out.splitlines() if line.startswith(("joystick", "button", "Tab"))] == [
+        "joystick table 1 'Large', page 1 of 3",
+        "Tab: keys for the next buttons",
+        "button 25 pressed: macro 1; released: no macro",
+        "button 1 pressed: macro 1; held: no macro; the next tap releases it",
+        "joystick table 1 'Large', page 2 of 3",
+        "button 26 pressed: macro 1; released: no macro",
+        "joystick table 1 'Large', page 3 of 3",
+        "joystick table 1 'Large', page 1 of 3",
+        "button 1 released: no macro",
+        "button 1 pressed: macro 1; released: no macro",
+    ]
 
 
 def test_ctrl_c_stops_and_says_so(types: Callable[..., Said], robot: Robot) -> None:
