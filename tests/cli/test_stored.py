@@ -13,7 +13,16 @@ from servolink.client.board import Board
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import save_project
 from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.protocol.records import (
+    Action,
+    Button,
+    JoystickTable,
+    Macro,
+    MacroCommand,
+    MacroCommandType,
+    ServoParameter,
+    Step,
+)
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from tests.cli.programs import in_terminal
@@ -124,6 +133,23 @@ def test_macros_and_tables_by_options(robot: Robot) -> None:
     assert stored(robot).joystick_tables == ()
 
 
+def test_a_part_of_a_macro_is_a_caption_of_either_type(robot: Robot) -> None:
+    robot.ask(lambda board: board.add_action(Action(5, "3", ())))
+    assert robot("macro", "add", "Dance", "--play", "bow,Greetx3@50,wait:0.5,name:3").code == 0
+    commands = stored(robot).macros[1].commands
+    assert [(each.type, each.command_id, each.loop, each.ratio) for each in commands] == [
+        (MacroCommandType.ACTION, 1, 1, 100),
+        (MacroCommandType.MACRO, 1, 3, 50),
+        (MacroCommandType.DELAY, 500, 1, 100),
+        (MacroCommandType.ACTION, 5, 1, 100),
+    ]
+    assert robot("macro", "rename", "Dance", "Nod").code == 0
+    said = robot("macro", "add", "Both", "--play", "Bow,Nod")
+    why = "'Nod' may be action 2 'Nod' or macro 2 'Nod'; give type and id, as in action:2; nothing was changed on the"
+    assert (said.code, said.err) == (1, f"servolink: {why} board\n")
+    assert robot("macro", "add", "Both", "--play", "Bow,macro:Nod").code == 0
+
+
 def test_records_as_json(robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = '{"action_caption": "Lift", "steps": [{"servo_id": 1, "degree": 5, "interval_ms": 50}]}'
     (tmp_path / "lift.json").write_text(text, encoding="utf-8")
@@ -182,6 +208,10 @@ def test_records_of_a_file_bring_along_what_they_run(robot: Robot, tmp_path: Pat
         ("action add Wave --from missing", "missing: cannot be read"),
         ("action add Wave --pose 1=3,1=4", "a servo is given twice"),
         ("macro add Dance --play action:Jump", "the board has no action 'Jump'"),
+        (
+            "macro add Dance --play Nodd",
+            "the board has no action or macro 'Nodd'; nothing was changed on the board; did",
+        ),
         ("table set 1 --press 3=Jump", "the board has no macro 'Jump'"),
         ("table activate 9", "the board has no joystick table 9"),
     ],
@@ -206,7 +236,8 @@ def test_what_cannot_be_is_refused_and_changes_nothing(command: str, why: str, r
         ("action add Wave --pose 1=3 --from x", "--pose and --from are both given"),
         ("action add Wave --id 3 --from x", "--id and --from are both given"),
         ("action set 1 --from x", "say which record of the file"),
-        ("macro add Dance --play jump:3", "'jump:3' must be action:NAME, macro:NAME or wait:SECONDS"),
+        ("macro add Dance --play jump:3", "'jump:3' must be CAPTION, action:NAME, macro:NAME or wait:SECONDS"),
+        ("macro add Dance --play 3", "'3' must say of what it is the id, as in action:3 or macro:3"),
         ("macro add Dance --play action:1@200", "must be an integer from 1 to 100, not '200'"),
         ("macro add Dance --play wait:1.2.3", "must be from 0 to 2.14748e+06 seconds"),
         ("table add Pad --press 7", "argument --press: '7' must be BUTTON=MACRO, such as 7=1"),

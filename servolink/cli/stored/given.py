@@ -89,9 +89,28 @@ def _macro(args: argparse.Namespace, old: Macro, project: Project) -> Macro:
 def _command(part: Part, project: Project) -> MacroCommand:
     if part.word == "wait":
         return MacroCommand(int(part.value), MacroCommandType.DELAY.value, part.ratio, part.loop)
-    if part.word == "action":
-        return MacroCommand(_id(project, ACTION, part.value), MacroCommandType.ACTION.value, part.ratio, part.loop)
-    return MacroCommand(_id(project, MACRO, part.value), MacroCommandType.MACRO.value, part.ratio, part.loop)
+    kind, record_id = _run(project, part)
+    command_type = MacroCommandType.ACTION if kind is ACTION else MacroCommandType.MACRO
+    return MacroCommand(record_id, command_type.value, part.ratio, part.loop)
+
+
+def _run(project: Project, part: Part) -> tuple[RecordType[Any], int]:
+    """Return type and id of what a part of a macro runs."""
+    kinds: dict[str, RecordType[Any]] = {ACTION.label: ACTION, MACRO.label: MACRO}
+    if part.word:
+        return kinds[part.word], _id(project, kinds[part.word], part.value)
+    caption = id_or_caption(str(part.value))
+    named = [one for kind in kinds.values() for one in _named(project, kind)]
+    found = captioned(named, str(caption))
+    if len(found) > 1:
+        raise AmbiguousName(
+            f"{quote(caption)} may be {listed(found, 'or')}; give type and id, as in "
+            f"{found[0].label}:{found[0].record_id}; {UNTOUCHED}"
+        )
+    if not found:
+        there = closest(named, str(caption))
+        raise NotFound(f"the board has no action or macro {quote(caption)}; {UNTOUCHED}; {there}")
+    return kinds[found[0].label], found[0].record_id
 
 
 def _table(args: argparse.Namespace, old: JoystickTable, project: Project) -> JoystickTable:
@@ -121,7 +140,7 @@ def _id(project: Project, kind: RecordType[Any], name: int | str) -> int:
 def stored_record(project: Project, kind: RecordType[Any], name: int | str) -> Any:
     """Return a record of the board by id or caption. Raise NotFound, naming those that are there, if it has none."""
     records = kind.by_id(project)
-    named = [Named(kind.label, number, kind.caption_of(record)) for number, record in records.items()]
+    named = _named(project, kind)
     meant = id_or_caption(name) if isinstance(name, str) else name
     found = captioned(named, meant) if isinstance(meant, str) else [one for one in named if one.record_id == meant]
     if len(found) == 1:
@@ -130,6 +149,10 @@ def stored_record(project: Project, kind: RecordType[Any], name: int | str) -> A
         raise AmbiguousName(f"{quote(meant)} may be {listed(found, 'or')}; give the id; {UNTOUCHED}")
     there = closest(named, meant if isinstance(meant, str) else "")
     raise NotFound(f"the board has no {kind} {quote(meant)}; {UNTOUCHED}; {there}")
+
+
+def _named(project: Project, kind: RecordType[Any]) -> list[Named]:
+    return [Named(kind.label, number, kind.caption_of(record)) for number, record in kind.by_id(project).items()]
 
 
 def empty(kind: RecordType[Any], caption: str, record_id: int) -> Record:

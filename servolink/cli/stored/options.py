@@ -16,7 +16,8 @@ from servolink.cli.motion import servo_angle
 DEFAULT_SECONDS = 1.0
 """Of an action, if none are given."""
 
-_PART = re.compile(r"(action|macro|wait):(.+?)(?:x([0-9]+))?(?:@([0-9]+))?", re.ASCII | re.DOTALL)
+_WHAT = r"(?:(action|macro|wait):|(?=name:)|(?![^:]*:))(.+?)"  # a colon after another word is a typing error
+_PART = re.compile(rf"{_WHAT}(?:x([0-9]+))?(?:@([0-9]+))?", re.ASCII | re.DOTALL)
 _BUTTON = whole_number(0, 2**32 - 1)
 _MACRO_OR_NONE = or_caption(whole_number(0, 2**31 - 1))
 _JSON = "a record as JSON, which begins with {, or @FILE or - (standard input) with it"
@@ -103,7 +104,7 @@ class Part(NamedTuple):
     """A part of a macro, as it is typed."""
 
     word: str
-    """`action`, `macro` or `wait`."""
+    """`action`, `macro`, `wait`, or empty for a caption of an action or a macro."""
     value: int | str
     """Id or caption; for `wait` milliseconds."""
     loop: int
@@ -134,7 +135,7 @@ def _add_macro(parser: argparse.ArgumentParser) -> None:
         "--play",
         type=partial(_listed, _part),
         metavar="PART,...",
-        help="one after the other: action:NAME, macro:NAME or wait:SECONDS; x3 repeats, @50 is half the speed",
+        help="one after the other: CAPTION, action:NAME, macro:NAME or wait:SECONDS; x3 repeats, @50 is half the speed",
     )
 
 
@@ -159,14 +160,18 @@ def _part(text: str) -> Part:
     found = _PART.fullmatch(text)
     if found is None:
         raise argparse.ArgumentTypeError(
-            f"{text!r} must be action:NAME, macro:NAME or wait:SECONDS, with x3 to repeat it and @50 for half the speed"
+            f"{text!r} must be CAPTION, action:NAME, macro:NAME or wait:SECONDS, with x3 to repeat it and @50 for half "
+            "the speed"
         )
-    word, value = found[1], found[2]
+    word, value = found[1] or "", found[2]
     loop = whole_number(0, 0x7FFF)(found[3] or "1")
     ratio = whole_number(1, 100)(found[4] or "100")
     if word == "wait":
         return Part(word, round(number(0, 2_147_483, "seconds")(value) * 1000), loop, ratio)
-    return Part(word, RECORD_NAME(value), loop, ratio)
+    name = RECORD_NAME(value)
+    if not word and isinstance(name, int):
+        raise argparse.ArgumentTypeError(f"{text!r} must say of what it is the id, as in action:{name} or macro:{name}")
+    return Part(word, name, loop, ratio)
 
 
 def _assigned(text: str) -> tuple[int, int | str]:
