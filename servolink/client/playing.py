@@ -13,7 +13,7 @@ from servolink.client.projects import check_project
 from servolink.client.servos import ServoController
 from servolink.client.session import Session
 from servolink.client.stored_runs import Asked, StoredRuns
-from servolink.errors import EncodeError, NotFound, RequestError
+from servolink.errors import ConnectionLost, EncodeError, NotFound, RequestError
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.project.model import Project
 from servolink.protocol.macro_playing import MacroPlaying
@@ -82,8 +82,12 @@ class Playing:
             return run.seconds()
         playback = playback or Playback()
         playback.total_seconds = run.seconds()
-        await _Player(self._session, self._runs, run, self._interval_unit, asked, units_sent, playback).play()
-        await self._runs.until_at_rest(run, asked)
+        player = _Player(self._session, self._runs, run, self._interval_unit, asked, units_sent, playback)
+        try:
+            await player.play()
+            await self._runs.until_at_rest(run, asked)
+        except ConnectionLost as error:
+            raise player.lost(error) from error
         return run.seconds()
 
     async def _playable(self, stored: Project, record: Any) -> Run:
@@ -149,6 +153,17 @@ class _Player:
         """Movements that are to begin now."""
         self._due = asyncio.get_running_loop().time()
         """When what comes next begins, seconds of the event loop's clock."""
+        self._has_begun = False
+
+    def lost(self, error: ConnectionLost) -> ConnectionLost:
+        """Return the error of a run whose connection was lost: what became of it, and the first cause."""
+        from servolink.project.records import name_of
+
+        cause = self._asked.connection.answers.ended or error
+        if self._has_begun:
+            lost = "the connection was lost before it was over"
+            return ConnectionLost(f"{name_of(self._run.record)} was started, and {lost}: {cause}")
+        return ConnectionLost(f"{name_of(self._run.record)} was not started: {cause}")
 
     async def play(self) -> None:
         """Send all steps, and return when the last one has had its time."""
@@ -177,6 +192,7 @@ class _Player:
     async def _send(self, movement: ExecuteActionRequest) -> None:
         """Send a movement, once. Raise RequestError after a stop or a change of a unit, ConnectionLost after a loss."""
         self._check()
+        self._has_begun = True
         sent = await self._asked.connection.send(
             movement, unless_stopped_since=self._asked.stops, unless_units_since=self._units_sent
         )

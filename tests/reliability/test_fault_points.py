@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import pytest
 
-from servolink import Action, Board, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step, connect
+from servolink import Action, Board, Button, JoystickTable, Macro, MacroCommand, Project, ServoParameter, Step, connect
 from servolink.client import connect as connecting
 from servolink.errors import ConnectionLost, OpenError, ServolinkError
 from servolink.protocol.editing import WriteProjectIDRequest
@@ -28,6 +28,7 @@ ACTION = Action(1, "wave", (Step(1, 10, 5),))
 MACRO = Macro(1, "dance", (MacroCommand(1),))
 TABLE = JoystickTable(1, "pad", (Button(1, "A"),))
 PARAMETER = ServoParameter(1, 3, "arm")
+PROJECT = Project(actions=(ACTION,), macros=(MACRO,))
 MANY = 500
 
 
@@ -59,6 +60,7 @@ COMMANDS: dict[str, Command] = {
     "run_action": lambda board: board.run_action(1),
     "run an action by name and wait": lambda board: board.run_action("wave", wait=True),
     "run a macro by name and wait": lambda board: board.run_macro("dance", wait=True),
+    "play": lambda board: board.play(PROJECT, "dance"),
     "move by name": lambda board: board.move({"all": 20}, duration=0.5),
     "delete by name": lambda board: board.delete_macro("dance"),
     "stop": lambda board: board.stop(),
