@@ -83,8 +83,8 @@ class RoundRobin:
         """While a program holds the board alone, only its requests are taken."""
 
     def __bool__(self) -> bool:
-        """Return whether there are unsent requests, of whomever."""
-        return bool(self._ring)
+        """Return whether there is a request that may be sent."""
+        return any(self._may_take(queue) for queue in self._ring)
 
     def add(self, exchange: Exchange) -> None:
         """Append a request to the queue of its program."""
@@ -96,10 +96,10 @@ class RoundRobin:
 
     def take(self) -> Exchange | None:
         """Return the next request that may be sent, None if there is none. Its program goes to the end."""
-        ring, holder = self._ring, self.holder
+        ring = self._ring
         for _ in range(len(ring)):
             queue = ring[0]
-            if not queue.is_blocked and (holder is None or queue is holder):
+            if self._may_take(queue):
                 exchange = queue.exchanges.popleft()
                 ring.popleft()
                 self._list_again(queue)
@@ -115,7 +115,7 @@ class RoundRobin:
         """
         packet, equal = taken.packet, list[Exchange]()
         for queue in self._ring:
-            if queue.is_blocked or (self.holder is not None and queue is not self.holder):
+            if not self._may_take(queue):
                 continue
             waiting = queue.exchanges
             while waiting and waiting[0].packet == packet and means_same(waiting[0]):
@@ -151,6 +151,9 @@ class RoundRobin:
         """Iterate over all unsent requests."""
         for queue in self._ring:
             yield from queue.exchanges
+
+    def _may_take(self, queue: ProgramQueue) -> bool:
+        return not queue.is_blocked and (self.holder is None or queue is self.holder)
 
     def _take_later(self, queue: ProgramQueue, packet: Packet) -> list[Exchange]:
         """Return the queries equal to `packet` that stand behind other queries of the same program."""

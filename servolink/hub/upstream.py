@@ -80,6 +80,7 @@ class Upstream:
         while True:
             woken = self._loop.create_future()
             self._idle.append(woken)
+            self.wake()  # this one or another, if there is something to do
             await woken
             try:
                 while self._active <= self._board.connection.callers and (exchange := self.waiting.take()):

@@ -1,0 +1,419 @@
+"""Programs of a hub: order, turns, joined queries, ends, and what belongs to each of them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+from servolink.client.connect import connect
+from servolink.hub.hub import Hub, share
+from servolink.hub.local import LocalTransport
+from servolink.hub.notices import Notice, Refused
+from servolink.hub.program import MOST_WAITING
+from servolink.hub.roles import Role
+from servolink.protocol.editing import (
+    QueryActionListRequest,
+    QueryActionListResponse,
+    QueryActionRequest,
+    QueryActionResponse,
+    QueryProjectIDRequest,
+    QueryProjectIDResponse,
+    WriteProjectIDRequest,
+    WriteProjectIDResponse,
+)
+from servolink.protocol.frame import encode_frame
+from servolink.protocol.joystick import SubscribeButtonEventRequest, SubscribeButtonEventResponse
+from servolink.protocol.packet import Packet
+from servolink.protocol.records import Step
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    ExecuteActionRequest,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    QueryServoRequest,
+    SetAngleUnitRequest,
+    SetServoParameterRequest,
+    SetServoParameterResponse,
+)
+from servolink.protocol.settings import (
+    QueryMemorySizeRequest,
+    QueryMemorySizeResponse,
+    QueryRemainPowerRequest,
+    QueryRemainPowerResponse,
+    SendDummyDataRequest,
+    TransmissionModeSettingRequest,
+    TransmissionModeSettingResponse,
+)
+from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, opened
+from tests.hub.raw_program import RawProgram
+from tests.virtual_time import run
+
+STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
+START = SetServoParameterRequest(ALL_SERVOS, 1, 1)
+MOVE = ExecuteActionRequest((Step(1, 30, 100),))
+
+
+@asynccontextmanager
+async def shared(fake: FakeBoard, **options: Any) -> AsyncIterator[Hub]:
+    """Share a fake board."""
+    async with opened(fake, angle_unit=None, **options) as board, share(board, name="rex") as hub:
+        yield hub
+
+
+def on_hub(use: Callable[[Hub, FakeBoard], Awaitable[None]], **options: Any) -> None:
+    """Run `use` with a hub and its board."""
+
+    async def main() -> None:
+        fake = FakeBoard()
+        async with shared(fake, **options) as hub:
+            await use(hub, fake)
+
+    run(main())
+
+
+def kinds(packets: list[Packet]) -> list[type[Packet]]:
+    return [type(packet) for packet in packets]
+
+
+# --- order --------------------------------------------------------------------------------------------------------
+
+
+def test_responses_leave_in_the_order_of_the_requests() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        program = RawProgram(hub)
+        for request in (QueryMemorySizeRequest(), QueryServoListRequest(), QueryProjectIDRequest()):
+            program.send(request)
+        program.send(TransmissionModeSettingRequest(1))  # which the hub answers itself
+        await asyncio.sleep(1)
+        assert kinds(program.heard) == [
+            QueryMemorySizeResponse,
+            QueryServoListResponse,
+            QueryProjectIDResponse,
+            TransmissionModeSettingResponse,
+        ]
+
+    on_hub(use)
+    on_hub(use, depth=4)
+
+
+def test_an_unanswered_request_is_passed_over_when_the_board_is_given_up() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        fake.usual_of[QueryMemorySizeRequest] = SWALLOWED
+        program = RawProgram(hub)
+        for request in (QueryMemorySizeRequest(), QueryServoListRequest()):
+            program.send(request)
+        await asyncio.sleep(2)
+        assert program.heard == []
+        await asyncio.sleep(2)
+        assert kinds(program.heard) == [QueryServoListResponse]
+        assert program.session.counters.unanswered == 1
+        assert program.session.waiting == 0
+
+    on_hub(use)
+    on_hub(use, depth=4)
+
+
+def test_packets_without_a_response_keep_their_place() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        program = RawProgram(hub)
+        sent = [QueryProjectIDRequest(), SendDummyDataRequest(b"1"), WriteProjectIDRequest(7), MOVE]
+        for packet in (*sent, SendDummyDataRequest(b"2"), QueryProjectIDRequest()):
+            program.send(packet)
+        await asyncio.sleep(1)
+        arrived = [packet for _, packet in fake.executed if not isinstance(packet, SetAngleUnitRequest)]
+        assert arrived == [*sent, SendDummyDataRequest(b"2"), QueryProjectIDRequest()]
+        assert program.heard[0] == QueryProjectIDResponse(0)
+        assert program.heard[-1] == QueryProjectIDResponse(7)
+
+    on_hub(use)
+
+
+# --- turns and joined queries ---------------------------------------------------------------------------------------
+
+
+def test_a_program_that_floods_waits_in_its_own_queue() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        flood, other = RawProgram(hub), RawProgram(hub)
+        for number in range(500):
+            flood.send(QueryActionRequest(number))
+        assert await other.ask(QueryServoListRequest()) is not None
+        assert len(fake.executed) <= 3
+
+    on_hub(use)
+
+
+def test_a_program_with_many_requests_is_not_read_until_there_is_room() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        program, read_on = RawProgram(hub).session, asyncio.Event()
+        program.on_room = read_on.set
+        frame = hub.board.codec.encode(QueryActionRequest(1))
+        program.receive(frame * MOST_WAITING)
+        assert not program.is_full
+        program.receive(frame)
+        assert program.is_full
+        await asyncio.wait_for(read_on.wait(), 10)
+        assert not program.is_full
+
+    on_hub(use)
+
+
+def test_one_response_answers_all_who_asked_the_same_before_it_was_sent() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        programs = [RawProgram(hub) for _ in range(5)]
+        responses = await asyncio.gather(*(program.ask(QueryServoListRequest()) for program in programs))
+        assert kinds([response for response in responses if response]) == [QueryServoListResponse] * 5
+        assert len(fake.executed_of(QueryServoListRequest)) <= 2
+
+    on_hub(use)
+
+
+def test_a_query_is_not_joined_past_a_change_of_its_own_program() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        one, other = RawProgram(hub), RawProgram(hub)
+        for packet in (QueryMemorySizeRequest(), WriteProjectIDRequest(5), QueryProjectIDRequest()):
+            one.send(packet)
+        for _ in range(3):
+            other.send(QueryProjectIDRequest())
+        await asyncio.sleep(1)
+        assert one.heard[1:] == [WriteProjectIDResponse(1), QueryProjectIDResponse(5)]
+        assert len(other.heard) == 3
+
+    on_hub(use)
+
+
+def test_equal_queries_of_one_program_are_all_answered() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        program = RawProgram(hub)
+        for _ in range(10):
+            program.send(QueryRemainPowerRequest())
+        await asyncio.sleep(1)
+        assert kinds(program.heard) == [QueryRemainPowerResponse] * 10
+        assert len(fake.executed_of(QueryRemainPowerRequest)) <= 2
+
+    on_hub(use)
+
+
+# --- what belongs to one program --------------------------------------------------------------------------------------
+
+
+def test_a_program_in_mode_0_hears_nothing_until_it_leaves_it() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        program, other = RawProgram(hub), RawProgram(hub)
+        assert await program.ask(TransmissionModeSettingRequest(0)) == TransmissionModeSettingResponse(0)
+        program.send(QueryServoListRequest())
+        await asyncio.sleep(5)
+        assert len(program.heard) == 1
+        assert await other.ask(QueryServoListRequest()) is not None
+        assert await program.ask(TransmissionModeSettingRequest(1)) == TransmissionModeSettingResponse(1)
+        assert await program.ask(QueryServoListRequest()) is not None
+        assert fake.executed_of(TransmissionModeSettingRequest) == []
+
+    on_hub(use)
+
+
+def test_a_program_in_mode_0_can_stop_the_board_all_the_same() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        program = RawProgram(hub)
+        program.send(TransmissionModeSettingRequest(0))
+        assert await program.ask(STOP, seconds=2) is None
+        assert fake.executed_of(SetServoParameterRequest) == [STOP]
+
+    on_hub(use)
+
+
+def test_bytes_that_a_board_ignores_are_counted() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        program = RawProgram(hub)
+        session = program.session
+        session.receive(b"no frame at all")
+        program.send(QueryServoListResponse((1, 2)))  # which only boards send
+        session.receive(encode_frame(20050, b"\x02" + bytes(5), "little"))  # its count contradicts its length
+        session.receive(encode_frame(12345, b"", "little"))  # an unknown id
+        assert await program.ask(QueryServoListRequest()) is not None
+        assert session.counters.ignored == 2
+        assert session.garbage > len("no frame at all")
+        assert len(fake.executed) == 1
+
+    on_hub(use)
+
+
+def test_half_a_frame_swallows_nothing_that_comes_later() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        program = RawProgram(hub)
+        program.session.receive(encode_frame(10050, bytes(60000), "little")[:20])
+        await asyncio.sleep(0.3)
+        assert await program.ask(QueryServoListRequest()) is not None
+
+    on_hub(use)
+
+
+def test_button_events_go_to_those_who_asked() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with shared(fake) as hub:
+            one, other, third = (RawProgram(hub) for _ in range(3))
+            on, off = SubscribeButtonEventRequest(1), SubscribeButtonEventRequest(0)
+            done = SubscribeButtonEventResponse(1)
+            assert [await one.ask(on), await other.ask(on), await one.ask(off)] == [done] * 3
+            assert fake.executed_of(SubscribeButtonEventRequest) == [on]
+            fake.virtual.press_button(4, asyncio.get_running_loop().time())
+            fake.deliver(b"".join(fake._said[-1:]))
+            await asyncio.sleep(0.1)
+            assert [len(program.heard) for program in (one, other, third)] == [2, 2, 0]
+            other.session.leave()
+            await asyncio.sleep(0.1)
+            assert fake.executed_of(SubscribeButtonEventRequest) == [on, off]
+
+    run(main())
+
+
+# --- motion -----------------------------------------------------------------------------------------------------------
+
+
+def test_motion_of_all_programs_that_waits_is_not_sent_after_a_stop() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        one, other, notices = RawProgram(hub), RawProgram(hub), list[Notice]()
+        hub.listen(notices.append)
+        for number in range(3):
+            one.send(QueryActionRequest(number))
+        one.send(MOVE)
+        one.send(QueryServoListRequest())
+        assert await other.ask(STOP) == SetServoParameterResponse(ALL_SERVOS, 0, 1)
+        await asyncio.sleep(1)
+        assert fake.executed_of(ExecuteActionRequest) == []
+        assert kinds(one.heard) == [*[QueryActionResponse] * 3, QueryServoListResponse]
+        refused = [notice for notice in notices if isinstance(notice, Refused)]
+        assert [(notice.packet, notice.reason) for notice in refused] == [("ExecuteActionRequest", "a stop came first")]
+
+    on_hub(use)
+
+
+def test_a_motion_that_waits_for_its_unit_is_not_sent_after_a_stop() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        one, other = RawProgram(hub), RawProgram(hub)
+        one.send(MOVE)  # first its unit is set
+        await asyncio.sleep(0.001)
+        assert len(fake.executed_of(SetAngleUnitRequest)) == 1
+        await other.ask(STOP)
+        await asyncio.sleep(1)
+        assert fake.executed_of(ExecuteActionRequest) == []
+
+    on_hub(use)
+
+
+def test_a_stop_of_one_servo_says_what_the_servo_reports() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        program = RawProgram(hub, role=Role.WATCH)
+        one = SetServoParameterRequest(2, 0, 1)
+        assert await program.ask(one) == SetServoParameterResponse(2, 0, 1)
+        assert await program.ask(SetServoParameterRequest(99, 0, 1)) == SetServoParameterResponse(0, 1, 0)
+        fake.plan(SetServoParameterRequest, LOST)
+        await program.ask(START)
+        assert await program.ask(one) == SetServoParameterResponse(2, 0, 1)
+
+    on_hub(use)
+
+
+def test_a_program_without_the_lease_or_the_role_moves_nothing() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        one, other, watcher = RawProgram(hub, "one"), RawProgram(hub, "other"), RawProgram(hub, role=Role.WATCH)
+        await one.ask(START)
+        assert hub.lease is not None
+        assert hub.lease.who == "one"
+        assert await other.ask(SetServoParameterRequest(1, 0, 0)) == SetServoParameterResponse(1, 1, 1)
+        other.send(MOVE)
+        assert await watcher.ask(WriteProjectIDRequest(3)) == WriteProjectIDResponse(0)
+        await asyncio.sleep(0.1)
+        assert fake.executed_of(ExecuteActionRequest) == []
+        assert [program.session.counters.refused for program in (one, other, watcher)] == [0, 2, 1]
+        one.session.leave()
+        other.send(MOVE)
+        await asyncio.sleep(0.1)
+        assert fake.executed_of(ExecuteActionRequest) == [MOVE]
+
+    on_hub(use)
+
+
+def test_each_program_gets_angles_in_its_own_unit() -> None:
+    async def main() -> None:
+        async with (
+            connect("virtual://?servos=3", angle_unit=None) as upstream,
+            share(upstream, name="rex") as hub,
+            connect(LocalTransport(hub)) as one,
+            connect(LocalTransport(hub, unit="adc"), angle_unit=None) as other,
+        ):
+            await one.move({1: 60}, duration=0.1, wait=True)
+            query = QueryServoRequest(1)
+            for _ in range(3):
+                degrees, steps = await asyncio.gather(one.request(query), other.request(query))
+                assert degrees.servos[0].angle == 60
+                assert steps.servos[0].angle > 360
+
+    run(main())
+
+
+# --- exclusive use, loss and end --------------------------------------------------------------------------------------
+
+
+def test_while_a_program_holds_the_board_others_wait() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        one, other = RawProgram(hub, "one"), RawProgram(hub)
+        assert hub.hold(one.session.session_id, "an import")
+        assert not hub.hold(other.session.session_id, "an import")
+        other.send(QueryServoListRequest())
+        assert await one.ask(QueryProjectIDRequest()) is not None
+        assert await other.ask(STOP) is None  # done, and behind the query that waits
+        assert fake.executed_of(SetServoParameterRequest) == [STOP]
+        assert fake.executed_of(QueryServoListRequest) == []
+        one.session.leave()
+        await asyncio.sleep(0.1)
+        assert kinds(other.heard) == [QueryServoListResponse, SetServoParameterResponse]
+
+    on_hub(use)
+
+
+def test_a_lost_board_answers_nobody_until_it_is_back() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        program = RawProgram(hub)
+        fake.vanish()
+        assert await program.ask(QueryServoListRequest(), seconds=1) is None
+        assert hub.status().state == "lost"
+        assert program.session.waiting == 0
+
+    on_hub(use)
+
+
+def test_who_leaves_disturbs_nobody() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        one, other = RawProgram(hub), RawProgram(hub)
+        for number in range(5):
+            one.send(QueryActionRequest(number))
+        other.send(QueryActionListRequest())
+        one.session.leave()
+        one.session.leave()
+        one.send(QueryServoListRequest())
+        await asyncio.sleep(1)
+        assert one.heard == []
+        assert kinds(other.heard) == [QueryActionListResponse]
+        assert len(fake.executed) <= 2
+        assert [program.who for program in hub.status().programs] == [other.session.who]
+
+    on_hub(use)
+
+
+def test_the_end_of_the_hub_ends_the_sessions_and_leaves_the_board() -> None:
+    async def main() -> None:
+        ended = asyncio.Event()
+        async with connect("virtual://", angle_unit=None) as upstream:
+            async with share(upstream, name="rex") as hub:
+                program = RawProgram(hub)
+                program.session.on_end = ended.set
+                program.send(QueryServoListRequest())
+            assert ended.is_set()
+            program.send(QueryServoListRequest())
+            assert len(await upstream.servo_ids()) == 16
+        assert program.heard == []
+
+    run(main())
