@@ -27,7 +27,8 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **options: Any) -> None:
         """Take the `options` of ArgumentParser."""
         super().__init__(add_help=False, allow_abbrev=False, formatter_class=_HelpFormatter, **options)
-        self.place = ""
+        self.command: Command | None = None
+        """The command whose options are not loaded yet."""
         self.commands: argparse._SubParsersAction[Any] | None = None
 
     def add_commands(self, table: Mapping[str, Command], dest: str, *, required: bool = True, **options: Any) -> None:
@@ -41,16 +42,16 @@ class Parser(argparse.ArgumentParser):
                 help=command.help,
                 description=f"{command.help[:1].upper()}{command.help[1:]}.",
                 epilog=_epilog(command),
-                parents=[_common_options(is_first=False, takes_board=command.takes_board)],
             )
-            parser.place = command.place
+            parser.command = command
             parser.set_defaults(parser=parser)
 
     def load(self) -> None:
-        """Add the options of the command, from its module."""
-        if self.place:
-            module, _, function = self.place.partition(":")
-            self.place = ""
+        """Add the common options, and those of the command from its module."""
+        if self.command:
+            command, self.command = self.command, None
+            _add_common_options(self, is_first=False, takes_board=command.takes_board)
+            module, _, function = command.place.partition(":")
             getattr(importlib.import_module(f"servolink.cli.{module}"), function)(self)
 
     def parse_known_args(  # pyright: ignore[reportIncompatibleMethodOverride] - it is overloaded
@@ -100,19 +101,18 @@ def build_parser() -> Parser:
         usage="servolink [OPTIONS] COMMAND ...",
         description=f"Drive a servo control board.\n\n{_topics()}",
         epilog=f"`servolink COMMAND --help` explains a command and gives examples.\n\n{EXIT_CODES}",
-        parents=[_common_options(is_first=True)],
     )
+    _add_common_options(parser, is_first=True)
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     parser.add_commands(COMMANDS, "command", help=argparse.SUPPRESS)
     return parser
 
 
-def _common_options(*, is_first: bool, takes_board: bool = True) -> Any:
-    """Return the options of all commands, which may stand before the command and after it.
+def _add_common_options(parser: Parser, *, is_first: bool, takes_board: bool = True) -> None:
+    """Add the options of all commands, which may stand before the command and after it.
 
     Those before (`is_first`) have the defaults; those after it have none, so as not to undo the ones before.
     """
-    parser = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     group = parser.add_argument_group("common options")
 
     def default(value: object) -> object:
@@ -143,7 +143,6 @@ def _common_options(*, is_first: bool, takes_board: bool = True) -> Any:
         metavar="NAME",
         help="of captions, such as big5 (utf-8)",
     )
-    return parser
 
 
 class _HelpFormatter(argparse.HelpFormatter):

@@ -57,14 +57,20 @@ class Storage:
         """Start empty."""
         self.memory = kind.memory
         """How many bytes can be stored."""
-        self.contents = Contents()
-        """Everything that is stored. Kept and assigned again later, it restores that moment."""
+        self.used = 0
+        """How many bytes are used."""
+        self._contents = Contents()
         self._kind = kind
 
     @property
-    def used(self) -> int:
-        """The bytes that are used."""
-        return self.contents.size
+    def contents(self) -> Contents:
+        """Everything that is stored. Kept and assigned again later, it restores that moment."""
+        return self._contents
+
+    @contents.setter
+    def contents(self, contents: Contents) -> None:
+        self._contents = contents
+        self.used = contents.size
 
     @property
     def free(self) -> int:
@@ -109,19 +115,18 @@ class Storage:
             on_duplicate = "replace"
         elif on_duplicate is None:
             on_duplicate = self._kind.on_duplicate
-        stored = self.all(stored_type)
-        known = {record_id for record_id, _ in stored} & records.keys()
+        kept = self.all(stored_type)
+        known = set[int]() if on_duplicate == "append" else {record_id for record_id, _ in kept} & records.keys()
         if 0 in records or (known and on_duplicate == "reject"):
             return False
-        if known and on_duplicate == "replace":
-            kept = tuple([(old[0], records[old[0]]) if old[0] in known else old for old in stored])
-            added = tuple([new for new in records.items() if new[0] not in known])
-        else:
-            kept, added = stored, tuple(records.items())
-        contents = self._with(stored_type, kept + added)
-        if contents.size > self.memory:
+        added = tuple([new for new in records.items() if new[0] not in known])
+        used = self.used + sum([len(record) for _, record in added])  # not counted anew: boards are filled one by one
+        if known:
+            used += sum([len(records[record_id]) - len(old) for record_id, old in kept if record_id in known])
+            kept = tuple([(old[0], records[old[0]]) if old[0] in known else old for old in kept])
+        if used > self.memory:
             return False
-        self.contents = contents
+        self._contents, self.used = self._with(stored_type, kept + added), used
         return True
 
     def get(self, stored_type: AnyType, record_id: int) -> bytes | None:
