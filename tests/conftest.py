@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 import sys
@@ -10,6 +11,8 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
+from servolink.cli import main
+from servolink.cli.parser import build_parser
 from tests.processes import sessions
 
 # No deadline: these machines stall. On a build server the same examples are tried each time, so that a change
@@ -45,6 +48,14 @@ def _signals_end_programs() -> Iterator[None]:
     yield
     for number in ignored:
         signal.signal(number, signal.SIG_IGN)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_parser() -> Iterator[None]:
+    """Build the parser of commands once: it takes longer than most commands do."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(main, "build_parser", functools.cache(build_parser))
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import signal
@@ -15,9 +16,11 @@ import pytest
 
 from servolink.__main__ import main
 from tests.processes import finish, start
+from tests.virtual_time import run
 
 COMMAND = (sys.executable, "-W", "error", "-m", "servolink")
 """Without asyncio's debug mode, which remarks on standard error that the machine is busy."""
+_RUN = asyncio.run
 
 
 @dataclass(frozen=True)
@@ -40,12 +43,15 @@ class Said:
 
 
 def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> Said:
-    """Run a command in this process."""
+    """Run a command in this process, in virtual time if its board is in this process as well."""
     capsys.readouterr()
-    try:
-        code = main(arguments)
-    except SystemExit as ended:  # argparse: wrong usage, or --help
-        code = int(ended.code or 0)
+    with pytest.MonkeyPatch.context() as patch:
+        if asyncio.run is _RUN and any(word.startswith("virtual://") for word in arguments):
+            patch.setattr(asyncio, "run", run)
+        try:
+            code = main(arguments)
+        except SystemExit as ended:  # argparse: wrong usage, or --help
+            code = int(ended.code or 0)
     said = capsys.readouterr()
     assert "internal error" not in said.err
     return Said(code, said.out, said.err)

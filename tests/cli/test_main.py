@@ -17,7 +17,7 @@ import pytest
 import servolink
 from servolink.__main__ import main
 from servolink.cli.commands import COMMANDS
-from servolink.cli.parser import EXIT_CODES
+from servolink.cli.parser import EXIT_CODES, build_parser
 from tests import processes
 from tests.cli.programs import COMMAND, call, environment, program
 
@@ -378,6 +378,7 @@ def test_an_interruption_while_modules_are_loaded_is_one(
     def loaded(name: str) -> None:
         raise RuntimeError("Error calling __set_name__") from KeyboardInterrupt()
 
+    monkeypatch.setattr("servolink.cli.main.build_parser", build_parser)  # one that has not loaded the command yet
     monkeypatch.setattr(importlib, "import_module", loaded)
     assert call(capsys, "info").code == 130
 

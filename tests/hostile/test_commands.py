@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from tests.hostile.corpus import PAYLOADS, controls
 from tests.hostile.terminals import ESCAPE, in_pipe, in_terminal
 from tests.hostile.trials import EXEMPT, TRIALS, Trial
 from tests.hostile.world import World
+from tests.virtual_time import run
 
 PROGRESS = re.compile(r"\x1b\[([0-9;]*m|2K|1A|\?25[hl]|\?1049[hl]|H)")
 """The escapes of a bar or a picture that changes: colours, erased lines, the cursor, the other screen."""
@@ -41,6 +43,11 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[World, World]:
 def _no_board_in_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("SERVOLINK_BOARD", "SERVOLINK_URL"):
         monkeypatch.delenv(name, raising=False)
+
+
+@pytest.fixture(autouse=True)
+def _in_virtual_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(asyncio, "run", run)
 
 
 def test_there_are_enough_of_them() -> None:

@@ -37,8 +37,8 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
     ),
     "servos": (Trial("--url {all} servos"), Trial("--url {few} --caption-encoding latin-1 servos")),
     "watch": (
-        Trial("--url {few} watch --seconds 0.2 --alarm current_raw>1", timed=True),
-        Trial("--url {few} watch 250 --seconds 0.1"),
+        Trial("--url {few} watch --seconds 0.02 --alarm current_raw>43", timed=True),
+        Trial("--url {few} watch 250 --seconds 0.02"),
     ),
     "move": (
         Trial("--url {few} move 1=10 2=-10 --duration 0.05", timed=True),
@@ -79,7 +79,7 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
     ),
     "macro": (
         Trial("--url {few} macro show 8"),
-        Trial("--url {few} macro set 8 --play {name}"),
+        Trial("--url {few} macro set 8 --play action:{name}"),
         Trial("--url {few} macro delete 99 --yes", timed=True),
         Trial("--url {few} macro rename 8 wave", timed=True),
     ),
