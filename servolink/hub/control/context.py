@@ -1,0 +1,200 @@
+"""What the methods of the control interface work with: the hub, and one program's session with it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import TypeAlias, TypeVar
+
+from servolink.client.board import Board
+from servolink.client.session import Session
+from servolink.connection.connection import Connection
+from servolink.errors import MotionRefused, RequestTimeout
+from servolink.escaping import escape
+from servolink.hub.control.faults import Code, RpcError
+from servolink.hub.hub import Hub
+from servolink.hub.local import LocalTransport
+from servolink.hub.notices import HoldChanged, HoldStatus, LeaseStatus, Notice
+from servolink.hub.roles import Role, is_motion
+from servolink.motion.movement import INTERVAL_UNIT
+from servolink.protocol.packet import Packet
+
+T = TypeVar("T")
+OpenBoard: TypeAlias = Callable[[], Awaitable[Board]]
+
+_LONGER = 1.0  # seconds that a request waits longer than the hub, which repeats it
+
+
+class LeaseRefused(MotionRefused):
+    """Another program holds the lease."""
+
+    remedy = "ask for the lease with lease.ask, or take it over with lease.take and force"
+
+
+class Readings:
+    """The board that a hub reads itself, for all programs together: who watches servos shares one poll."""
+
+    def __init__(self, hub: Hub) -> None:
+        """Connect when it is first needed."""
+        self._hub = hub
+        self._board: Board | None = None
+        self._opening = asyncio.Lock()
+
+    async def board(self) -> Board:
+        """Return the board."""
+        async with self._opening:
+            if self._board is None:
+                transport = LocalTransport(self._hub, who="the control interface", role=Role.WATCH)
+                self._board = await _open(self._hub, transport)
+            return self._board
+
+    async def close(self) -> None:
+        """Leave the hub."""
+        async with self._opening:
+            if self._board is not None:
+                await self._board.close()
+
+
+class Control:
+    """One program's session with a hub, on the side of the control interface."""
+
+    session: str
+    """The session id, by which the hub knows who holds the lease and the board."""
+
+    def __init__(self, hub: Hub, readings: Readings, session: str, *, who: str, role: Role, is_tied: bool) -> None:
+        """Speak for the program `who`; `is_tied` if the session is that of a board which it uses through frames."""
+        self.hub = hub
+        self._readings = readings
+        self.who = who
+        self._transport: LocalTransport | None = None
+        if is_tied:
+            self.session = session
+        else:
+            self._transport = LocalTransport(hub, who=who, role=role, door="share", session_id=session)
+            self.session = self._transport.join().session_id
+        self._board: Board | None = None
+        self._opening = asyncio.Lock()
+        self._hold_changed = asyncio.Event()
+
+    async def close(self) -> None:
+        """Leave the hub, which ends the lease and the hold."""
+        if self._board is not None:
+            await self._board.close()
+        elif self._transport is not None:
+            await self._transport.close()
+
+    def heard(self, notice: Notice) -> None:
+        """Take a notice of the hub."""
+        if isinstance(notice, HoldChanged):
+            self._hold_changed.set()
+
+    async def board(self) -> Board:
+        """Return the board of this program, once no other program holds it alone."""
+        if self._transport is None:
+            raise RpcError(
+                Code.FORBIDDEN,
+                "this connection belongs to a program that has a board of its own",
+                remedy="connect to the control interface without `session`",
+            )
+        await self.until_free()
+        async with self._opening:
+            if self._board is None:
+                self._board = await _open(self.hub, self._transport)
+                self._guard(self._board)
+            return self._board
+
+    async def readings(self) -> Board:
+        """Return the board that the hub reads for all programs together, once no program holds it alone.
+
+        The program that holds it reads with its own board, if it can.
+        """
+        await self.until_free()
+        if self.hub.held_by is not None and self._transport is not None:
+            return await self.board()
+        return await self._readings.board()
+
+    async def read(self, work: Callable[[Board], Awaitable[T]], open_board: OpenBoard | None = None) -> T:
+        """Return what `work` reads from this program's board, or from that of `open_board`.
+
+        If another program took the board alone meanwhile, and nothing was answered, read again when it is free.
+        """
+        while True:
+            board = await (open_board or self.board)()
+            try:
+                return await work(board)
+            except RequestTimeout:
+                if self.hub.held_by is None:
+                    raise
+
+    # --- lease and hold -----------------------------------------------------------------------------------------
+
+    def take_lease(self, *, force: bool = False, dead_man: float | None = None) -> LeaseStatus | None:
+        """Take the lease. Raise LeaseRefused, which names the holder, if another program has it."""
+        if not self.hub.take_lease(self.session, force=force, dead_man=dead_man):
+            raise LeaseRefused(refusal(self.hub.lease, self.hub.name))
+        return self.hub.lease
+
+    @property
+    def holder(self) -> HoldStatus | None:
+        """The other program that holds the board alone, if there is one."""
+        hold = self.hub.held_by
+        return None if hold is None or hold.session == self.session else hold
+
+    async def until_free(self) -> None:
+        """Wait until no other program holds the board alone."""
+        while self.holder is not None:
+            self._hold_changed.clear()
+            await self._hold_changed.wait()
+
+    @asynccontextmanager
+    async def alone(self, reason: str) -> AsyncIterator[None]:
+        """Hold the board alone in this context, as soon as no other program does; unless it is held already."""
+        hold = self.hub.held_by
+        if hold is not None and hold.session == self.session:
+            yield
+            return
+        await self.hold(reason)
+        try:
+            yield
+        finally:
+            self.hub.release_hold(self.session)
+
+    async def hold(self, reason: str) -> None:
+        """Hold the board alone, as soon as no other program does."""
+        while not self.hub.hold(self.session, reason):
+            await self.until_free()
+
+    def _guard(self, board: Board) -> None:
+        """Take the lease before each motion, so that a refused one is an error with a reason."""
+
+        async def pass_packet(packet: Packet) -> None:
+            if is_motion(packet):
+                self.take_lease()
+
+        board.connection.guard = pass_packet
+
+
+def refusal(lease: LeaseStatus | None, name: str) -> str:
+    """Return why a program may not move the servos."""
+    holder = "another program" if lease is None else f"{escape(lease.who)}, for {lease.since:.0f} s now"
+    return (
+        f"nothing was moved: the servos of {name} are moved by {holder}; ask for the lease, or take it over: "
+        f"servolink share --take {name}"
+    )
+
+
+async def _open(hub: Hub, transport: LocalTransport) -> Board:
+    """Connect to the board of `hub`, as it was connected itself."""
+    upstream, known = hub.board, hub.board.connection
+    connection = Connection(
+        transport,
+        upstream.codec,
+        patience=known.patience + _LONGER,
+        depth=known.depth_bound,
+        write_depth=known.write_depth_bound,
+    )
+    await connection.open(handshake=False)
+    interval_unit = upstream.profile and upstream.profile.profile.settings.interval_unit
+    session = Session(connection, None, upstream.profile)
+    return Board(session, "degree", upstream.limits, interval_unit or INTERVAL_UNIT)

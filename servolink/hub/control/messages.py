@@ -1,0 +1,388 @@
+"""The messages of the control interface: params, results and notifications, each declared once.
+
+From these types come the checks of what a program sends, the reference page and the JSON Schema. Units are in the names
+or in the descriptions; records and projects have the form of project files.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+
+from msgspec import Meta, Struct, defstruct
+
+from servolink.hub.notices import HoldStatus, LeaseStatus
+from servolink.motion.angles import AngleUnit
+from servolink.project.project_file import file_type
+from servolink.project.transfer.results import Phase
+from servolink.protocol.json_form import json_type
+from servolink.protocol.record_types import RECORD_TYPES
+
+MOST_HZ = 200.0
+CREDIT = 2
+"""Frames of servos that a program may leave unacknowledged before it gets no more."""
+
+RecordKind = Literal["action", "macro", "joystick_table"]
+"""The types of records; `kind_of` in `servolink.hub.control.records` finds what the library calls them."""
+
+
+def _about(description: str) -> Meta:
+    return Meta(description=description)
+
+
+Which: TypeAlias = Annotated[int | str, _about("an id, or a caption")]
+Servos: TypeAlias = Annotated[int | str, _about('an id, a caption, or "all"')]
+
+
+class NoParams(Struct, forbid_unknown_fields=True):
+    """No params."""
+
+
+class Done(Struct, frozen=True):
+    """Nothing more to say: it was done."""
+
+
+# --- the lease and the hold -------------------------------------------------------------------------------------------
+
+
+class LeaseTake(Struct, forbid_unknown_fields=True):
+    """How to take the lease."""
+
+    force: Annotated[bool, _about("take it over from another program, which is told who did")] = False
+    dead_man: Annotated[
+        Annotated[float, Meta(ge=0.1, le=60)] | None,
+        _about("seconds without lease.beat after which the hub stops the board; null: none"),
+    ] = None
+
+
+class Hold(Struct, forbid_unknown_fields=True):
+    """Why the board is needed alone."""
+
+    reason: Annotated[str, _about("for the people whose programs wait")] = ""
+
+
+class LeaseNow(Struct, frozen=True):
+    """The lease; null if it is free."""
+
+    lease: LeaseStatus | None
+
+
+class HoldNow(Struct, frozen=True):
+    """The hold; null if no program has the board alone."""
+
+    hold: HoldStatus | None
+
+
+# --- servos -----------------------------------------------------------------------------------------------------------
+
+
+class ServosWatch(Struct, forbid_unknown_fields=True):
+    """How to be told of the servos."""
+
+    hz: Annotated[float, Meta(gt=0, le=MOST_HZ, description="notifications per second, at most")] = 25.0
+    changed_only: Annotated[bool, _about("leave out servos that report the same as the time before")] = False
+
+
+class ServosAck(Struct, forbid_unknown_fields=True):
+    """What was drawn."""
+
+    number: Annotated[int, Meta(ge=0, description="the `number` of a notification `servos`; those before it too")]
+
+
+class Watching(Struct, frozen=True):
+    """What comes from now on."""
+
+    hz: float
+    credit: Annotated[int, _about("how many notifications may be unacknowledged")] = CREDIT
+
+
+class ServoNow(Struct, frozen=True):
+    """A servo as it reports itself."""
+
+    servo_id: int
+    angle: int
+    angle_unit: AngleUnit | None
+    current_raw: int
+    temperature_raw: int
+    servo_type: int
+    is_start: Annotated[bool, _about("whether it may move; a stopped servo ignores movements")]
+    is_hold: Annotated[bool, _about("whether it holds its angle; a released servo is limp")]
+
+
+class ServoList(Struct, frozen=True):
+    """All servos."""
+
+    servos: tuple[ServoNow, ...]
+
+
+class Move(Struct, forbid_unknown_fields=True):
+    """A movement: give `duration` or `speed`."""
+
+    targets: Annotated[dict[str, float], _about("degrees by servo: id or caption as text")]
+    duration: Annotated[float | None, _about("seconds")] = None
+    speed: Annotated[float | None, _about("degrees per second")] = None
+    wait: Annotated[bool, _about("respond when the servos have arrived")] = False
+    dry_run: Annotated[bool, _about("check everything, and move nothing")] = False
+
+
+class Moved(Struct, frozen=True):
+    """The planned duration."""
+
+    seconds: float
+
+
+class Release(Struct, forbid_unknown_fields=True):
+    """What to release."""
+
+    servo: Servos = "all"
+
+
+class ServoSet(Struct, forbid_unknown_fields=True):
+    """The state of a servo."""
+
+    servo: Servos
+    start: Annotated[bool, _about("whether it may move")]
+    hold: Annotated[bool, _about("whether it holds its angle")]
+
+
+# --- records ----------------------------------------------------------------------------------------------------------
+
+
+class Run(Struct, forbid_unknown_fields=True):
+    """What to run."""
+
+    type: Literal["action", "macro"]
+    id: Which
+    wait: Annotated[bool, _about("respond when the motion is over")] = False
+    dry_run: Annotated[bool, _about("check everything, and move nothing")] = False
+
+
+class Ran(Struct, frozen=True):
+    """The planned duration of an action; null for a macro."""
+
+    seconds: float | None
+
+
+class RecordsList(Struct, forbid_unknown_fields=True):
+    """What to list."""
+
+    type: Annotated[RecordKind | None, _about("null: all types")] = None
+
+
+class RecordsGet(Struct, forbid_unknown_fields=True):
+    """A stored record."""
+
+    type: RecordKind
+    id: Which
+
+
+class RecordEntry(Struct, frozen=True):
+    """A stored record, without its content."""
+
+    type: RecordKind
+    id: int
+    caption: str
+
+
+class RecordList(Struct, frozen=True):
+    """Stored records, in the order of the board."""
+
+    records: tuple[RecordEntry, ...]
+
+
+if TYPE_CHECKING:
+    RecordsPut: TypeAlias = Any
+    ProjectForm: TypeAlias = Any
+    RecordForm: TypeAlias = Any
+else:
+    RecordForm = None
+    RecordsPut = None
+    for _type in RECORD_TYPES:
+        _form = json_type(_type.record_class, unchecked=True)
+        _put = defstruct(
+            f"Put{_type.record_class.__name__}",
+            [("record", Annotated[_form, _about("with id 0 it gets the lowest free one")])],
+            namespace={"__doc__": f"A {_type.label} to store."},
+            module=__name__,
+            forbid_unknown_fields=True,
+            tag=_type.label.replace(" ", "_"),
+            tag_field="type",
+        )
+        RecordForm = _form if RecordForm is None else RecordForm | _form
+        RecordsPut = _put if RecordsPut is None else RecordsPut | _put
+    ProjectForm = file_type(unchecked=True)
+
+
+class RecordStored(Struct, frozen=True):
+    """The record as it is stored now, and what the import did."""
+
+    type: RecordKind
+    record: RecordForm
+    changed: Annotated[bool, _about("false: it was stored already")]
+    backup: Annotated[str | None, _about("file with what the board held before")]
+
+
+# --- projects ---------------------------------------------------------------------------------------------------------
+
+
+class ProjectExported(Struct, frozen=True):
+    """Everything that is stored on the board."""
+
+    project: ProjectForm
+
+
+class ProjectPlan(Struct, forbid_unknown_fields=True):
+    """What the board should hold."""
+
+    project: ProjectForm
+    replace: Annotated[bool, _about("delete everything first, and write all of it")] = False
+
+
+class ProjectApply(ProjectPlan, forbid_unknown_fields=True):
+    """What the board shall hold."""
+
+    backup: Annotated[bool, _about("save what the board holds first")] = True
+
+
+class ProjectRollback(Struct, forbid_unknown_fields=True):
+    """What to restore."""
+
+    backup: Annotated[int | None, _about("the number of a backup; null: what was there before the last import")] = None
+
+
+class Changed(Struct, frozen=True):
+    """One difference."""
+
+    what: Annotated[str, _about("such as `action 3` or `project id`")]
+    old: Annotated[Any, _about("null if it is added")]
+    new: Annotated[Any, _about("null if it is removed")]
+
+
+class MemoryNow(Struct, frozen=True):
+    """The board's memory, in bytes."""
+
+    unit_bytes: Annotated[int | None, _about("the unit in which the board counts; null if it is unknown")]
+    size_bytes: int | None
+    free_before_bytes: int
+    free_after_bytes: int
+    warning: str | None
+
+
+class Planned(Struct, frozen=True):
+    """What an import would do."""
+
+    changes: tuple[Changed, ...]
+    inconsistencies: Annotated[tuple[str, ...], _about("faults that an import repairs too")]
+    requests: int
+    wire_bytes: int
+    estimated_seconds: float
+    memory: MemoryNow | None
+    is_unfinished: Annotated[bool, _about("the board holds an unfinished import")]
+
+
+class Applied(Struct, frozen=True):
+    """What an import did."""
+
+    changed: Annotated[bool, _about("false: the board held the project already")]
+    resumed: Annotated[bool, _about("it continued an import that had been interrupted")]
+    backup: Annotated[str | None, _about("file with what the board held before")]
+    project_id_bits: Annotated[Literal[32, 16, 0] | None, _about("bits of the project id that the board keeps")]
+
+
+class BackupEntry(Struct, frozen=True):
+    """A backup of a board."""
+
+    number: int
+    time: Annotated[str, _about("ISO 8601, UTC")]
+    board: str
+    file: str
+
+
+class BackupList(Struct, frozen=True):
+    """All backups, the newest last."""
+
+    backups: tuple[BackupEntry, ...]
+
+
+# --- notifications ----------------------------------------------------------------------------------------------------
+
+
+class ServosFrame(Struct, frozen=True):
+    """The latest state of the servos, after `servos.watch`. Acknowledge it with `servos.ack`."""
+
+    number: Annotated[int, _about("counts up")]
+    seconds: Annotated[float, _about("when they were read; only differences have a meaning")]
+    servos: tuple[ServoNow, ...]
+    missed: Annotated[int, _about("readings left out directly before this one")]
+
+
+class ButtonPressed(Struct, frozen=True):
+    """A button event, after `buttons.subscribe`."""
+
+    button_id: int
+    event: Annotated[int, _about("1 press, 2 long press, 4 up")]
+    kind: Annotated[str, _about("the event in words")]
+
+
+class ConnectionNow(Struct, frozen=True):
+    """The hub's connection to the board has changed."""
+
+    state: Literal["connected", "lost", "closed"]
+
+
+class LeaseNotice(Struct, frozen=True):
+    """The lease has changed, or somebody asks for it."""
+
+    event: Annotated[str, _about("taken, taken over, asked for, given back, left, over, beats stopped")]
+    by: Annotated[str | None, _about("the program that took it or asks for it")]
+    lease: LeaseStatus | None
+
+
+class HoldNotice(Struct, frozen=True):
+    """A program has the board alone from now on; null: it does not any more."""
+
+    hold: HoldStatus | None
+
+
+class ProgramNotice(Struct, frozen=True):
+    """A program has joined or left."""
+
+    event: Literal["joined", "left"]
+    session: str
+    who: str
+
+
+class ProgressNotice(Struct, frozen=True):
+    """How far a request is: export, plan, apply, rollback, and changes of records."""
+
+    id: Annotated[int | str | None, _about("the id of the request")]
+    phase: Phase
+    done: int
+    total: Annotated[int, _about("items of this phase")]
+    item: Annotated[str, _about("such as `action 3`")]
+
+
+class RefusedNotice(Struct, frozen=True):
+    """A packet of this program was not sent to the board."""
+
+    packet: Annotated[str, _about("such as `ExecuteActionRequest`")]
+    reason: str
+
+
+class ProblemNotice(Struct, frozen=True):
+    """Something that people should look at."""
+
+    text: str
+
+
+NOTIFICATIONS: dict[str, type[Struct]] = {
+    "servos": ServosFrame,
+    "button": ButtonPressed,
+    "connection": ConnectionNow,
+    "lease": LeaseNotice,
+    "hold": HoldNotice,
+    "program": ProgramNotice,
+    "progress": ProgressNotice,
+    "refused": RefusedNotice,
+    "problem": ProblemNotice,
+}
+"""The notifications, by the name of their method."""

@@ -1,0 +1,204 @@
+"""The methods of the control interface. The docstrings are the reference, and the types are checked."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from servolink.client.board import Board
+from servolink.hub.control.context import Control
+from servolink.hub.control.feeds import ButtonsFeed, ServosFeed, servos_now
+from servolink.hub.control.messages import (
+    Done,
+    Hold,
+    HoldNow,
+    LeaseNow,
+    LeaseTake,
+    Move,
+    Moved,
+    NoParams,
+    Ran,
+    Release,
+    Run,
+    ServoList,
+    ServosAck,
+    ServoSet,
+    ServosWatch,
+    Watching,
+)
+from servolink.hub.control.rpc import Methods
+from servolink.hub.notices import HubStatus
+from servolink.hub.roles import Role
+
+
+class Caller(NamedTuple):
+    """The program that calls a method."""
+
+    control: Control
+    servos: ServosFeed
+    buttons: ButtonsFeed
+
+
+METHODS: Methods[Caller] = Methods()
+
+
+@METHODS.add("status", Role.WATCH)
+def status(caller: Caller, params: NoParams) -> HubStatus:
+    """Return who is connected, who holds the lease and the board, and what has passed.
+
+    Notifications come from the first request of a program on: call this first, and you miss no change.
+    """
+    return caller.control.hub.status()
+
+
+# --- the lease and the hold -------------------------------------------------------------------------------------------
+
+
+@METHODS.add("lease.take", Role.RUN, is_urgent=True)
+def lease_take(caller: Caller, params: LeaseTake) -> LeaseNow:
+    """Take the lease, without which nothing moves; a motion takes a free one by itself.
+
+    MotionRefused names the program that holds it. The lease ends when the program leaves, gives it back, or some
+    seconds after the end of its last motion.
+    """
+    return LeaseNow(caller.control.take_lease(force=params.force, dead_man=params.dead_man))
+
+
+@METHODS.add("lease.give", Role.WATCH)
+def lease_give(caller: Caller, params: NoParams) -> LeaseNow:
+    """Give the lease back. A motion ends by itself."""
+    caller.control.hub.give_lease(caller.control.session)
+    return LeaseNow(caller.control.hub.lease)
+
+
+@METHODS.add("lease.beat", Role.WATCH)
+def lease_beat(caller: Caller, params: NoParams) -> Done:
+    """Say that the program still watches over the motion, if it took the lease with `dead_man`."""
+    caller.control.hub.beat(caller.control.session)
+    return Done()
+
+
+@METHODS.add("lease.ask", Role.WATCH)
+def lease_ask(caller: Caller, params: NoParams) -> LeaseNow:
+    """Ask the holder for the lease: it gets a notification, and decides."""
+    caller.control.hub.ask_for_lease(caller.control.session)
+    return LeaseNow(caller.control.hub.lease)
+
+
+@METHODS.add("board.hold", Role.EDIT, in_order=True)
+async def board_hold(caller: Caller, params: Hold) -> HoldNow:
+    """Have the board alone: everybody else waits, but for stops. If another program has it alone, wait for that.
+
+    It ends with `board.release`, or when the program leaves.
+    """
+    await caller.control.hold(params.reason)
+    return HoldNow(caller.control.hub.held_by)
+
+
+@METHODS.add("board.release", Role.EDIT, in_order=True)
+async def board_release(caller: Caller, params: NoParams) -> HoldNow:
+    """Share the board again."""
+    caller.control.hub.release_hold(caller.control.session)
+    return HoldNow(caller.control.hub.held_by)
+
+
+# --- servos -----------------------------------------------------------------------------------------------------------
+
+
+@METHODS.add("stop", Role.WATCH, is_urgent=True)
+async def stop(caller: Caller, params: NoParams) -> Done:
+    """Stop all servos where they are and hold them, before everything else, whoever has the lease.
+
+    Confirmed by reading the servos. Raise OutcomeUnknown if they do not all report that they are stopped.
+    """
+    await caller.control.hub.stop(caller.control.who)
+    return Done()
+
+
+@METHODS.add("servos.list", Role.WATCH)
+async def servos_list(caller: Caller, params: NoParams) -> ServoList:
+    """Return the state of all servos."""
+    servos = await caller.control.read(Board.servos, caller.control.readings)
+    return ServoList(servos_now(servos))
+
+
+@METHODS.add("servos.watch", Role.WATCH)
+async def servos_watch(caller: Caller, params: ServosWatch) -> Watching:
+    """Send the notification `servos` from now on. All programs share one poll of the board.
+
+    A program that does not acknowledge gets two notifications, and then the latest state when it does.
+    """
+    await caller.servos.watch(params.hz, changed_only=params.changed_only)
+    return Watching(params.hz)
+
+
+@METHODS.add("servos.ack", Role.WATCH)
+def servos_ack(caller: Caller, params: ServosAck) -> Done:
+    """Acknowledge notifications `servos`. It needs no response: send it without `id`."""
+    caller.servos.acknowledge(params.number)
+    return Done()
+
+
+@METHODS.add("servos.unwatch", Role.WATCH)
+async def servos_unwatch(caller: Caller, params: NoParams) -> Done:
+    """Send no more notifications `servos`."""
+    await caller.servos.close()
+    return Done()
+
+
+@METHODS.add("buttons.subscribe", Role.WATCH)
+async def buttons_subscribe(caller: Caller, params: NoParams) -> Done:
+    """Send the notification `button` for each button event from now on."""
+    await caller.buttons.subscribe()
+    return Done()
+
+
+@METHODS.add("buttons.unsubscribe", Role.WATCH)
+async def buttons_unsubscribe(caller: Caller, params: NoParams) -> Done:
+    """Send no more notifications `button`."""
+    await caller.buttons.close()
+    return Done()
+
+
+@METHODS.add("move", Role.MOVE, in_order=True)
+async def move(caller: Caller, params: Move) -> Moved:
+    """Move servos together, within the limits of the board. Motions of one program are carried out in their order.
+
+    Raise MotionRefused, with nothing moved, beyond a limit or while another program holds the lease.
+    """
+    board = await caller.control.board()
+    seconds = await board.move(
+        params.targets, duration=params.duration, speed=params.speed, wait=params.wait, dry_run=params.dry_run
+    )
+    return Moved(seconds)
+
+
+@METHODS.add("release", Role.MOVE, in_order=True)
+async def release(caller: Caller, params: Release) -> Done:
+    """Stop and release a servo, or all. It goes limp, and a raised limb falls."""
+    board = await caller.control.board()
+    if params.servo == "all":
+        await board.release()
+    else:
+        await board.release(params.servo)
+    return Done()
+
+
+@METHODS.add("servo.set", Role.MOVE, in_order=True)
+async def servo_set(caller: Caller, params: ServoSet) -> Done:
+    """Start a servo or stop it, hold its angle or release it: after a stop, start it before it moves again."""
+    board = await caller.control.board()
+    await board.set_servo(params.servo, start=params.start, hold=params.hold)
+    return Done()
+
+
+@METHODS.add("run", Role.RUN, in_order=True)
+async def run(caller: Caller, params: Run) -> Ran:
+    """Run a stored action or macro. With `wait`, motions of this program that come after it wait too; a stop does not.
+
+    Raise MotionRefused as `move`, NotFound if there is no such record.
+    """
+    board = await caller.control.board()
+    if params.type == "action":
+        return Ran(await board.run_action(params.id, wait=params.wait, dry_run=params.dry_run))
+    await board.run_macro(params.id, wait=params.wait, dry_run=params.dry_run)
+    return Ran(None)

@@ -1,0 +1,199 @@
+"""The methods of the control interface for what is stored on the board: records and projects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, cast
+
+from servolink.client.board import Board
+from servolink.errors import NotFound, ProjectError
+from servolink.hub.control.messages import (
+    Applied,
+    BackupEntry,
+    BackupList,
+    Changed,
+    MemoryNow,
+    NoParams,
+    Planned,
+    ProjectApply,
+    ProjectExported,
+    ProjectPlan,
+    ProjectRollback,
+    RecordEntry,
+    RecordForm,
+    RecordKind,
+    RecordList,
+    RecordsGet,
+    RecordsList,
+    RecordsPut,
+    RecordStored,
+)
+from servolink.hub.control.methods import METHODS, Caller
+from servolink.hub.roles import Role
+from servolink.project.model import Project
+from servolink.project.project_file import project_from_form, project_to_form
+from servolink.project.single_record import add_record, remove_records, replace_record
+from servolink.project.transfer.backups import BackupStore
+from servolink.project.transfer.results import ApplyResult, Memory, Plan, ProgressCallback
+from servolink.project.validate import validate_project
+from servolink.protocol.json_form import record_to_json, struct_from_json
+from servolink.protocol.record_types import RECORD_TYPES
+
+_KINDS = {cast("RecordKind", kind.label.replace(" ", "_")): kind for kind in RECORD_TYPES}
+
+
+@METHODS.add("records.list", Role.WATCH)
+async def records_list(caller: Caller, params: RecordsList) -> RecordList:
+    """Return id and caption of each stored record."""
+
+    async def read(board: Board) -> RecordList:
+        found = []
+        for name, kind in _KINDS.items():
+            if params.type in {None, name}:
+                entries = await getattr(board, kind.field)()
+                found += [RecordEntry(name, kind.id_of(entry), kind.caption_of(entry)) for entry in entries]
+        return RecordList(tuple(found))
+
+    return await caller.control.read(read)
+
+
+@METHODS.add("records.get", Role.WATCH)
+async def records_get(caller: Caller, params: RecordsGet) -> RecordForm:
+    """Return a stored record, in the form of project files. Raise NotFound if there is none."""
+    record = await caller.control.read(lambda board: getattr(board, params.type)(params.id))
+    return record_to_json(record)
+
+
+@METHODS.add("records.put", Role.EDIT, in_order=True)
+async def records_put(caller: Caller, params: RecordsPut, on_progress: ProgressCallback) -> RecordStored:
+    """Store a record, in place of the one with its id if there is one.
+
+    Done like an import: with a backup, read back, and undone by `project.rollback`. Raise ProjectError if the record
+    refers to one that is missing, or if no board could store it.
+    """
+    name = params.__struct_config__.tag
+    kind = _KINDS[name]
+    record = struct_from_json(kind.record_class, params.record)
+    record_id = kind.id_of(record)
+
+    def edit(before: Project, caption_encoding: str) -> Project:
+        change = replace_record if record_id in kind.by_id(before) else add_record
+        return change(before, record, caption_encoding=caption_encoding)
+
+    before, after, result = await _change(caller, edit, on_progress)
+    if not record_id:
+        (record_id,) = kind.by_id(after).keys() - kind.by_id(before).keys()
+    stored = record_to_json(kind.by_id(after)[record_id])
+    return RecordStored(name, stored, result.changed, _text(result.backup))
+
+
+@METHODS.add("records.delete", Role.EDIT, in_order=True)
+async def records_delete(caller: Caller, params: RecordsGet, on_progress: ProgressCallback) -> Applied:
+    """Delete a stored record, like an import as `records.put`. Raise ProjectError if another record refers to it."""
+    kind = _KINDS[params.type]
+    board = await caller.control.board()
+    record: Any = await getattr(board, params.type)(params.id)
+
+    def edit(before: Project, caption_encoding: str) -> Project:
+        if kind.id_of(record) not in kind.by_id(before):
+            raise NotFound(f"the board has no {kind} {kind.id_of(record)} any more")
+        return remove_records(before, kind, {kind.id_of(record)})
+
+    _, _, result = await _change(caller, edit, on_progress)
+    return _applied(result)
+
+
+Edit = Callable[[Project, str], Project]
+
+
+async def _change(caller: Caller, edit: Edit, on_progress: ProgressCallback) -> tuple[Project, Project, ApplyResult]:
+    """Make the board hold what `edit` makes of its content; return what it held, what it holds and what was done."""
+    board = await caller.control.board()
+    async with caller.control.alone("a record is being changed"):
+        if await board.has_unfinished_import():
+            raise ProjectError("the board holds an unfinished import: apply the project again, or roll back")
+        before = await board.export_project(on_progress=on_progress)
+        after = edit(before, board.codec.caption_encoding)
+        return before, after, await board.apply_project(after, unchecked=True, on_progress=on_progress)
+
+
+@METHODS.add("project.export", Role.WATCH)
+async def project_export(caller: Caller, params: NoParams, on_progress: ProgressCallback) -> ProjectExported:
+    """Return everything that is stored on the board, as a project file."""
+    project = await caller.control.read(lambda board: board.export_project(on_progress=on_progress))
+    found = validate_project(project, caption_encoding=caller.control.hub.board.codec.caption_encoding)
+    is_odd = any(one.severity == "error" for one in found)
+    return ProjectExported(project_to_form(project, unchecked=is_odd))
+
+
+@METHODS.add("project.plan", Role.WATCH)
+async def project_plan(caller: Caller, params: ProjectPlan, on_progress: ProgressCallback) -> Planned:
+    """Return what `project.apply` would change, and what that costs. Nothing is changed."""
+    project, unchecked = project_from_form(params.project)
+
+    async def read(board: Board) -> Plan:
+        return await board.plan_project(project, replace=params.replace, unchecked=unchecked, on_progress=on_progress)
+
+    plan = await caller.control.read(read)
+    return Planned(
+        tuple(Changed(one.what, record_to_json(one.old), record_to_json(one.new)) for one in plan.changes),
+        plan.inconsistencies,
+        plan.requests,
+        plan.wire_bytes,
+        plan.seconds,
+        None if plan.memory is None else _memory(plan.memory),
+        plan.is_unfinished,
+    )
+
+
+@METHODS.add("project.apply", Role.EDIT, in_order=True)
+async def project_apply(caller: Caller, params: ProjectApply, on_progress: ProgressCallback) -> Applied:
+    """Make the board hold exactly this project, and have the board alone meanwhile.
+
+    If it is interrupted, by the end of this program too, apply the same project again, or roll back.
+    """
+    board = await caller.control.board()
+    project, unchecked = project_from_form(params.project)
+    async with caller.control.alone("a project is being written"):
+        result = await board.apply_project(
+            project, replace=params.replace, backup=params.backup, unchecked=unchecked, on_progress=on_progress
+        )
+    return _applied(result)
+
+
+@METHODS.add("project.rollback", Role.EDIT, in_order=True)
+async def project_rollback(caller: Caller, params: ProjectRollback, on_progress: ProgressCallback) -> Applied:
+    """Make the board hold what it held before the last import, or what a backup holds; alone, as `project.apply`."""
+    board = await caller.control.board()
+    backup = None
+    if params.backup is not None:
+        paths = [one.path for one in BackupStore().backups() if one.number == params.backup]
+        if not paths:
+            raise ProjectError(f"there is no backup {params.backup}; project.backups lists them")
+        backup = paths[0]
+    async with caller.control.alone("a backup is being restored"):
+        result = await board.rollback_project(backup, on_progress=on_progress)
+    return _applied(result)
+
+
+@METHODS.add("project.backups", Role.WATCH)
+def project_backups(caller: Caller, params: NoParams) -> BackupList:
+    """Return all backups of boards on this computer."""
+    return BackupList(
+        tuple(
+            BackupEntry(backup.number, backup.time.isoformat(), backup.board, str(backup.path))
+            for backup in BackupStore().backups()
+        )
+    )
+
+
+def _applied(result: ApplyResult) -> Applied:
+    return Applied(result.changed, result.resumed, _text(result.backup), result.project_id_bits)
+
+
+def _memory(memory: Memory) -> MemoryNow:
+    return MemoryNow(memory.unit, memory.size, memory.free_before, memory.free_after, memory.warning or None)
+
+
+def _text(path: object) -> str | None:
+    return None if path is None else str(path)

@@ -1,0 +1,290 @@
+"""What programs can do through the control interface of a hub."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import AsyncExitStack
+from typing import Any
+
+import pytest
+
+from servolink.client.connect import connect
+from servolink.hub.control.session import METHODS
+from servolink.hub.local import LocalTransport
+from servolink.hub.roles import Role
+from tests.client.fake_board import now
+from tests.hub.control_program import RpcFailed, shared
+from tests.virtual_time import run
+
+
+def test_the_status_says_who_is_connected_and_who_has_the_lease() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("studio") as studio, here.program("tablet", "watch"):
+            status = await studio.call("status")
+            assert (status["name"], status["state"], status["lease"], status["hold"]) == (
+                "rex",
+                "connected",
+                None,
+                None,
+            )
+            programs = [(one["who"], one["door"], one["role"]) for one in status["programs"]]
+            assert programs == [("studio", "share", "edit"), ("tablet", "share", "watch")]
+            await studio.call("move", targets={"1": 60}, duration=0.1)
+            status = await studio.call("status")
+            assert status["lease"]["who"] == "studio"
+
+    run(main())
+
+
+def test_servos_move_by_id_and_by_caption() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program() as studio:
+            moved = await studio.call("move", targets={"1": 60, "2": -20}, duration=0.5, wait=True)
+            assert moved == {"seconds": 0.5}
+            servos = (await studio.call("servos.list"))["servos"]
+            assert [(one["servo_id"], one["angle"], one["angle_unit"]) for one in servos][:2] == [
+                (1, 60, "degree"),
+                (2, -20, "degree"),
+            ]
+            await studio.call("release", servo=1)
+            await studio.call("servo.set", servo="2", start=False, hold=True)
+            servos = (await studio.call("servos.list"))["servos"]
+            assert [(one["is_start"], one["is_hold"]) for one in servos] == [
+                (False, False),
+                (False, True),
+                (True, True),
+            ]
+            await studio.call("release")
+            assert not any(one["is_hold"] for one in (await studio.call("servos.list"))["servos"])
+            with pytest.raises(RpcFailed, match="no servo 'hip'") as failed:
+                await studio.call("move", targets={"hip": 1}, duration=1)
+            assert (failed.value.kind, failed.value.code) == ("NotFound", 303)
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("params", "kind", "text"),
+    [
+        ({"targets": {"1": 91}, "duration": 1}, "MotionRefused", "91"),
+        ({"targets": {"1": 10}}, "EncodeError", "duration"),
+        ({"targets": {"1": 10}, "duration": 1, "speed": 1}, "EncodeError", "duration"),
+        ({"targets": {"1": 10}, "duration": 0}, "EncodeError", "duration"),
+        ({"targets": {}, "duration": 1}, "EncodeError", "target"),
+        ({"targets": {"1": "x"}, "duration": 1}, "invalid_params", "targets: '1' must be a number"),
+    ],
+)
+def test_an_impossible_movement_is_refused_with_the_reason(params: Any, kind: str, text: str) -> None:
+    async def main() -> None:
+        async with shared(angle_limits=(-90, 90)) as here, here.program() as studio:
+            before = await here.states()
+            with pytest.raises(RpcFailed) as failed:
+                await studio.call("move", **params)
+            assert failed.value.kind == kind
+            assert text in str(failed.value)
+            assert [state.angle for state in await here.states()] == [state.angle for state in before]
+
+    run(main())
+
+
+def test_another_program_is_told_who_has_the_lease_and_how_to_take_it() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("studio") as studio, here.program("tablet") as tablet:
+            await tablet.call("status")
+            await studio.call("move", targets={"1": 60}, duration=0.1)
+            assert (await tablet.until("lease"))["lease"]["who"] == "studio"
+            with pytest.raises(RpcFailed, match="moved by studio") as failed:
+                await tablet.call("move", targets={"1": 0}, duration=0.1)
+            assert failed.value.kind == "MotionRefused"
+            assert "lease.take" in failed.value.remedy
+            await tablet.call("lease.ask")
+            asked = await studio.until("lease", 2)
+            assert (asked["event"], asked["by"]) == ("asked for", "tablet")
+            taken = await tablet.call("lease.take", force=True)
+            assert taken["lease"]["who"] == "tablet"
+            over = await studio.until("lease", 3)
+            assert (over["event"], over["by"]) == ("taken over", "tablet")
+            await tablet.call("move", targets={"1": 0}, duration=0.1)
+            assert (await tablet.call("lease.give"))["lease"] is None
+            await studio.call("move", targets={"1": 60}, duration=0.1)
+
+    run(main())
+
+
+def test_a_dead_man_who_stops_to_beat_stops_the_board() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("studio") as studio:
+            await studio.call("lease.take", dead_man=0.35)
+            await studio.call("move", targets={"1": 90}, duration=10)
+            for _ in range(10):
+                await asyncio.sleep(0.1)
+                studio.tell("lease.beat")
+            assert all(state.is_start for state in await here.states())
+            await asyncio.sleep(0.4)
+            assert not any(state.is_start for state in await here.states())
+            assert studio.of("lease")[-1]["event"] == "beats stopped"
+
+    run(main())
+
+
+def test_a_stop_passes_everything_from_any_role() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("studio") as studio, here.program("tablet", "watch") as tablet:
+            moving = studio.begin("move", targets={"1": 90}, duration=10, wait=True)
+            await asyncio.sleep(1)
+            await tablet.call("stop")
+            assert not any(state.is_start for state in await here.states())
+            with pytest.raises(RpcFailed):
+                await moving
+            with pytest.raises(RpcFailed, match="needs the role move"):
+                await tablet.call("move", targets={"1": 0}, duration=0.1)
+
+    run(main())
+
+
+def test_watchers_get_the_latest_and_no_more_than_they_acknowledge() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("page") as page, here.program("other") as other:
+            assert await page.call("servos.watch", hz=50) == {"hz": 50, "credit": 2}
+            await asyncio.sleep(1)
+            assert [frame["number"] for frame in page.of("servos")] == [1, 2]
+            await other.call("move", targets={"1": 60}, duration=0.1, wait=True)
+            page.tell("servos.ack", number=2)
+            await page.until("servos", 4)
+            frames = page.of("servos")
+            assert frames[3]["servos"][0]["angle"] == 60
+            assert frames[2]["missed"] > 10
+            page.tell("servos.ack", number=99)
+            await page.until("servos", 6)
+            await page.call("servos.unwatch")
+            count = len(page.of("servos"))
+            page.tell("servos.ack", number=count)
+            await asyncio.sleep(1)
+            assert len(page.of("servos")) == count
+
+    run(main())
+
+
+def test_only_what_has_changed_is_sent_if_that_is_enough() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("page") as page:
+            await page.call("servos.watch", hz=10, changed_only=True)
+            assert len((await page.until("servos", 1))["servos"]) == 3
+            assert (await page.until("servos", 2))["servos"] == []
+            await page.call("move", targets={"2": 60}, duration=0.1, wait=True)
+            page.tell("servos.ack", number=2)
+            frame = await page.until("servos", 3)
+            page.tell("servos.ack", number=3)
+            frame = await page.until("servos", 4)
+            assert {one["servo_id"] for one in [*page.of("servos")[2]["servos"], *frame["servos"]]} == {2}
+
+    run(main())
+
+
+def test_all_watchers_share_one_poll() -> None:
+    async def main() -> None:
+        async with shared() as here, AsyncExitStack() as stack:
+            pages = [await stack.enter_async_context(here.program(f"page {number}")) for number in range(20)]
+            for page in pages:
+                await page.call("servos.watch", hz=50)
+            sent = here.hub.board.stats.frames_received
+            for _ in range(50):
+                await asyncio.sleep(0.02)
+                for page in pages:
+                    page.tell("servos.ack", number=len(page.of("servos")))
+            assert here.hub.board.stats.frames_received - sent < 60
+            assert min(len(page.of("servos")) for page in pages) > 40
+
+    run(main())
+
+
+def test_button_events_come_to_those_who_subscribe() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("page") as page, here.program("other") as other:
+            await other.call("status")
+            await page.call("buttons.subscribe")
+            here.virtual.press_button(4, now())
+            assert await page.until("button") == {"button_id": 4, "event": 1, "kind": "press"}
+            await page.call("buttons.unsubscribe")
+            await asyncio.sleep(0.1)
+            here.virtual.press_button(5, now())
+            await asyncio.sleep(0.5)
+            assert [event["button_id"] for event in page.of("button")] == [4]
+            assert other.of("button") == []
+
+    run(main())
+
+
+def test_a_program_that_has_a_board_uses_its_lease_and_hold_and_nothing_more() -> None:
+    async def main() -> None:
+        async with (
+            shared() as here,
+            connect(LocalTransport(here.hub, session_id="s", who="script")) as board,
+            here.program("script", session="s") as script,
+            here.program("tablet") as tablet,
+        ):
+            await script.call("lease.take")
+            await board.move({1: 30}, duration=0.1, wait=True)
+            with pytest.raises(RpcFailed, match="moved by script"):
+                await tablet.call("move", targets={"1": 0}, duration=0.1)
+            with pytest.raises(RpcFailed, match="a board of its own") as failed:
+                await script.call("move", targets={"1": 0}, duration=0.1)
+            assert failed.value.kind == "forbidden"
+            assert len((await script.call("status"))["programs"]) == 2
+            await script.call("lease.give")
+            await tablet.call("move", targets={"1": 0}, duration=0.1)
+
+    run(main())
+
+
+def test_who_has_the_board_alone_makes_the_others_wait() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("studio") as studio, here.program("tablet") as tablet:
+            await studio.call("board.hold", reason="calibrating")
+            await tablet.call("status")
+            moving = tablet.begin("move", targets={"1": 10}, duration=0.1)
+            holding = tablet.begin("board.hold")
+            listing = tablet.begin("servos.list")
+            await asyncio.sleep(30)
+            assert not any(waiting.done() for waiting in (moving, holding, listing))
+            await studio.call("move", targets={"1": 60}, duration=0.1, wait=True)
+            await studio.call("lease.give")
+            await tablet.call("stop")
+            await studio.call("servo.set", servo="all", start=True, hold=True)
+            await studio.call("lease.give")
+            assert (await studio.call("board.release"))["hold"] is None
+            assert (await tablet.until("hold"))["hold"] is None
+            await moving
+            assert (await holding)["hold"]["who"] == "tablet"
+            assert len((await listing)["servos"]) == 3
+
+    run(main())
+
+
+def test_the_hold_and_the_lease_end_with_their_program() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("tablet") as tablet:
+            async with here.program("studio") as studio:
+                await studio.call("board.hold", reason="calibrating")
+                await studio.call("lease.take")
+                moving = tablet.begin("move", targets={"1": 10}, duration=0.1)
+            await moving
+            assert tablet.of("program")[-1] == {"event": "left", "session": "session of studio", "who": "studio"}
+
+    run(main())
+
+
+def test_the_connection_to_the_board_is_reported() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("page") as page:
+            await page.call("status")
+            here.hub.board.connection.transport.unplug()  # type: ignore[attr-defined]
+            assert (await page.until("connection"))["state"] == "lost"
+
+    run(main())
+
+
+def test_each_method_says_what_it_does() -> None:
+    for method in METHODS.values():
+        assert method.summary.endswith("."), method.name
+        assert isinstance(method.role, Role)
