@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Coroutine
 from typing import Any, TypeVar
 
 from servolink.client.servos import ServoController
@@ -31,20 +32,17 @@ class RawPackets:
         self._runs = runs
         self._limits = limits
 
-    async def request(self, packet: Request[R], *, timeout: float | None, unchecked: bool) -> R:
-        """Send a packet that the board answers (see `Board.request`)."""
+    def request(self, packet: Request[R], *, timeout: float | None, unchecked: bool) -> Coroutine[Any, Any, R]:
+        """Return what sends a packet that the board answers, when it is awaited (see `Board.request`)."""
         request: Any = self._session.request
-        match packet:
-            case SetAngleUnitRequest():
-                request = self._servos.units.request
-            case SetServoParameterRequest():
-                request = self._servos.request
-            case ExecuteMacroRequest() if self._limits:
-                request = self._runs.request
-            case _:
-                pass
-        response: R = await request(packet, timeout=timeout, unchecked=unchecked)
-        return response
+        if isinstance(packet, SetAngleUnitRequest):
+            request = self._servos.units.request
+        elif isinstance(packet, SetServoParameterRequest):
+            request = self._servos.request
+        elif self._limits and isinstance(packet, ExecuteMacroRequest):
+            request = self._runs.request
+        asked: Coroutine[Any, Any, R] = request(packet, timeout=timeout, unchecked=unchecked)
+        return asked
 
     async def send(self, packet: Command) -> None:
         """Send a packet that the board does not answer (see `Board.send`)."""

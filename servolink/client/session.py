@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import suppress
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from servolink.client.identity import BoardIdentity
 from servolink.client.reconnect import ConnectionState, ConnectionStates, Reconnector
@@ -88,13 +88,15 @@ class Session:
 
     # --- requests -----------------------------------------------------------------------------------------------
 
-    async def request(self, packet: Request[R], *, timeout: float | None = None, unchecked: bool = False) -> R:
-        """Send `packet` and return its response (see `Board.request`)."""
+    def request(
+        self, packet: Request[R], *, timeout: float | None = None, unchecked: bool = False
+    ) -> Coroutine[Any, Any, R]:
+        """Return what sends `packet`, when it is awaited, and returns its response (see `Board.request`)."""
         if not isinstance(packet, Request):
             raise TypeError(f"the board does not answer {type(packet).__name__}; use send")
         if timeout is not None:
             check_seconds("timeout", timeout)
-        return await self.connection.request(packet, timeout=timeout, unchecked=unchecked)
+        return self.connection.request(packet, timeout=timeout, unchecked=unchecked)
 
     async def send(self, packet: Command) -> None:
         """Send a packet that the board does not answer (see `Board.send`)."""

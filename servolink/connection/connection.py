@@ -17,7 +17,7 @@ from servolink.connection.opening import FENCES, Opening
 from servolink.connection.options import PATIENCE
 from servolink.connection.scheduler import RequestScheduler
 from servolink.connection.sender import RequestSender
-from servolink.connection.slots import Slots
+from servolink.connection.slots import Obstacle, Slots
 from servolink.connection.stats import Stats
 from servolink.connection.window import Window
 from servolink.errors import ServolinkError
@@ -276,10 +276,10 @@ class Connection:
         await self._sender.write(self.codec.encode(packet))
 
     def _call(self, packet: Request[Any] | Command, timeout: float | None) -> Call:
-        patience = self.patience
-        if isinstance(packet, ClearAllDataRequest):
+        patience = self.patience if timeout is None else timeout
+        if timeout is None and isinstance(packet, ClearAllDataRequest):
             patience = max(patience, SLOW_PATIENCE)
-        return Call(packet, patience if timeout is None else timeout, self._sender.stops, self._loop.time())
+        return Call(packet, patience, self._sender.stops, self._loop.time())
 
     def _may_send_at_once(self, packet: Request[Any] | Command) -> bool:
         """Take a permit if nothing at all stands in the way of `packet`, the usual case."""
@@ -312,6 +312,8 @@ class Connection:
     async def _wait_in_queue(self, call: Call, *, first: bool) -> None:
         await self._scheduler.acquire(call.packet, first=first)
         call.queued = True
+        if self._slots.obstacle(call.packet) is Obstacle.NONE:
+            return
         try:
             await self._sender.clear_way(call)
         except BaseException:

@@ -44,11 +44,13 @@ class DeadlineTimer:
         self._received = received
         self._due = due
         self._timer: asyncio.TimerHandle | None = None
+        self._deadline = 0.0  # of the timer
 
     def arm(self, deadline: float) -> None:
         """Call `passed` once `deadline` (loop time) has passed; an earlier deadline stands."""
-        if self._timer is None or deadline < self._timer.when():
+        if self._timer is None or deadline < self._deadline:
             self.stop()
+            self._deadline = deadline
             self._timer = self._loop.call_at(deadline, self._reached, deadline)
 
     def stop(self) -> None:
@@ -91,10 +93,14 @@ class ResponseTimes:
 
     def record(self, packet_id: int, seconds: float) -> None:
         """Take a response that can belong to one sending only into account."""
-        smoothed, variation, _ = self._estimates.get(packet_id) or (seconds, seconds * 2 / 3, 0.0)
-        error = seconds - smoothed
-        smoothed += error / 8
-        variation += ((error if error > 0 else -error) - variation) / 4
+        estimate = self._estimates.get(packet_id)
+        if estimate is None:
+            smoothed, variation = seconds, seconds / 2
+        else:
+            smoothed, variation, _ = estimate
+            error = seconds - smoothed
+            smoothed += error / 8
+            variation += ((error if error > 0 else -error) - variation) / 4
         if self._margin > _LEAST_MARGIN:
             self._margin *= _FORGOTTEN
         timeout = min(smoothed + max(4 * variation, self._margin), _LONGEST)

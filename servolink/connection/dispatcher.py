@@ -118,7 +118,7 @@ class ResponseDispatcher:
         """End a call. If it has no response, its latest slot keeps the permit for as long as one is expected."""
         call.is_over = True
         slot, call.latest = call.latest, None  # they refer to each other, and would be garbage only for the collector
-        if slot is not None and slot.is_expected:
+        if slot is not None and slot.open and not slot.overdue:
             if call.response is None:
                 slot.holds_permit_of = call.packet
                 return
@@ -162,32 +162,31 @@ class ResponseDispatcher:
         if frame_logger.isEnabledFor(logging.DEBUG):
             self.frame_log.received(frame)
         packet_id, content = frame
-        if self._window.learns and (lane := self._slots.lanes.get(packet_id)) is not None:
+        lane = self._slots.lanes.get(packet_id)
+        if self._window.learns and lane is not None:
             lane.heard(len(content) + OVERHEAD)
-        if packet_id == ButtonEventResponse.packet_id:
+        if lane is not None and lane.slots and self.opening is None:
+            self._settle(packet_id, content)
+        elif packet_id == ButtonEventResponse.packet_id:
             self.stats.events_received += 1
             if self.opening is not None:
                 self.opening.heard_event()
             self.on_event(self._codec.decode(packet_id, content))  # type: ignore[arg-type]  # the id says so
-        elif self.opening is not None:
-            if packet_id in self._slots.lanes:
-                self.opening.heard(packet_id)
-        else:
-            self._settle(packet_id, content)
-
-    def _settle(self, packet_id: int, content: bytes) -> None:
-        lane = self._slots.lanes.get(packet_id)
-        if lane is None or not lane.slots:
+        elif self.opening is None:
             self.stats.unsolicited += 1
             self.on_stranger(packet_id)
-            return
+        elif lane is not None:
+            self.opening.heard(packet_id)
+
+    def _settle(self, packet_id: int, content: bytes) -> None:
         decoded: Content
         try:
             decoded = self._codec.decode(packet_id, content)  # type: ignore[assignment]  # lanes are response ids
         except DecodeError as error:
             self.stats.undecodable += 1
             decoded = error
-        if self._window.learns and self._load is None:
+        learns = self._window.learns
+        if learns and self._load is None:
             self._load = self._scheduler.load()
         settled = self._slots.settle(packet_id, decoded)
         if settled is None:
@@ -196,7 +195,7 @@ class ResponseDispatcher:
         asked_at = self._restarted_at
         if settled:
             self._restart(self._heard_at)
-            if self._load is not None:
+            if learns and self._load is not None:
                 self._learn(self._load, settled, len(content) + OVERHEAD, asked_at)
         self._report(settled, asked_at)
 
@@ -206,7 +205,8 @@ class ResponseDispatcher:
         `asked_at` is when the slot that was answered became the oldest one.
         """
         for slot, content in settled:
-            self._release_held(slot)
+            if slot.holds_permit_of is not None:
+                self._release_held(slot)
             call = slot.call
             if content is None:
                 self.answered_in_a_row = 0

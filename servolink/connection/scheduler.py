@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -48,7 +48,7 @@ class RequestScheduler:
         self._slots = slots
         self._permits = 0
         self._changes = 0  # permits of packets that change something
-        self._of_lane: Counter[Lane] = Counter()  # permits
+        self._of_lane: dict[Lane, int] = {}  # permits
         self._paused = False
         self.waiting: deque[_Waiting] = deque()
         """Those who wait for a permit."""
@@ -56,13 +56,10 @@ class RequestScheduler:
 
     def acquire_at_once(self, packet: Request[Any] | Command) -> bool:
         """Take a permit if nothing stands in the way of `packet`, which must be sent at once. `release` must follow."""
-        if (
-            self.waiting
-            or self._paused
-            or self._granted
-            or (self._permits and not self._has_room(packet))
-            or self._slots.obstacle(packet) is not Obstacle.NONE
-        ):
+        if self.waiting or self._paused or self._granted or (self._permits and not self._has_room(packet)):
+            return False
+        slots = self._slots
+        if (slots.live or slots.overdue) and slots.obstacle(packet) is not Obstacle.NONE:
             return False
         self._take(packet)
         return True
@@ -93,14 +90,14 @@ class RequestScheduler:
 
     def release(self, packet: Request[Any] | Command) -> None:
         """Give the permit of `packet` back."""
+        self._permits -= 1
         if not isinstance(packet, Query):
             self._changes -= 1
         if self.window.learns and isinstance(packet, Request):
-            self._of_lane[self._lane(packet)] -= 1
-        self._give_back()
-
-    def _give_back(self) -> None:
-        self._permits -= 1
+            lane = self._lane(packet)
+            permits = self._of_lane.pop(lane)
+            if permits > 1:
+                self._of_lane[lane] = permits - 1
         if self.waiting:
             self.grant()
 
@@ -110,7 +107,9 @@ class RequestScheduler:
 
     def give_back_extra(self) -> None:
         """Give such a permit back."""
-        self._give_back()
+        self._permits -= 1
+        if self.waiting:
+            self.grant()
 
     def pause(self) -> None:
         """Grant nothing until `resume`: the connection is being opened."""
@@ -161,28 +160,31 @@ class RequestScheduler:
     def _owed_with(self, packet: Request[Any] | Command) -> int:
         """Return the bytes of the line that are owed once `packet` is sent."""
         # By permits, not by slots: a caller whose slot is overdue sends again without asking.
-        owed = sum(lane.size * count for lane, count in self._of_lane.items())
-        return owed + self._lane(packet).size if isinstance(packet, Request) else owed
+        owed = self._lane(packet).size if isinstance(packet, Request) else 0
+        for lane, permits in self._of_lane.items():
+            owed += lane.size * permits
+        return owed
 
     def _take(self, packet: Request[Any] | Command) -> None:
         self._permits += 1
         if not isinstance(packet, Query):
             self._changes += 1
         if self.window.learns and isinstance(packet, Request):
-            self._of_lane[self._lane(packet)] += 1
+            lane = self._lane(packet)
+            self._of_lane[lane] = self._of_lane.get(lane, 0) + 1
 
     def _lane(self, request: Request[Any]) -> Lane:
         return self._slots.lanes[request.packet_id + 1]
 
     def load(self) -> Load:
         """Return what is under way now, beside what may be."""
-        head = next((each.packet for each in self.waiting if not each.granted.done()), None)
         under_way = self._permits - self._slots.kept
-        if head is None:
-            climb = self.window.writes if self._changes else self.window.queries
-            return Load(climb, under_way >= climb.depth, wants_more=False)
-        climb = self.window.climb(head, self._changes)
-        return Load(climb, not self._has_room(head), wants_more=under_way >= climb.depth)
+        for waiting in self.waiting:
+            if not waiting.granted.done():
+                climb = self.window.climb(waiting.packet, self._changes)
+                return Load(climb, not self._has_room(waiting.packet), wants_more=under_way >= climb.depth)
+        climb = self.window.writes if self._changes else self.window.queries
+        return Load(climb, under_way >= climb.depth, wants_more=False)
 
 
 class PendingDrain:

@@ -81,15 +81,17 @@ class RequestSender:
         Nothing may stand in the way of the first sending (see `clear_way`).
         """
         self.refuse_if_stopped(call)
+        woken, data = self._open_request(call, packet), frame
         while True:
-            if call.tries and self._must_fence(call):
-                woken, data = self._open_fence(call)
-            else:
-                woken, data = self._open_request(call, packet), frame
             if call.queued:
                 self.leave_queue(call)
-            await self.write(data)
-            if self._window.depth > 1:
+            try:
+                await self._transport.send(self._counted(data))
+            except (ConnectionLost, asyncio.CancelledError) as error:
+                self._not_sent(error)
+                raise
+            slots = self._slots
+            if (slots.kept or slots.unproved >= _MARK_EVERY or call.tries > 1) and self._window.depth > 1:
                 await self._mark(call)
             await woken
             if call.response is None:
@@ -100,6 +102,10 @@ class RequestSender:
                 await self._pause(call, packet)
             if call.response is not None:
                 return call.response
+            if self._must_fence(call):
+                woken, data = self._open_fence(call)
+            else:
+                woken, data = self._open_request(call, packet), frame
 
     async def _end_latest(self, call: Call) -> None:
         """Wait until the latest slot of a call is over or overdue: a response to an older one changes nothing."""
@@ -255,20 +261,28 @@ class RequestSender:
 
     async def write(self, frame: bytes) -> None:
         """Send a whole frame. Raise ConnectionLost if that fails, which ends the connection."""
+        try:
+            await self._transport.send(self._counted(frame))
+        except (ConnectionLost, asyncio.CancelledError) as error:
+            self._not_sent(error)
+            raise
+
+    def _counted(self, frame: bytes) -> bytes:
+        """Return a frame that is about to be sent. Raise ConnectionLost if the connection has ended."""
         if self._answers.ended is not None:
             raise same(self._answers.ended)
         self._stats.frames_sent += 1
         self._stats.bytes_sent += len(frame)
         if frame_logger.isEnabledFor(logging.DEBUG):
             self._answers.frame_log.sent(frame)
-        try:
-            await self._transport.send(frame)
-        except ConnectionLost as error:
+        return frame
+
+    def _not_sent(self, error: BaseException) -> None:
+        """End the connection that was lost, or hold a permit for the rest of a frame that its caller has left."""
+        if isinstance(error, ConnectionLost):
             self._answers.lost(error)
-            raise
-        except asyncio.CancelledError:
+        else:
             self._drain.hold()
-            raise
 
     async def send_packet(self, packet: Packet) -> None:
         """Send a packet without a slot."""
@@ -304,7 +318,7 @@ class RequestSender:
 
     def refuse_if_stopped(self, call: Call) -> None:
         """Raise RequestError for a movement that was asked for before a stop, or checked before a unit was sent."""
-        if call.units not in {None, self.units_sent}:
+        if call.units is not None and call.units != self.units_sent:
             raise RequestError(
                 f"{type(call.packet).__name__} was not sent: an angle unit was set while it was checked", call.packet
             )

@@ -11,7 +11,7 @@ This file knows no clock, no event loop and no bytes.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from enum import Enum
 from itertools import takewhile
 from typing import Any
@@ -60,7 +60,10 @@ class Slots:
     def open(self, slot: Slot) -> None:
         """Append a slot, before its first byte is sent."""
         lane, request = slot.lane, slot.request
-        lane.equal = request.repeatable and (not lane.slots or (lane.equal and lane.slots[0].request == request))
+        if not lane.slots:
+            lane.equal = request.repeatable
+        elif lane.equal:
+            lane.equal = request.repeatable and lane.slots[0].request == request
         self._order.append(slot)
         lane.slots.append(slot)
         if slot.is_fence:
@@ -157,12 +160,14 @@ class Slots:
         The oldest gets the response: it is younger than that question, whichever slot it belongs to. Kept responses on
         other lanes may belong to younger slots, so those lanes stay as they are.
         """
-        self._drop_kept(oldest.lane)
         settled: list[Settled] = []
-        for slot in takewhile(lambda slot: slot is not oldest, self._order):
-            if slot.open and not slot.lane.kept:
-                self._close(slot)
-                settled.append((slot, None))
+        if self.kept:
+            self._drop_kept(oldest.lane)
+        if self._order[0] is not oldest:
+            for slot in takewhile(lambda slot: slot is not oldest, self._order):
+                if slot.open and not slot.lane.kept:
+                    self._close(slot)
+                    settled.append((slot, None))
         self._close(oldest)
         settled.append((oldest, content))
         while self._order and not self._order[0].open:
@@ -191,7 +196,8 @@ class Slots:
 
     def _close(self, slot: Slot) -> None:
         slot.open = False
-        self._tidy()
+        if self.live and slot is self.live[0]:
+            self._tidy()
         lane = slot.lane
         lane.slots.popleft()  # this one: the slots of a lane end in their order
         if not lane.slots:
@@ -204,14 +210,15 @@ class Slots:
 
     # --- what may be sent beside open slots ---------------------------------------------------------------------
 
-    def obstacle(self, packet: Request[Any] | Command, granted: Iterable[Request[Any] | Command] = ()) -> Obstacle:
+    def obstacle(self, packet: Request[Any] | Command, granted: Sequence[Request[Any] | Command] = ()) -> Obstacle:
         """Return what stands in the way of `packet`, which nobody has sent yet.
 
-        `granted` are packets that will be sent before it and are not in the list yet.
+        `granted` are packets that will be sent before it, none in the way of another, and are not in the list yet.
         """
-        for other in granted:
-            if _conflict(packet, other):
-                return Obstacle.WAIT
+        if granted and not (packet.repeatable and not packet.alone and packet == granted[-1]):  # else like that one
+            for other in granted:
+                if _conflict(packet, other):
+                    return Obstacle.WAIT
         if not self.overdue and not self.live:
             return Obstacle.NONE
         if self.overdue >= FENCES_ONLY:

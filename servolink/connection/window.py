@@ -39,7 +39,8 @@ class Window:
         """Whether there is anything to learn."""
         if not learn:
             self.queries.depth, self.writes.depth = depth, write_depth
-        self._known_pace = bytes_per_second
+        self.pace = self._known_pace = bytes_per_second
+        """Bytes per second of the line, 0 if they are unknown."""
         self._bytes = self._seconds = 0.0  # of responses that came one behind the other
         self._responses = 0
         self._bulks = 0
@@ -48,11 +49,6 @@ class Window:
     def depth(self) -> int:
         """How many requests may be under way now, at most."""
         return max(self.queries.depth, self.writes.depth)
-
-    @property
-    def pace(self) -> float:
-        """Bytes per second of the line, 0 if they are unknown."""
-        return max(self._known_pace, self._bytes / max(self._seconds, 1e-9))
 
     @contextmanager
     def bulk(self) -> Iterator[None]:
@@ -82,3 +78,4 @@ class Window:
             self._responses, self._bytes, self._seconds = _MEMORY // 2, self._bytes / 2, self._seconds / 2
         self._bytes += size
         self._seconds += seconds
+        self.pace = max(self._known_pace, self._bytes / max(self._seconds, 1e-9))

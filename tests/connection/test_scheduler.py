@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable
+from collections.abc import Sequence
 from random import Random
 from typing import Any
 
@@ -364,7 +364,7 @@ def test_an_extra_permit_waits_for_nobody_and_keeps_others_waiting() -> None:
 # --- work ---------------------------------------------------------------------------------------------------------
 
 
-Granted = Iterable[Request[Any] | Command]
+Granted = Sequence[Request[Any] | Command]
 
 
 def looks_per_request(waiters: int, depth: int, monkeypatch: pytest.MonkeyPatch) -> float:
