@@ -17,6 +17,7 @@ from servolink.hub.events import ButtonRelay
 from servolink.hub.exchanges import Exchange
 from servolink.hub.lease import SECONDS_AFTER
 from servolink.hub.lease_keeper import LeaseKeeper
+from servolink.hub.motion_gate import stops_all
 from servolink.hub.motions import Motions
 from servolink.hub.notices import (
     ButtonPressed,
@@ -35,6 +36,7 @@ from servolink.hub.notices import (
 from servolink.hub.program import Program
 from servolink.hub.roles import Role
 from servolink.hub.sending import PacketSender
+from servolink.hub.unit_switch import UnitSwitch
 from servolink.hub.upstream import Upstream
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
@@ -52,17 +54,18 @@ class Hub:
         self.programs: dict[str, Program] = {}
         """By session id, in the order in which they joined."""
         self._buttons = ButtonRelay(board, self._deliver)
-        motions = Motions(board)
+        motions, units = Motions(board), UnitSwitch(board)
         self._keeper = LeaseKeeper(
             name,
             motions,
+            units,
             lease_seconds,
             who_of=self._who_of,
             tell=self.tell,
             stop_board=self._stop_for,
             begin=self._begin,
         )
-        sender = PacketSender(board, motions, self._keeper, self._buttons, self._refused)
+        sender = PacketSender(board, motions, self._keeper, units, self._buttons, self._refused)
         self._upstream = Upstream(board, sender)
         self._now = asyncio.get_running_loop().time
         self._began_at = self._now()
@@ -84,11 +87,14 @@ class Hub:
         self._begin(self._follow_connection())
 
     async def close(self) -> None:
-        """End all sessions. The board stays open, and as it is."""
+        """End all sessions. The board stays open, and as it is; stopped if a program watched over its motion."""
+        lease = self.lease
         for program in list(self.programs.values()):
             if program.on_end is not None:
                 program.on_end()
             program.leave()
+        if lease is not None and lease.dead_man is not None:
+            await self._stop_for("the hub, which ends,")
         self._keeper.close()
         for task in self._tasks:
             task.cancel()
@@ -145,13 +151,16 @@ class Hub:
 
     def ask_stop(self, exchange: Exchange) -> None:
         """Send a stop before everything else; see `Program`."""
-        self._stop_motions()
+        self._upstream.drop_motions()
+        if stops_all(exchange.packet):
+            self._keeper.stopped()
         self._upstream.ask_stop(exchange)
 
     async def stop(self, who: str) -> None:
         """Stop all servos for `who`, ahead of everything (see `Board.stop`)."""
         _logger.info("%s stops the board", escape(who))
-        self._stop_motions()
+        self._upstream.drop_motions()
+        self._keeper.stopped()
         await self.board.stop()
 
     async def _stop_for(self, reason: str) -> None:
@@ -160,10 +169,6 @@ class Hub:
             await self.stop(reason)
         except ServolinkError as error:
             self.tell(Problem(str(error)))
-
-    def _stop_motions(self) -> None:
-        self._upstream.drop_motions()
-        self._keeper.stopped()
 
     def _refused(self, exchange: Exchange, reason: str) -> None:
         """Count a packet that is not sent, and tell why."""

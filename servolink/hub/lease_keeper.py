@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Callable, Coroutine, Iterable
 from typing import Any
 
@@ -13,7 +14,8 @@ from servolink.hub.lease import LeaseChange, MotionLease
 from servolink.hub.motion_gate import MotionGate
 from servolink.hub.motions import Motions
 from servolink.hub.notices import LeaseChanged, LeaseStatus, Notice
-from servolink.protocol.packet import Packet
+from servolink.hub.unit_switch import UnitSwitch
+from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.servos import ExecuteActionRequest
 
 _logger = logging.getLogger(__name__)
@@ -26,6 +28,7 @@ class LeaseKeeper:
         self,
         name: str,
         motions: Motions,
+        units: UnitSwitch,
         seconds_after: float,
         *,
         who_of: Callable[[str], str],
@@ -37,6 +40,7 @@ class LeaseKeeper:
         self._lease = MotionLease(seconds_after)
         self._gate = MotionGate(self._lease, name, who_of)
         self._motions = motions
+        self._units = units
         self._who_of = who_of
         self._tell = tell
         self._stop_board = stop_board
@@ -44,6 +48,8 @@ class LeaseKeeper:
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
         self._is_reading = False
+        self._motions_sent = 0
+        self._stops = 0
 
     @property
     def status(self) -> LeaseStatus | None:
@@ -67,15 +73,21 @@ class LeaseKeeper:
         self._report(admission.changes)
         return admission.reason
 
-    async def moved(self, session: str, packet: Packet) -> None:
+    def moved(self, exchange: Exchange) -> None:
         """Count a motion that was sent: the lease lasts until some time after its end."""
+        packet, session, sent_at = exchange.packet, exchange.program.session_id, self._loop.time()
+        self._motions_sent += 1
         if isinstance(packet, ExecuteActionRequest):
-            self._count(session, await self._motions.seconds_of(packet), self._loop.time())
-        else:  # its time may have to be read from the board, for which nobody should wait
-            self._begin(self._count_later(session, packet))
+            self._count(session, sent_at + self._motions.seconds_of_steps(packet))
+            return
+        if isinstance(packet, ExecuteMacroRequest):  # whose end is known a little later
+            self._units.keep_for(exchange.program.state, math.inf)
+        self._begin(self._count_later(exchange, sent_at))
 
     def stopped(self) -> None:
-        """Count all motions as over."""
+        """Count all motions as over: the board is stopped."""
+        self._stops += 1
+        self._units.release()
         self._report(self._lease.stopped(self._loop.time()))
 
     def take(self, session: str, *, dead_man: float | None, force: bool) -> bool:
@@ -101,12 +113,17 @@ class LeaseKeeper:
 
     # --- what time does -----------------------------------------------------------------------------------------
 
-    async def _count_later(self, session: str, packet: Packet) -> None:
-        sent_at = self._loop.time()
-        self._count(session, await self._motions.seconds_of(packet), sent_at)
+    async def _count_later(self, exchange: Exchange, sent_at: float) -> None:
+        """Count a motion whose time is to be read from the board, for which nobody should wait."""
+        packet, stops = exchange.packet, self._stops
+        seconds = await self._motions.seconds_of(packet)
+        if stops != self._stops:
+            return
+        if seconds is not None and isinstance(packet, ExecuteMacroRequest):
+            self._units.keep_for(exchange.program.state, sent_at + seconds)
+        self._count(exchange.program.session_id, None if seconds is None else sent_at + seconds)
 
-    def _count(self, session: str, seconds: float | None, sent_at: float) -> None:
-        ends_at = None if seconds is None else sent_at + seconds
+    def _count(self, session: str, ends_at: float | None) -> None:
         self._report(self._lease.moved(session, ends_at, self._loop.time()))
         if self._lease.is_end_unknown and not self._is_reading:
             self._is_reading = True
@@ -114,9 +131,13 @@ class LeaseKeeper:
 
     async def _read_until_rest(self) -> None:
         try:
-            await self._motions.until_rest()
+            seen = -1
+            while seen != self._motions_sent:  # a later motion may begin while servos still seem to rest
+                seen = self._motions_sent
+                await self._motions.until_rest()
         finally:
             self._is_reading = False
+        self._units.rested()
         self._report(self._lease.rested(self._loop.time()))
 
     def _report(self, changes: Iterable[LeaseChange]) -> None:

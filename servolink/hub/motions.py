@@ -74,13 +74,17 @@ class Motions:
         """Return how long a motion takes that was just sent; None if that cannot be computed."""
         match packet:
             case ExecuteActionRequest():
-                return max((step.interval for step in packet.steps), default=0) * self._interval_unit
+                return self.seconds_of_steps(packet)
             case ExecuteActionExRequest():
                 return await self._seconds_of(ACTION, packet.action_id)
             case ExecuteMacroRequest():
                 return await self._seconds_of(MACRO, packet.macro_id)
             case _:  # a servo that is started may turn to an old target, one that is released falls
                 return None
+
+    def seconds_of_steps(self, packet: ExecuteActionRequest) -> float:
+        """Return how long a movement takes."""
+        return max((step.interval for step in packet.steps), default=0) * self._interval_unit
 
     async def until_rest(self) -> None:
         """Return when no servo has turned for a second. While the board does not answer, that is unknown: go on."""

@@ -6,14 +6,14 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 from servolink.client.board import Board
-from servolink.errors import OutcomeUnknown, Rejected, WrongBoard
+from servolink.errors import ConnectionLost, OutcomeUnknown, Rejected, WrongBoard
 from servolink.hub.events import ButtonRelay
 from servolink.hub.exchanges import Exchange
 from servolink.hub.lease_keeper import LeaseKeeper
 from servolink.hub.motions import Motions
 from servolink.hub.roles import carries_angles, is_motion
-from servolink.hub.unit_switch import UnitSwitch
-from servolink.protocol.editing import WriteProjectIDRequest, WriteProjectIDResponse
+from servolink.hub.unit_switch import UnitsKept, UnitSwitch
+from servolink.protocol.editing import ExecuteMacroResponse, WriteProjectIDRequest, WriteProjectIDResponse
 from servolink.protocol.joystick import SubscribeButtonEventRequest
 from servolink.protocol.packet import Command, Packet, Query, Request
 from servolink.protocol.servos import QueryServoRequest, SetAngleUnitRequest
@@ -31,17 +31,21 @@ class PacketSender:
         board: Board,
         motions: Motions,
         keeper: LeaseKeeper,
+        units: UnitSwitch,
         buttons: ButtonRelay,
         on_refused: Callable[[Exchange, str], None],
     ) -> None:
-        """Send to `board` what `keeper` admits. Call `on_refused` with each packet that is not sent, and the reason."""
+        """Send to `board` what `keeper` admits, in the units that `units` sets.
+
+        Call `on_refused` with each packet that is not sent, and the reason.
+        """
         self.stops = 0
         """How many times everything was stopped; a motion asked for before a stop is not sent after it."""
         self._board = board
         self._motions = motions
         self._keeper = keeper
         self._buttons = buttons
-        self._units = UnitSwitch(board)
+        self._units = units
         self._on_refused = on_refused
 
     async def send(self, exchange: Exchange, on_free: Callable[[], None]) -> Packet | None:
@@ -50,27 +54,30 @@ class PacketSender:
         Until it is with the connection, which keeps the order, the further packets of the program wait; then `on_free`
         is called.
         """
-        packet = exchange.packet
+        packet, state = exchange.packet, exchange.program.state
         if isinstance(packet, Query) and not isinstance(packet, QueryServoRequest):
             return await self._request(packet)
-        has_angles = carries_angles(packet)
+        is_inside = False
         exchange.program.queue.is_blocked = True
         try:
             if isinstance(packet, SetAngleUnitRequest):
-                return await self._units.set(packet, exchange.program.state)
+                return await self._units.set(packet, state)
             if isinstance(packet, SubscribeButtonEventRequest):
                 return await self._buttons.set(exchange.program, packet)
             if reason := await self._why_not(exchange):
                 return await self.refused(exchange, reason)
-            if has_angles:
-                await self._units.enter(packet, exchange.program.state)
+            if carries_angles(packet):
+                await self._units.enter(packet, state)
+                is_inside = True
+            if is_motion(packet):
+                return await self._move(exchange)
+            self._free(exchange, on_free)
+            return await self._send(packet)
+        except UnitsKept as error:
+            return await self.refused(exchange, str(error))
         finally:
-            exchange.program.queue.is_blocked = False
-            on_free()
-        try:
-            return await self._send(exchange)
-        finally:
-            if has_angles:
+            self._free(exchange, on_free)
+            if is_inside:
                 self._units.leave()
 
     async def refused(self, exchange: Exchange, reason: str) -> Packet | None:
@@ -92,10 +99,12 @@ class PacketSender:
             return str(error)
         return ""
 
-    async def _send(self, exchange: Exchange) -> Packet | None:
-        packet = exchange.packet
-        if is_motion(packet):
-            return await self._move(exchange)
+    def _free(self, exchange: Exchange, on_free: Callable[[], None]) -> None:
+        if exchange.program.queue.is_blocked:
+            exchange.program.queue.is_blocked = False
+            on_free()
+
+    async def _send(self, packet: Packet) -> Packet | None:
         match packet:
             case ClearAllDataRequest():
                 return ClearAllDataResponse(await _is_done(self._board.clear_all_data()))
@@ -109,19 +118,18 @@ class PacketSender:
                 return None
 
     async def _move(self, exchange: Exchange) -> Packet | None:
-        """Send a motion, unless a stop came while something was awaited, or it exceeds a limit."""
-        if exchange.stops != self.stops:
-            return await self.refused(exchange, STOPPED)
-        packet, session = exchange.packet, exchange.program.session_id
+        """Send a motion, unless a stop or another holder came while something was awaited, or it exceeds a limit."""
+        if reason := STOPPED if exchange.stops != self.stops else self._keeper.admit(exchange):
+            return await self.refused(exchange, reason)
         try:
-            outcome = await self._motions.send(packet)
-        except OutcomeUnknown:
-            await self._keeper.moved(session, packet)  # it may have been carried out
+            outcome = await self._motions.send(exchange.packet)
+        except (OutcomeUnknown, ConnectionLost):
+            self._keeper.moved(exchange)  # it may have been carried out
             raise
         if outcome.refused:
             self._on_refused(exchange, outcome.refused)
-        else:
-            await self._keeper.moved(session, packet)
+        elif outcome.response != ExecuteMacroResponse(0):
+            self._keeper.moved(exchange)
         return outcome.response
 
     async def _request(self, packet: Request[Any]) -> Packet:

@@ -24,6 +24,12 @@ class SessionState:
         """Return the unit in which the program sends and reads the angle of a servo."""
         return self.units.get(servo_id, self.unit)
 
+    def is_set(self, request: SetAngleUnitRequest) -> bool:
+        """Return whether the program has the unit that `request` asks for already."""
+        if request.servo_id == ALL_SERVOS:
+            return not self.units and self.unit == unit_of(request)
+        return self.unit_of(request.servo_id) == unit_of(request)
+
     def set_unit(self, accepted: SetAngleUnitRequest) -> None:
         """Remember a unit that the program asked for and the board accepted (3.2.4)."""
         unit = unit_of(accepted)

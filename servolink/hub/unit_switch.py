@@ -6,11 +6,19 @@ import asyncio
 
 from servolink.client.board import Board
 from servolink.connection.connection import Connection
-from servolink.errors import Rejected
+from servolink.errors import Rejected, RequestError
 from servolink.hub.session_state import SessionState
 from servolink.hub.units import BoardUnits
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import SetAngleUnitRequest, SetAngleUnitResponse
+
+
+class UnitsKept(RequestError):
+    """The angle units of the board must not be changed while the macro of another program runs."""
+
+    def __init__(self, packet: Packet) -> None:
+        """Store `packet`, which was not sent."""
+        super().__init__("a macro of another program runs, and its angles are in other units than yours", packet)
 
 
 class UnitSwitch:
@@ -28,18 +36,14 @@ class UnitSwitch:
     async def enter(self, packet: Packet, state: SessionState) -> None:
         """Set what `packet` of a program means, and keep it until `leave`.
 
-        Raise Rejected or RequestTimeout if that fails: then the packet must not be sent.
+        Raise UnitsKept, Rejected or RequestTimeout if that fails: then the packet must not be sent.
         """
-        if self._board.connection is not self._connection:
-            self._connection = self._board.connection
-            self._units.forget()  # the board may have been switched off and on
+        self._look_at_connection()
         if self._setting.locked() or self._units.needed(packet, state):
             async with self._setting:
                 # Also nothing of others may be under way: a query that is repeated would be answered in other units.
                 await self._until_unused()
-                for request in self._units.needed(packet, state):
-                    if not self._units.answered(request, await self._ask(request)):
-                        raise Rejected(f"the board refused the angle unit of servo {request.servo_id}", request)
+                await self._set_needed(packet, state)
                 self._users += 1
         else:
             self._users += 1
@@ -51,18 +55,60 @@ class UnitSwitch:
             self._unused.set()
 
     async def set(self, packet: SetAngleUnitRequest, state: SessionState) -> SetAngleUnitResponse:
-        """Set a unit that a program asks for. If the board accepts it, it is that of the program from now on."""
+        """Set a unit that a program asks for. If the board accepts it, it is that of the program from now on.
+
+        Raise UnitsKept if that must not be now, unless the program has this unit already.
+        """
         async with self._setting:
             await self._until_unused()
-            response = await self._ask(packet)
-            if self._units.answered(packet, response):
-                state.set_unit(packet)
-        return response
+            if self._may_set(packet, state):
+                response = await self._ask(packet)
+                if self._units.answered(packet, response):
+                    state.set_unit(packet)
+                return response
+        if state.is_set(packet):
+            return SetAngleUnitResponse(packet.servo_id, packet.unit_type)
+        raise UnitsKept(packet)
+
+    def keep_for(self, state: SessionState, until: float) -> None:
+        """Keep the units of a program with `state` while its macro runs (see `BoardUnits.keep_for`)."""
+        self._units.keep_for(state, until)
+
+    def release(self) -> None:
+        """Keep no units for a macro any more: the board is stopped."""
+        self._units.release()
+
+    def rested(self) -> None:
+        """Keep no units for a macro of unknown end any more: the servos rest."""
+        self._units.rested()
+
+    async def _set_needed(self, packet: Packet, state: SessionState) -> None:
+        self._look_at_connection()
+        while needed := self._units.needed(packet, state):
+            if not all(self._may_set(request, state) for request in needed):
+                raise UnitsKept(packet)
+            for request in needed:
+                if not self._units.answered(request, await self._ask(request)):
+                    raise Rejected(f"the board refused the angle unit of servo {request.servo_id}", request)
+            self._look_at_connection()  # and begin again with a new one
+
+    def _look_at_connection(self) -> None:
+        """Forget the units that were set on another connection: the board may have been switched off and on."""
+        if self._board.connection is not self._connection:
+            self._connection = self._board.connection
+            self._units.forget()
+
+    def _may_set(self, request: SetAngleUnitRequest, state: SessionState) -> bool:
+        return self._units.may_set(request, state, asyncio.get_running_loop().time())
 
     async def _ask(self, request: SetAngleUnitRequest) -> SetAngleUnitResponse:
         self._units.asking(request)
-        # Not past the board's own methods: they check limits in the units that they know.
-        return await self._board.request(request, unchecked=True)
+        try:
+            # Not past the board's own methods: they check limits in the units that they know.
+            return await self._board.request(request, unchecked=True)
+        except BaseException:
+            self._units.forget()  # as the board's methods do, which will set those of all servos again
+            raise
 
     async def _until_unused(self) -> None:
         while self._users:

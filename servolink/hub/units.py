@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from servolink.hub.roles import carries_angles
 from servolink.hub.session_state import SessionState, unit_of
 from servolink.motion.angles import AngleUnit
@@ -79,23 +81,27 @@ class BoardUnits:
         return tuple(_request(one, state.unit_of(one)) for one in concerned if self.of(one) != state.unit_of(one))
 
     def keep_for(self, state: SessionState, until: float) -> None:
-        """Keep the units of a program with `state` while its macro runs, which is until `until` or until `release`.
+        """Keep the units of a program with `state` while its macro runs, until `until` or until it is stopped.
 
-        The board reads each step of a macro when it comes to it, in the unit that the servo is set to then.
+        `until` is infinite while it is unknown. The board reads each step of a macro when it comes to it, in the unit
+        that the servo is set to then.
         """
         self._runs, self._runs_until = state, until
 
     def release(self) -> None:
-        """Keep no units any more: the macro has ended or was stopped."""
+        """Keep no units any more: the macro was stopped."""
         self._runs = None
+
+    def rested(self) -> None:
+        """Keep no units for a macro of unknown end any more: the servos rest."""
+        if self._runs_until == math.inf:
+            self._runs = None
 
     def may_set(self, request: SetAngleUnitRequest, state: SessionState, now: float) -> bool:
         """Return whether a unit may be set for a program with `state`, without spoiling the macro of another one."""
         if self._runs is None or self._runs is state or now >= self._runs_until:
             return True
-        if request.servo_id == ALL_SERVOS:
-            return not self._runs.units and self._runs.unit == unit_of(request)
-        return self._runs.unit_of(request.servo_id) == unit_of(request)
+        return self._runs.is_set(request)
 
 
 def _named(packet: Packet) -> set[int] | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule
@@ -154,3 +156,14 @@ def test_units_stay_while_the_macro_of_another_program_runs(
     assert units.may_set(request_, other, 10.0)
     units.release()
     assert units.may_set(request_, other, 9.9)
+
+
+def test_a_macro_of_unknown_end_is_over_when_the_servos_rest() -> None:
+    units, holder, other = known(ALL_DEGREE), program(), program("adc")
+    units.keep_for(holder, math.inf)
+    assert not units.may_set(ALL_ADC, other, 1e9)
+    units.rested()
+    assert units.may_set(ALL_ADC, other, 0.0)
+    units.keep_for(holder, 10.0)
+    units.rested()  # in a pause of the macro
+    assert not units.may_set(ALL_ADC, other, 9.0)

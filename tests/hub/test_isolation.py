@@ -1,0 +1,305 @@
+"""Programs with different angle units and subscriptions on one board, through a hub: nothing of one reaches another."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from contextlib import AsyncExitStack
+from typing import Any
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from servolink.client.connect import connect
+from servolink.hub.hub import Hub, share
+from servolink.hub.units import BoardUnits
+from servolink.motion.angles import AngleUnit
+from servolink.project.model import Project
+from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.joystick import (
+    PRESS,
+    UP,
+    ButtonEventResponse,
+    SubscribeButtonEventRequest,
+    SubscribeButtonEventResponse,
+)
+from servolink.protocol.packet import Packet
+from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    QueryServoRequest,
+    QueryServoResponse,
+    SetAngleUnitRequest,
+    SetAngleUnitResponse,
+)
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.servo import to_adc
+from servolink.virtual.transport import VirtualTransport
+from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, now, opened
+from tests.hub.raw_program import RawProgram
+from tests.project.pulled import contents_of
+from tests.virtual_time import VirtualTimeLoop
+
+SERVOS = (1, 2, 3)
+LOW, HIGH = 0, 90
+"""All programs stay between these angles. In ADC they are 2048..3072: no number is possible in both units."""
+POSES = {
+    "degree": Action(1, "degrees", tuple(Step(servo_id, 30, 10) for servo_id in SERVOS)),
+    "adc": Action(2, "adc", tuple(Step(servo_id, to_adc(60), 10) for servo_id in SERVOS)),
+}
+DANCES = {
+    "degree": Macro(1, "degrees", (MacroCommand(1), MacroCommand(700, 1), MacroCommand(1, loop=3))),
+    "adc": Macro(2, "adc", (MacroCommand(2), MacroCommand(700, 1), MacroCommand(2, loop=3))),
+}
+STORED = Project(actions=tuple(POSES.values()), macros=tuple(DANCES.values()))
+
+units = st.sampled_from(["degree", "adc"])
+servo_ids = st.sampled_from([*SERVOS, ALL_SERVOS])
+
+
+class Angler:
+    """A program without the library, and the units that it believes in."""
+
+    def __init__(self, hub: Hub, who: str, unit: AngleUnit) -> None:
+        self.raw = RawProgram(hub, who, unit=unit)
+        self.units: dict[int, AngleUnit] = dict.fromkeys(SERVOS, unit)
+        self.answered = 0
+        self._hub = hub
+        self._tasks: asyncio.Queue[Coroutine[Any, Any, None]] = asyncio.Queue()
+        self._worker = asyncio.create_task(self._work())
+
+    def begin(self, doing: Coroutine[Any, Any, None]) -> None:
+        """Do something when everything before it is done."""
+        self._tasks.put_nowait(doing)
+
+    async def until_done(self) -> None:
+        await self._tasks.join()
+        self._worker.cancel()
+        await asyncio.gather(self._worker, return_exceptions=True)
+
+    async def read(self, servo_id: int) -> None:
+        response = await self.raw.ask(QueryServoRequest(servo_id), 1000)
+        if response is None:
+            return
+        assert isinstance(response, QueryServoResponse)
+        self.answered += 1
+        for servo in response.servos:
+            low, high = (LOW, HIGH) if self.units[servo.servo_id] == "degree" else (to_adc(LOW), to_adc(HIGH))
+            assert low - 1 <= servo.angle <= high + 1, f"{self.raw.session.who} reads {servo} in {self.units}"
+
+    async def set_unit(self, servo_id: int, unit: AngleUnit) -> None:
+        request = SetAngleUnitRequest(servo_id, int(unit == "adc"))
+        if await self.raw.ask(request, 1000) == SetAngleUnitResponse(servo_id, request.unit_type):
+            self.units |= dict.fromkeys(SERVOS if servo_id == ALL_SERVOS else [servo_id], unit)
+
+    async def move(self, degrees: int) -> None:
+        angles = {one: degrees if unit == "degree" else to_adc(degrees) for one, unit in self.units.items()}
+        self._take_lease()
+        self.raw.send(ExecuteActionRequest(tuple(Step(one, angle, 20) for one, angle in angles.items())))
+
+    async def run(self, *, macro: bool) -> None:
+        """Run what is stored in its units, if all servos have the same."""
+        if len(found := set(self.units.values())) == 1:
+            unit = found.pop()
+            self._take_lease()
+            if macro:  # and wait: a program that sets other units meanwhile would spoil its own macro
+                await self.raw.ask(ExecuteMacroRequest(DANCES[unit].macro_id), 1000)
+                await asyncio.sleep(2)
+            else:
+                self.raw.send(ExecuteActionExRequest(POSES[unit].action_id))
+
+    def _take_lease(self) -> None:
+        self._hub.take_lease(self.raw.session.session_id, force=True)
+
+    async def _work(self) -> None:
+        while True:
+            doing = await self._tasks.get()
+            try:
+                await doing
+            finally:
+                self._tasks.task_done()
+
+
+class Units(RuleBasedStateMachine):
+    """Two to four programs at once, on a line that loses requests and responses."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.runner = asyncio.Runner(loop_factory=VirtualTimeLoop)
+        self.stack = AsyncExitStack()
+        self.fake = FakeBoard(servos=len(SERVOS))
+        self.programs: list[Angler] = []
+        self.wrong: list[BaseException] = []
+
+    @initialize(own=st.lists(units, min_size=2, max_size=4), depth=st.sampled_from([1, 4]))
+    def join(self, own: list[AngleUnit], depth: int) -> None:
+        async def main() -> None:
+            self.fake.virtual.storage.contents = contents_of(STORED)
+            for servo in self.fake.virtual.servos.values():
+                servo.angle = float(LOW)
+            board = await self.stack.enter_async_context(opened(self.fake, angle_unit=None, depth=depth))
+            hub = await self.stack.enter_async_context(share(board, name="rex"))
+            self.programs = [Angler(hub, f"program {number}", unit) for number, unit in enumerate(own)]
+
+        self.runner.run(main())
+
+    def begin(self, number: int, what: Callable[[Angler], Coroutine[Any, Any, None]]) -> None:
+        program = self.programs[number % len(self.programs)]
+
+        async def do() -> None:
+            try:
+                await what(program)
+            except AssertionError as error:
+                self.wrong.append(error)
+
+        program.begin(do())
+
+    numbers = st.integers(0, 3)
+
+    @rule(number=numbers, servo_id=servo_ids)
+    def read(self, number: int, servo_id: int) -> None:
+        self.begin(number, lambda program: program.read(servo_id))
+
+    @rule(number=numbers, servo_id=st.sampled_from([*SERVOS, 9, ALL_SERVOS]), unit=units)
+    def set_unit(self, number: int, servo_id: int, unit: AngleUnit) -> None:
+        self.begin(number, lambda program: program.set_unit(servo_id, unit))
+
+    @rule(number=numbers, degrees=st.integers(LOW, HIGH))
+    def move(self, number: int, degrees: int) -> None:
+        self.begin(number, lambda program: program.move(degrees))
+
+    @rule(number=numbers, macro=st.booleans())
+    def run(self, number: int, *, macro: bool) -> None:
+        self.begin(number, lambda program: program.run(macro=macro))
+
+    @rule(
+        kind=st.sampled_from([SetAngleUnitRequest, SetAngleUnitRequest, QueryServoRequest]),
+        fates=st.lists(st.sampled_from([LOST, SWALLOWED]), min_size=1, max_size=40),
+    )
+    def lose(self, kind: type[Packet], fates: list[Any]) -> None:
+        self.fake.plan(kind, *fates)
+
+    @rule(seconds=st.sampled_from([0.001, 0.01, 0.1, 1.0, 5.0]))
+    def wait(self, seconds: float) -> None:
+        self.runner.run(asyncio.sleep(seconds))
+
+    @invariant()
+    def no_angle_is_in_a_wrong_unit(self) -> None:
+        assert self.wrong == []
+        angles = [servo.angle for servo in self.fake.virtual.servos.values()]
+        assert all(LOW - 0.1 <= angle <= HIGH + 0.1 for angle in angles) or not self.programs, angles
+
+    def teardown(self) -> None:
+        async def end() -> None:
+            for program in self.programs:
+                await program.until_done()
+            self.fake.forget_plans()
+            for program in self.programs:  # everybody is served again, in the right units
+                before = program.answered
+                await program.read(ALL_SERVOS)
+                assert program.answered == before + 1
+            await self.stack.aclose()
+
+        with self.runner:
+            self.runner.run(end())
+        self.no_angle_is_in_a_wrong_unit()
+
+
+TestUnits = Units.TestCase
+TestUnits.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+
+
+class Events(RuleBasedStateMachine):
+    """Programs subscribe, unsubscribe, come and go; who asked gets each button event once, and nobody else does."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.runner = asyncio.Runner(loop_factory=VirtualTimeLoop)
+        self.stack = AsyncExitStack()
+        self.virtual = VirtualBoard(1)
+        self.raw: dict[str, RawProgram] = {}
+        self.expected: dict[str, list[Packet]] = {}
+        self.subscribed: set[str] = set()
+        self.runner.run(self.open())
+
+    async def open(self) -> None:
+        board = await self.stack.enter_async_context(connect(VirtualTransport(self.virtual), angle_unit=None))
+        self.hub = await self.stack.enter_async_context(share(board, name="rex"))
+
+    def program(self, who: str) -> RawProgram:
+        """Return the program of this name, which joins if it is not there."""
+
+        async def join() -> RawProgram:
+            return RawProgram(self.hub, who)
+
+        if who not in self.raw:
+            self.raw[who], self.expected[who] = self.runner.run(join()), []
+        return self.raw[who]
+
+    names = st.sampled_from(["ann", "bob", "cid", "dot"])
+
+    @rule(requests=st.lists(st.tuples(names, st.booleans()), min_size=1, max_size=4))
+    def change(self, requests: list[tuple[str, bool]]) -> None:
+        """Send several requests at once."""
+        for who, subscribe in requests:
+            self.program(who).send(SubscribeButtonEventRequest(int(subscribe)))
+            self.expected[who].append(SubscribeButtonEventResponse(1))
+            self.subscribed = self.subscribed | {who} if subscribe else self.subscribed - {who}
+        self.runner.run(asyncio.sleep(1))
+
+    @rule(who=names)
+    def leave(self, who: str) -> None:
+        program = self.program(who)
+
+        async def end() -> None:
+            program.session.leave()
+            await asyncio.sleep(1)
+
+        self.runner.run(end())
+        assert self.raw.pop(who).heard == self.expected.pop(who)
+        self.subscribed.discard(who)
+
+    @rule(button_id=st.integers(1, 5))
+    def press(self, button_id: int) -> None:
+        async def press() -> None:
+            self.virtual.press_button(button_id, now())
+            await asyncio.sleep(0.1)
+            self.virtual.release_button(button_id, now())
+            await asyncio.sleep(0.1)
+
+        self.runner.run(press())
+        for who in self.subscribed:
+            self.expected[who] += [ButtonEventResponse(button_id, PRESS), ButtonEventResponse(button_id, UP)]
+
+    @invariant()
+    def each_hears_what_it_asked_for(self) -> None:
+        assert {who: program.heard for who, program in self.raw.items()} == self.expected
+        assert [session.subscribed for session in self.virtual.sessions] == [bool(self.subscribed)]
+
+    def teardown(self) -> None:
+        with self.runner:
+            self.runner.run(self.stack.aclose())
+
+
+TestEvents = Events.TestCase
+TestEvents.settings = settings(max_examples=40, stateful_step_count=25, deadline=None)
+
+
+@pytest.mark.parametrize("mutation", ["needed", "may_set"])
+def test_the_check_notices_a_hub_that_mixes_units(mutation: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if mutation == "needed":
+        monkeypatch.setattr(BoardUnits, "needed", lambda *_: ())
+    else:
+        monkeypatch.setattr(BoardUnits, "may_set", lambda *_: True)
+    machine = Units()
+    machine.join(["degree", "adc"], depth=1)
+    machine.run(0, macro=mutation == "may_set")
+    machine.wait(0.1)
+    machine.read(1, ALL_SERVOS)
+    machine.read(0, ALL_SERVOS)
+    with pytest.raises(AssertionError):
+        machine.teardown()
