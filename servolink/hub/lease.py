@@ -48,11 +48,14 @@ class MotionLease:
         """Whether a motion has no computed end, so that the servos must be read until they rest (see `rested`)."""
         self._beat = 0.0
         self._motion_ends = 0.0
+        self._barred: set[str] = set()  # from whom it was taken over, so that they do not take it back by moving on
 
     def take(
         self, session: str, now: float, *, dead_man: float | None = None, force: bool = False
     ) -> list[LeaseChange]:
         """Give the lease to `session` if it is free or already its own, or with `force` in any case.
+
+        A program from which it was taken over gets a free one only with `force`, until the lease is given back.
 
         `holder` says whether it was granted. From now on the session must send a beat at least every `dead_man`
         seconds. Taking counts as a motion that ends now. Raise ValueError for a `dead_man` outside 0.05..60.
@@ -61,21 +64,26 @@ class MotionLease:
             raise ValueError(f"dead_man must be {LEAST_DEAD_MAN:g}..{MOST_DEAD_MAN:g} s, not {dead_man:g}")
         changes = self.advance(now)
         before = self.holder
-        if before not in {None, session} and not force:
+        if not force and (before not in {None, session} or session in self._barred):
             return changes
+        self._barred.discard(session)
         if before == session:
             self.dead_man = self.dead_man if dead_man is None else dead_man
         else:
             self.holder, self.since, self.dead_man = session, now, dead_man
             self._motion_ends, self.is_end_unknown = now, False
             changes.append(LeaseChange("taken" if before is None else "taken over", before, session, session))
+            if before is not None:
+                self._barred.add(before)
         self._beat = now
         self._motion_ends = max(self._motion_ends, now)
         return changes
 
     def give(self, session: str, now: float) -> list[LeaseChange]:
-        """Free the lease if `session` holds it. A motion ends by itself."""
+        """Free the lease if `session` holds it, for those too from whom it was taken over. A motion ends by itself."""
         changes = self.advance(now)
+        if self.holder in {None, session}:
+            self._barred.clear()
         if self.holder == session:
             changes.append(self._free("given back"))
         return changes
@@ -123,6 +131,7 @@ class MotionLease:
     def left(self, session: str, now: float) -> list[LeaseChange]:
         """Free the lease if `session` holds it, which is gone. With a dead-man time the board must be stopped."""
         changes = self.advance(now)
+        self._barred.discard(session)
         if self.holder == session:
             changes.append(self._free("left", must_stop=self.dead_man is not None))
         return changes
@@ -135,6 +144,10 @@ class MotionLease:
         if due == self._beats_end:
             return [self._free("beats stopped", must_stop=True)]
         return [self._free("over")]
+
+    def is_barred(self, session: str) -> bool:
+        """Return whether the lease was taken over from `session` and was not given back since."""
+        return session in self._barred
 
     def next_due(self) -> float | None:
         """Return when `advance` has something to do, None if never."""

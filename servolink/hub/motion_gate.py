@@ -39,13 +39,18 @@ class MotionGate:
         if not is_motion(packet):
             return Admission("", [])
         changes = self._lease.take(session, now)
-        return Admission("" if self._lease.holder == session else self.lease_reason(now), changes)
+        return Admission("" if self._lease.holder == session else self.lease_reason(session, now), changes)
 
-    def lease_reason(self, now: float) -> str:
-        """Return who holds the lease, since when, and how to get it; empty if it is free."""
+    def lease_reason(self, session: str, now: float) -> str:
+        """Return why `session` may not move the servos, and what to do; empty if it may."""
         holder = self._lease.holder
         if holder is None:
-            return ""
+            if not self._lease.is_barred(session):
+                return ""
+            return (
+                f"the right to move the servos of {escape(self._name)} was taken from this program: "
+                f"`servolink share --give {escape(self._name)}` gives it back"
+            )
         return (
             f"the servos of {escape(self._name)} are moved by {escape(self._who_of(holder))}, which has had the lease "
             f"for {_duration(now - self._lease.since)}: wait until it is free, or take it over with "

@@ -26,6 +26,7 @@ class Leases(RuleBasedStateMachine):
         self.dead_man: float | None = None
         self.ends = math.inf
         self.beats_end = math.inf
+        self.barred: set[str] = set()
 
     def check(self, changes: list[LeaseChange], *expected: LeaseChange) -> None:
         """Compare what was reported with what the model says, the end that was due first."""
@@ -61,6 +62,10 @@ class Leases(RuleBasedStateMachine):
         self.now += late
         self.begin()
         changes = self.lease.take(program, self.now, dead_man=dead_man, force=force)
+        if program in self.barred and not force:
+            self.check(changes)
+            return
+        self.barred -= {program}
         if self.holder == program:
             self.dead_man = dead_man or self.dead_man
             self.ends = max(self.ends, self.now + 10.0)
@@ -69,6 +74,7 @@ class Leases(RuleBasedStateMachine):
         elif self.holder is None or force:
             event = "taken" if self.holder is None else "taken over"
             expected = LeaseChange(event, self.holder, program, program)  # type: ignore[arg-type]
+            self.barred |= {self.holder} if self.holder else set()
             self.holder, self.dead_man, self.ends = program, dead_man, self.now + 10.0
             self.live()
             self.check(changes, expected)
@@ -80,6 +86,8 @@ class Leases(RuleBasedStateMachine):
         self.now += late
         self.begin()
         expected = [LeaseChange("given back", program, None)] if program == self.holder else []
+        if self.holder in {None, program}:
+            self.barred = set()
         if expected:
             self.free()
         self.check(self.lease.give(program, self.now), *expected)
@@ -88,6 +96,7 @@ class Leases(RuleBasedStateMachine):
     def leave(self, program: str, late: float) -> None:
         self.now += late
         self.begin()
+        self.barred -= {program}
         expected = []
         if program == self.holder:
             expected = [LeaseChange("left", program, None, None, self.dead_man is not None)]
@@ -129,6 +138,9 @@ class Leases(RuleBasedStateMachine):
     @invariant()
     def one_holds_it_or_nobody_does(self) -> None:
         assert self.lease.holder == self.holder
+        assert [self.lease.is_barred(program) for program in ("ann", "bob", "cid")] == [
+            program in self.barred for program in ("ann", "bob", "cid")
+        ]
         due = min(self.ends, self.beats_end)
         assert self.lease.next_due() == (None if due == math.inf else due)
 
@@ -148,6 +160,25 @@ def test_taking_over_names_both() -> None:
     lease.take("ann", 1.0)
     assert lease.take("bob", 2.0, force=True) == [LeaseChange("taken over", "ann", "bob", "bob")]
     assert (lease.holder, lease.since) == ("bob", 2.0)
+
+
+def test_who_loses_it_does_not_take_it_back_by_moving_on_until_it_is_given_back() -> None:
+    lease = MotionLease()
+    lease.take("script", 0.0)
+    lease.take("somebody", 1.0, force=True)
+    lease.left("somebody", 2.0)
+    assert lease.take("script", 3.0) == []
+    assert (lease.holder, lease.is_barred("script")) == (None, True)
+    lease.give("anybody", 4.0)
+    assert lease.take("script", 5.0) == [LeaseChange("taken", None, "script", "script")]
+
+
+def test_who_loses_it_can_take_it_over_again() -> None:
+    lease = MotionLease()
+    lease.take("ann", 0.0)
+    lease.take("bob", 1.0, force=True)
+    assert lease.take("ann", 2.0, force=True) == [LeaseChange("taken over", "bob", "ann", "ann")]
+    assert lease.is_barred("bob")
 
 
 def test_a_lease_ends_10_s_after_the_computed_end_of_the_last_motion() -> None:

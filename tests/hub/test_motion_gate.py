@@ -60,12 +60,22 @@ def test_a_lease_that_is_over_is_free_for_the_next_motion() -> None:
 def test_names_of_programs_are_escaped() -> None:
     checks, _ = gate()
     checks.admit("bob", Role.EDIT, MOVE, 0.0)
-    assert "by evil\\x1b[2J, which has had the lease for 2 min:" in checks.lease_reason(150.0)
-    assert "for 3 h:" in checks.lease_reason(3 * 3600)
+    assert "by evil\\x1b[2J, which has had the lease for 2 min:" in checks.lease_reason("ann", 150.0)
+    assert "for 3 h:" in checks.lease_reason("ann", 3 * 3600)
+
+
+def test_a_program_that_lost_the_lease_learns_how_to_get_it_back() -> None:
+    checks, lease = gate()
+    checks.admit("ann", Role.EDIT, MOVE, 0.0)
+    lease.take("bob", 1.0, force=True)
+    lease.left("bob", 2.0)
+    assert checks.admit("ann", Role.EDIT, MOVE, 3.0).reason == (
+        "the right to move the servos of rex was taken from this program: `servolink share --give rex` gives it back"
+    )
 
 
 def test_nobody_is_named_while_the_lease_is_free() -> None:
-    assert gate()[0].lease_reason(0.0) == ""
+    assert gate()[0].lease_reason("ann", 0.0) == ""
 
 
 @pytest.mark.parametrize("packet", [STOP, QueryServoRequest(1), ExecuteMacroRequest(1), AddActionRequest(1)])
