@@ -81,6 +81,7 @@ class _Lesson:
         self._interruption = interruption
 
     async def run(self) -> int:
+        await resolve_url(self._name)  # nobody needs to switch a board off and on whose name is unknown
         power_cycled = self._args.power_cycled or await self._ask_for_power()
         transport = await self._opened(may_wait=power_cycled)
         try:

@@ -130,6 +130,13 @@ def test_a_servo_that_is_not_there_is_refused_before_anything_is_learnt(
     assert load_profile("rex") is None
 
 
+def test_nobody_is_asked_to_switch_off_a_board_whose_name_is_unknown() -> None:
+    said = in_terminal("doctor", "max", "--learn", "--servo", "hip")
+    assert said.code == 2
+    assert "switch max off" not in said.out
+    assert "max is neither an address nor a name" in said.out
+
+
 def test_limits_of_the_user_stay_and_are_obeyed(robot: Robot, learnt: Any) -> None:
     limits = SafetyLimits(speed_cap=90, angles={2: (-1, 1)})
     save_profile("rex", BoardProfile(limits=limits))
