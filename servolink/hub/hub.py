@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import Any
 
 from servolink.client.board import Board
 from servolink.client.events import ButtonEvent
 from servolink.client.reconnect import ConnectionState
-from servolink.errors import ServolinkError
+from servolink.errors import ConnectionLost, ServolinkError
 from servolink.escaping import escape
 from servolink.hub.events import ButtonRelay
 from servolink.hub.exchanges import Exchange
@@ -89,12 +89,14 @@ class Hub:
     async def close(self) -> None:
         """End all sessions. The board stays open, and as it is; stopped if a program watched over its motion."""
         lease = self.lease
+        if lease is not None and lease.dead_man is not None:
+            with suppress(ServolinkError):
+                await self.stop("the hub, which ends,")
+            self.give_lease(lease.session)
         for program in list(self.programs.values()):
             if program.on_end is not None:
                 program.on_end()
             program.leave()
-        if lease is not None and lease.dead_man is not None:
-            await self._stop_for("the hub, which ends,")
         self._keeper.close()
         for task in self._tasks:
             task.cancel()
@@ -164,11 +166,20 @@ class Hub:
         await self.board.stop()
 
     async def _stop_for(self, reason: str) -> None:
-        """Stop all servos because nobody watches over them."""
-        try:
-            await self.stop(reason)
-        except ServolinkError as error:
-            self.tell(Problem(str(error)))
+        """Stop all servos because nobody watches over them; without a connection, as soon as there is one again."""
+        async for state in self.board.states():
+            if state == "closed":
+                return
+            if state == "lost":
+                self.tell(Problem(f"{reason}: the board is stopped as soon as it is connected again"))
+                continue
+            try:
+                await self.stop(reason)
+            except ConnectionLost:
+                continue
+            except ServolinkError as error:
+                self.tell(Problem(str(error)))
+            return
 
     def _refused(self, exchange: Exchange, reason: str) -> None:
         """Count a packet that is not sent, and tell why."""

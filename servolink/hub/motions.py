@@ -21,9 +21,9 @@ from servolink.protocol.servos import (
     SetServoParameterRequest,
 )
 
-_PAUSE = 0.3  # seconds between two readings of servos that may move
+_PAUSE = 0.5  # seconds between two readings of servos that may move
 _RESTING = 4  # readings in a row between which no servo turns
-_JITTER = 2  # degrees (or ADC steps) by which the reading of a resting servo may differ
+_JITTER = {"degree": 1, "adc": 12, None: 1}  # by how much the reading of a resting servo may differ
 
 
 class Outcome(NamedTuple):
@@ -87,7 +87,7 @@ class Motions:
         return max((step.interval for step in packet.steps), default=0) * self._interval_unit
 
     async def until_rest(self) -> None:
-        """Return when no servo has turned for a second. While the board does not answer, that is unknown: go on."""
+        """Return when no servo has turned for 1.5 s. While the board does not answer, that is unknown: go on."""
         connection, first, count = self._board.connection, dict[int, int](), 0
         units_sent = -1
         while count < _RESTING:
@@ -101,7 +101,7 @@ class Motions:
                 connection, count = self._board.connection, 0
                 continue
             # After another unit was set, the same servo reports another number.
-            if before == connection.units_sent == units_sent and _is_same(first, here):
+            if before == connection.units_sent == units_sent and self._is_same(first, here):
                 count += 1
             else:
                 first, count, units_sent = here, 1, before
@@ -123,7 +123,8 @@ class Motions:
     async def _get(self, kind: RecordType[Any], record_id: int) -> Any:
         return await (self._board.action(record_id) if kind is ACTION else self._board.macro(record_id))
 
-
-def _is_same(first: dict[int, int], here: dict[int, int]) -> bool:
-    """Return whether the same servos are where they were, up to what their sensors differ by at rest."""
-    return first.keys() == here.keys() and all(abs(first[one] - here[one]) <= _JITTER for one in first)
+    def _is_same(self, first: dict[int, int], here: dict[int, int]) -> bool:
+        """Return whether the same servos are where they were, up to what their sensors differ by at rest."""
+        return first.keys() == here.keys() and all(
+            abs(first[servo_id] - here[servo_id]) <= _JITTER[self._board.unit_of(servo_id)] for servo_id in first
+        )

@@ -1,0 +1,424 @@
+"""The motion lease, roles and limits through a hub: what reaches the board, when, and what each program gets."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+
+from servolink.client import connect as connecting
+from servolink.hub.hub import Hub, share
+from servolink.hub.notices import LeaseChanged, Notice, Problem, Refused
+from servolink.hub.roles import Role, is_motion, needed_role
+from servolink.profiles.profile import BoardProfile, SafetyLimits
+from servolink.project.model import Project
+from servolink.protocol.editing import (
+    AddServoParameterRequest,
+    AddServoParameterResponse,
+    ExecuteMacroRequest,
+    ExecuteMacroResponse,
+)
+from servolink.protocol.packet import Packet, Query
+from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    QueryServoListRequest,
+    QueryServoRequest,
+    SetAngleUnitRequest,
+    SetServoParameterRequest,
+    SetServoParameterResponse,
+)
+from servolink.virtual.board import VirtualBoard
+from tests.client.fake_board import LOST, FakeBoard, late, now, opened
+from tests.client.sockets import Socket
+from tests.hub.raw_program import RawProgram
+from tests.hub.test_roles import REQUESTS, example
+from tests.project.pulled import contents_of
+from tests.virtual_time import run
+
+STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
+START = SetServoParameterRequest(1, 1, 1)
+RELEASE = SetServoParameterRequest(1, 0, 0)
+MOVE = ExecuteActionRequest((Step(1, 30, 200),))
+STORED = Project(
+    actions=(Action(1, "near", (Step(1, 30, 300),)), Action(2, "far", (Step(1, 90, 300),))),
+    macros=(
+        Macro(1, "near", (MacroCommand(1), MacroCommand(1000, 1))),
+        Macro(2, "far", (MacroCommand(2),)),
+        Macro(3, "endless", (MacroCommand(1), MacroCommand(3, 2))),
+    ),
+)
+MOTIONS: list[Packet] = [
+    MOVE,
+    ExecuteActionExRequest(1),
+    ExecuteMacroRequest(1),
+    START,
+    RELEASE,
+    AddServoParameterRequest(()),
+]
+
+
+class World:
+    """A hub on a fake board, and what the hub reported."""
+
+    def __init__(self, hub: Hub, fake: FakeBoard) -> None:
+        self.hub, self.fake = hub, fake
+        self.notices: list[Notice] = []
+        hub.listen(self.notices.append)
+
+    def join(self, who: str, **options: Any) -> RawProgram:
+        return RawProgram(self.hub, who, **options)
+
+    def of(self, kind: type[Any]) -> list[Any]:
+        """Return the notices of one kind."""
+        return [notice for notice in self.notices if isinstance(notice, kind)]
+
+    @property
+    def lease_events(self) -> list[str]:
+        return [change.event for change in self.of(LeaseChanged)]
+
+    @property
+    def motions(self) -> list[Packet]:
+        """Return the motions that the board got."""
+        return [packet for _, packet in self.fake.executed if is_motion(packet)]
+
+    async def move(self, program: RawProgram, packet: Packet = MOVE) -> bool:
+        """Return whether the board got a motion of a program."""
+        before = len(self.motions)
+        program.send(packet)
+        await asyncio.sleep(0.2)
+        return len(self.motions) > before
+
+
+@asynccontextmanager
+async def world(limits: SafetyLimits | None = None, **options: Any) -> AsyncIterator[World]:
+    fake = FakeBoard()
+    fake.virtual.storage.contents = contents_of(STORED)
+    for servo in fake.virtual.servos.values():
+        servo.angle = 0.0
+    profile = BoardProfile(limits=limits or SafetyLimits())
+    async with (
+        opened(fake, angle_unit=None, profile=profile, **options) as board,
+        share(board, name="rex") as hub,
+    ):
+        yield World(hub, fake)
+
+
+def on_hub(use: Callable[[World], Awaitable[None]], limits: SafetyLimits | None = None, **options: Any) -> None:
+    async def main() -> None:
+        async with world(limits, **options) as there:
+            await use(there)
+
+    run(main())
+
+
+# --- one holder -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("packet", MOTIONS)
+def test_motion_without_the_lease_is_refused_as_a_board_would(packet: Packet) -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("servolink teach"), there.join("bob")
+        assert await there.move(ann)
+        assert not await there.move(bob, packet)
+        refused = there.of(Refused)
+        assert [(one.session, one.packet) for one in refused] == [(bob.session.session_id, type(packet).__name__)]
+        assert "the servos of rex are moved by servolink teach" in refused[0].reason
+        assert "servolink share --take rex" in refused[0].reason
+        assert (bob.session.counters.refused, ann.session.counters.refused) == (1, 0)
+        expected: dict[Any, list[Packet]] = {
+            ExecuteMacroRequest: [ExecuteMacroResponse(0)],
+            AddServoParameterRequest: [AddServoParameterResponse(0)],
+            SetServoParameterRequest: [SetServoParameterResponse(1, 1, 1)],
+        }
+        assert bob.heard == expected.get(type(packet), [])
+
+    on_hub(use)
+
+
+@pytest.mark.parametrize(
+    ("packet", "seconds"),
+    [(MOVE, 2.0), (ExecuteActionExRequest(1), 3.0), (ExecuteMacroRequest(1), 4.0)],
+)
+def test_the_lease_ends_10_s_after_the_computed_end(packet: Packet, seconds: float) -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("ann"), there.join("bob")
+        assert await there.move(ann, packet)
+        await asyncio.sleep(seconds + 10 - 0.5)
+        assert not await there.move(bob)
+        await asyncio.sleep(0.2)
+        assert await there.move(bob)
+        assert there.lease_events == ["taken", "over", "taken"]
+
+    on_hub(use)
+
+
+@pytest.mark.parametrize("packet", [START, RELEASE, AddServoParameterRequest(())])
+def test_the_lease_for_a_motion_of_unknown_end_lasts_until_the_servos_have_rested(packet: Packet) -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("ann"), there.join("bob")
+        there.fake.virtual.servos[2].move(90, 30.0, now())  # something else turns, for 30 s
+        assert await there.move(ann, packet)
+        await asyncio.sleep(39)
+        assert not await there.move(bob)
+        await asyncio.sleep(5)
+        assert await there.move(bob)
+
+    on_hub(use)
+
+
+def test_a_later_motion_of_unknown_end_is_waited_for_too() -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("ann"), there.join("bob")
+        await there.move(ann, START)
+        await asyncio.sleep(0.6)
+        await there.move(ann, START)
+        there.fake.virtual.servos[2].move(90, 30.0, now())
+        await asyncio.sleep(35)
+        assert not await there.move(bob)
+
+    on_hub(use)
+
+
+def test_each_motion_makes_the_lease_last_longer() -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("ann"), there.join("bob")
+        for _ in range(5):
+            assert await there.move(ann)
+            await asyncio.sleep(9)
+        assert not await there.move(bob)
+        ann.session.leave()
+        assert await there.move(bob)
+        assert there.lease_events == ["taken", "left", "taken"]
+        assert there.fake.executed_of(SetServoParameterRequest) == []  # what ann began ends by itself
+
+    on_hub(use)
+
+
+def test_the_lease_is_given_back_asked_for_and_taken_over_openly() -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("ann"), there.join("bob")
+        first, second = ann.session.session_id, bob.session.session_id
+        await there.move(ann)
+        there.hub.ask_for_lease(second)
+        assert not there.hub.take_lease(second)
+        assert there.hub.take_lease(second, force=True)
+        assert await there.move(bob)
+        assert not await there.move(ann)
+        there.hub.give_lease(first)  # which it has not got any more
+        assert there.hub.status().lease is not None
+        there.hub.give_lease(second)
+        assert there.hub.status().lease is None
+        assert [(change.event, change.before, change.by) for change in there.of(LeaseChanged)] == [
+            ("taken", None, first),
+            ("asked for", first, second),
+            ("taken over", first, second),
+            ("given back", second, None),
+        ]
+
+    on_hub(use)
+
+
+def test_what_still_waits_when_the_lease_is_taken_over_is_not_sent() -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("ann"), there.join("bob")
+        await there.move(ann)
+        there.fake.plan(QueryServoListRequest, late(1.0))
+        bob.send(QueryServoListRequest())
+        await asyncio.sleep(0.1)
+        ann.send(MOVE)  # waits behind the slow query
+        await asyncio.sleep(0.1)
+        there.hub.take_lease(bob.session.session_id, force=True)
+        await asyncio.sleep(3)
+        assert len(there.motions) == 1
+
+    on_hub(use)
+
+
+# --- stop -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("servo_id", [1, ALL_SERVOS])
+def test_anybody_stops_before_everything_that_waits(servo_id: int) -> None:
+    async def use(there: World) -> None:
+        ann, watcher = there.join("ann"), there.join("watcher", role=Role.WATCH)
+        await there.move(ann)
+        there.fake.usual_of[QueryServoListRequest] = late(0.2)
+        for _ in range(20):
+            ann.send(QueryServoListRequest())
+        ann.send(MOVE)
+        await asyncio.sleep(0.05)
+        asked = now()
+        response = await watcher.ask(SetServoParameterRequest(servo_id, 0, 1))
+        assert response == SetServoParameterResponse(servo_id, 0, 1)
+        assert there.fake.sent_of(SetServoParameterRequest) == [asked]
+        await asyncio.sleep(8)
+        assert len(there.motions) == 1
+        assert [one.reason for one in there.of(Refused)] == ["a stop came first"]
+        assert there.hub.lease is not None
+        assert there.hub.lease.who == "ann"
+
+    on_hub(use)
+
+
+# --- dead man ---------------------------------------------------------------------------------------------------------
+
+
+def stops(there: World) -> list[float]:
+    """Return when the board got a stop."""
+    return [at for at, packet in there.fake.executed if packet == STOP]
+
+
+@pytest.mark.parametrize("programs", [0, 8])
+def test_the_board_stops_within_400_ms_of_the_last_beat(programs: int) -> None:
+    async def use(there: World) -> None:
+        studio = there.join("studio")
+        there.fake.usual_of[QueryServoListRequest] = late(0.05)
+        for number in range(programs):  # a line that is never free
+            other = there.join(f"program {number}")
+            for _ in range(60):
+                other.send(QueryServoListRequest())
+        assert there.hub.take_lease(studio.session.session_id, dead_man=0.35)
+        studio.send(ExecuteActionRequest((Step(1, 90, 3000),)))
+        for _ in range(20):
+            await asyncio.sleep(0.1)
+            there.hub.beat(studio.session.session_id)
+        last_beat = now()
+        assert stops(there) == []
+        await asyncio.sleep(5)
+        assert len(stops(there)) == 1
+        assert stops(there)[0] - last_beat <= 0.4
+        assert there.lease_events == ["taken", "beats stopped"]
+        assert there.hub.lease is None
+        assert not any(servo.moving for servo in there.fake.virtual.servos.values())
+
+    on_hub(use)
+
+
+def test_a_holder_with_a_dead_man_time_that_vanishes_stops_the_board_at_once() -> None:
+    async def use(there: World) -> None:
+        studio = there.join("studio")
+        there.hub.take_lease(studio.session.session_id, dead_man=0.35)
+        await there.move(studio, ExecuteActionRequest((Step(1, 90, 3000),)))
+        there.hub.beat(studio.session.session_id)
+        left = now()
+        studio.session.leave()
+        await asyncio.sleep(5)
+        assert stops(there)[0] - left <= 0.01
+        assert len(stops(there)) == 1
+
+    on_hub(use)
+
+
+@pytest.mark.parametrize("dead_man", [None, 0.35])
+def test_a_hub_that_ends_stops_the_board_only_if_somebody_watched_over_it(dead_man: float | None) -> None:
+    async def main() -> None:
+        async with world() as there:
+            studio = there.join("studio")
+            there.hub.take_lease(studio.session.session_id, dead_man=dead_man)
+            await there.move(studio, ExecuteActionRequest((Step(1, 90, 3000),)))
+        assert len(stops(there)) == (dead_man is not None)
+
+    run(main())
+
+
+def test_a_board_that_cannot_be_stopped_is_stopped_when_it_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        virtual = VirtualBoard(2)
+        socket = Socket(virtual)
+        monkeypatch.setattr(connecting, "create", socket.transport)
+        async with (
+            connecting.connect("virtual://", reconnect=True, angle_unit=None) as board,
+            share(board, name="rex") as hub,
+        ):
+            notices: list[Notice] = []
+            hub.listen(notices.append)
+            studio = RawProgram(hub, "studio")
+            hub.take_lease(studio.session.session_id, dead_man=0.35)
+            studio.send(ExecuteActionRequest((Step(1, 90, 3000),)))
+            await asyncio.sleep(0.1)
+            socket.pull()
+            await asyncio.sleep(5)
+            assert virtual.servos[1].is_start
+            socket.plug(virtual)
+            await asyncio.sleep(10)
+            assert not virtual.servos[1].is_start
+            assert [notice.text for notice in notices if isinstance(notice, Problem)] == [
+                "studio has gone silent: the board is stopped as soon as it is connected again"
+            ]
+
+    run(main())
+
+
+def test_a_stop_that_cannot_be_confirmed_is_reported() -> None:
+    async def use(there: World) -> None:
+        studio = there.join("studio")
+        there.hub.take_lease(studio.session.session_id, dead_man=0.35)
+        await there.move(studio)
+        there.fake.usual_of[QueryServoRequest] = LOST
+        await asyncio.sleep(10)
+        assert ["could not be confirmed" in problem.text for problem in there.of(Problem)] == [True]
+
+    on_hub(use)
+
+
+# --- roles and limits -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("role", list(Role))
+def test_only_what_a_role_allows_reaches_the_board(role: Role) -> None:
+    async def use(there: World) -> None:
+        program = there.join("program", role=role)
+        names = [name for name in REQUESTS if name != "TransmissionModeSettingRequest"]
+        for name in names:
+            program.send(example(name))
+            await asyncio.sleep(20)
+        allowed = {name for name in names if needed_role(example(name)) <= role}
+        assert {type(packet).__name__ for _, packet in there.fake.executed} == allowed | {"SetAngleUnitRequest"}
+        assert {one.packet for one in there.of(Refused)} == set(names) - allowed
+        assert program.session.counters.refused == len(names) - len(allowed)
+
+    on_hub(use)
+
+
+@pytest.mark.parametrize(
+    ("packet", "unit", "words"),
+    [
+        (ExecuteActionRequest((Step(1, 31, 300),)), "degree", "31 degrees is outside its limits -30..30"),
+        (ExecuteActionRequest((Step(1, 30, 1),)), "degree", "its cap is 60"),
+        (ExecuteActionExRequest(2), "degree", "asks servo 1 to go to 90 degrees"),
+        (ExecuteMacroRequest(2), "degree", "asks servo 1 to go to 90 degrees"),
+        (ExecuteMacroRequest(3), "degree", "never ends"),
+        (ExecuteActionRequest((Step(1, 2048, 300),)), "adc", "not set to degrees"),
+        (ExecuteActionExRequest(1), "adc", "not set to degrees"),
+    ],
+)
+def test_limits_of_the_board_hold_for_raw_programs(packet: Packet, unit: Any, words: str) -> None:
+    async def use(there: World) -> None:
+        program = there.join("program", unit=unit)
+        assert not await there.move(program, packet)
+        await asyncio.sleep(20)
+        assert there.motions == []
+        assert [words in one.reason for one in there.of(Refused)] == [True]
+        assert program.heard == ([ExecuteMacroResponse(0)] if isinstance(packet, ExecuteMacroRequest) else [])
+
+    on_hub(use, SafetyLimits(angles={1: (-30, 30)}, speed_cap=60))
+
+
+def test_motion_within_the_limits_is_sent_and_keeps_its_place() -> None:
+    async def use(there: World) -> None:
+        program = there.join("program")
+        program.send(MOVE)
+        program.send(SetAngleUnitRequest(ALL_SERVOS, 1))  # must not overtake the movement, which is checked first
+        program.send(QueryServoRequest(1))
+        await asyncio.sleep(1)
+        sent = [type(packet) for _, packet in there.fake.executed if not isinstance(packet, Query)]
+        assert sent == [SetAngleUnitRequest, ExecuteActionRequest, SetAngleUnitRequest]
+        assert there.of(Refused) == []
+
+    on_hub(use, SafetyLimits(speed_cap=60))
