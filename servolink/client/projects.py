@@ -29,7 +29,7 @@ class ProjectTransfers:
         from servolink.project.transfer.read import export_project
 
         board = self._pinned()
-        with board.connection.bulk():
+        async with self._session.transfer(""):
             return await export_project(board, on_progress)
 
     async def plan(self, project: Project, *, replace: bool, unchecked: bool, on_progress: ProgressCallback) -> Plan:
@@ -38,7 +38,7 @@ class ProjectTransfers:
 
         check_project(project)
         board, known = self._pinned(), self._known_settings()
-        with board.connection.bulk():
+        async with self._session.transfer("a project is being compared"):
             return await plan_project(
                 board,
                 project,
@@ -65,7 +65,7 @@ class ProjectTransfers:
 
         check_project(project)
         board, store, known = self._pinned(), BackupStore(folder), self._known_settings()
-        with board.connection.bulk():
+        async with self._session.transfer("a project is being written"):
             return await apply_project(
                 board,
                 project,
@@ -86,7 +86,7 @@ class ProjectTransfers:
         from servolink.project.transfer.backups import BackupStore
 
         board, store, known = self._pinned(), BackupStore(folder), self._known_settings()
-        with board.connection.bulk():
+        async with self._session.transfer("a backup is being restored"):
             return await roll_back(
                 board,
                 backup,

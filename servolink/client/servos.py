@@ -246,6 +246,9 @@ class ServoController:
             # Not a normal request: it waits for nothing, and its response cannot be told from that of an earlier
             # `set_servo`. So the state of the servos is what counts.
             await connection.send_stop(request)
+            if connection.hub is not None and connection.answers.held:
+                await connection.hub.stop()  # it reads the servos: nobody else may now
+                return
             try:
                 await connection.shake_hands()  # if that was put off, so that the stop goes first
                 states = await connection.request(

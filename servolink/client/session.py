@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
-from contextlib import suppress
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from servolink.client.identity import BoardIdentity
@@ -116,8 +116,22 @@ class Session:
         await set_mode(self.connection, mode)
         self._mode = mode
 
+    @asynccontextmanager
+    async def transfer(self, reason: str) -> AsyncIterator[None]:
+        """Transfer much in this context; of a shared board, have it alone as well if there is a `reason`."""
+        connection = self.connection
+        async with AsyncExitStack() as stack:
+            if connection.hub is not None and reason:
+                await stack.enter_async_context(connection.hub.alone(reason))
+            stack.enter_context(connection.bulk())
+            yield
+
     async def clear_all_data(self) -> None:
         """Delete everything stored on the board (3.1.2)."""
+        async with self.transfer("deleting everything"):
+            await self._clear_all_data()
+
+    async def _clear_all_data(self) -> None:
         with self.identity.changing(self.connection, 0):
             await self.command(ClearAllDataRequest(), "its data was not deleted")
         self.identity.add(0)  # some boards keep the project id, others reset it to 0

@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import Awaitable, Callable, Collection
-from contextlib import AbstractContextManager
+from contextlib import AbstractAsyncContextManager, AbstractContextManager
 from random import Random
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, Protocol, TypeVar
 
 from servolink.connection.call import Call, Slot
 from servolink.connection.deadlines import DeadlineTimer
@@ -37,6 +37,19 @@ SLOW_PATIENCE = 30.0
 
 _FENCE_IDS = {query.packet_id for query in FENCES}
 _REOPEN_PAUSE = 10.0  # seconds at least between two openings for responses that nobody asked for
+
+
+class HubLink(Protocol):
+    """What a program asks the hub of a shared board, beside what it asks the board."""
+
+    async def stop(self) -> None:
+        """Stop all servos; return when the hub has read that they are stopped."""
+
+    def alone(self, reason: str) -> AbstractAsyncContextManager[None]:
+        """Return a context in which no other program uses the board."""
+
+    async def close(self) -> None:
+        """Leave the hub."""
 
 
 class Connection:
@@ -71,6 +84,8 @@ class Connection:
         """Counters of everything seen."""
         self.guard: Callable[[Packet], Awaitable[None]] | None = None
         """Awaited before each packet except queries; it raises for one that must not reach this board."""
+        self.hub: HubLink | None = None
+        """What ties the connection to the hub of a shared board; None for a board that is not shared."""
         self._wake = wake
         self._unsupported = unsupported
         # A recorded session can be played again only if it begins with the same handshake.
@@ -156,6 +171,8 @@ class Connection:
             self.answers.end(error)
         await self.transport.close()
         self._sender.end()
+        if self.hub is not None:
+            await self.hub.close()
 
     def _begin_opening(self) -> asyncio.Task[None]:
         if self._opening is None or self._opening.done():
@@ -200,6 +217,19 @@ class Connection:
             self._reopened_at = now
             self.stats.reopenings += 1
             self._begin_opening()
+
+    # --- a board that is shared ---------------------------------------------------------------------------------
+
+    def suspend(self, reason: str) -> None:
+        """Send nothing but stops until `resume`, and wait for responses as long: another program is alone with it."""
+        self.answers.held = reason
+        self._scheduler.pause()
+
+    def resume(self) -> None:
+        """Send again."""
+        if self.answers.held:
+            self.answers.release()
+            self._scheduler.resume()
 
     # --- requests -----------------------------------------------------------------------------------------------
 
@@ -307,7 +337,8 @@ class Connection:
             async with asyncio.timeout(timeout):
                 await self._wait_in_queue(call, first=first)
         except TimeoutError:
-            raise timed_out(call.packet, self.transport.url, 0, timeout, self.stats) from None
+            held = self.answers.held
+            raise timed_out(call.packet, self.transport.url, 0, timeout, self.stats, held=held) from None
 
     async def _wait_in_queue(self, call: Call, *, first: bool) -> None:
         await self._scheduler.acquire(call.packet, first=first)

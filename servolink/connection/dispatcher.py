@@ -57,6 +57,8 @@ class ResponseDispatcher:
         """Called with the id of a packet that nobody on this connection has asked for."""
         self.opening: Opening | None = None
         """The opening that is under way: it gets all responses."""
+        self.held = ""
+        """Why nothing is late now: another program has the board alone. Empty if none has."""
         self.times = ResponseTimes()
         self.answered_in_a_row = 0
         """How many slots were answered since one was overdue, or over without a response."""
@@ -256,6 +258,13 @@ class ResponseDispatcher:
 
     # --- deadlines ----------------------------------------------------------------------------------------------
 
+    def release(self) -> None:
+        """Count all times from now: no other program has the board alone any more."""
+        self.held = ""
+        self._restart(self._now())
+        if self._silent_since is not None:
+            self._silent_since = self._now()
+
     def _restart(self, now: float) -> None:
         """Count the time of the oldest slot from now: nothing older delays its response any more."""
         self._restarted_at = now
@@ -265,6 +274,8 @@ class ResponseDispatcher:
     def _look(self, now: float) -> None:
         """Find the oldest slot overdue, if it is; a stalled event loop has read everything by now."""
         live = self._slots.live
+        if self.held:
+            self._restart(now)
         if live and now >= self._due(live[0]) and self._parser.partial_frame:
             self._await_partial_frame(live[0], now)
         if live and now >= self._due(live[0]):

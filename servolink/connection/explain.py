@@ -17,17 +17,19 @@ def described(packet: Packet) -> str:
 
 
 def timed_out(
-    packet: Packet, url: str, tries: int, waited: float, stats: Stats, *, answers_others: bool = False
+    packet: Packet, url: str, tries: int, waited: float, stats: Stats, *, answers_others: bool = False, held: str = ""
 ) -> RequestTimeout:
     """Return the error for a request that was never answered, with the likely causes in order.
 
-    `answers_others`: the board has answered what was sent after it.
+    `answers_others`: the board has answered what was sent after it. `held`: why it was not even asked.
     """
     asked = f"{described(packet)} was not answered by {escape(url)}"
     times = "1 try" if tries == 1 else f"{tries} tries"
     how = f"in {waited:.1f} s ({times})" if tries else f"and not sent in {waited:.1f} s"
     skipped = sum(stats.skipped.values())
-    if answers_others and not skipped:
+    if held:
+        causes = f"{escape(held)}; try again later"
+    elif answers_others and not skipped:
         causes = "the board answers other requests, so it may not know this one or what it asks about"
     elif stats.frames_received:
         causes = "the board has answered before, so it is busy or has lost power, or the line is bad"

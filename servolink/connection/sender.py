@@ -313,7 +313,13 @@ class RequestSender:
             return call.fault
         answers_others = call.unanswered > 0
         return timed_out(
-            call.packet, self._transport.url, call.tries, waited, self._stats, answers_others=answers_others
+            call.packet,
+            self._transport.url,
+            call.tries,
+            waited,
+            self._stats,
+            answers_others=answers_others,
+            held=self._answers.held,
         )
 
     def refuse_if_stopped(self, call: Call) -> None:

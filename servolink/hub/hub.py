@@ -81,6 +81,11 @@ class Hub:
         """The address of the board."""
         return self.board.url
 
+    @property
+    def state(self) -> ConnectionState:
+        """The state of the connection to the board."""
+        return self._state
+
     def start(self) -> None:
         """Begin to serve programs."""
         self._upstream.start()
@@ -222,6 +227,10 @@ class Hub:
         If the program then sends no beat for `dead_man` seconds (0.05..60), or leaves, the board is stopped.
         """
         return self._keeper.take(session_id, dead_man=dead_man, force=force)
+
+    def lease_reason(self, session_id: str) -> str:
+        """Return why a program may not move the servos, and what to do; empty if it may."""
+        return self._keeper.reason(session_id)
 
     def give_lease(self, session_id: str) -> None:
         """Free the lease if this program holds it. A motion ends by itself."""

@@ -95,6 +95,10 @@ class LeaseKeeper:
         self._report(self._lease.take(session, self._loop.time(), dead_man=dead_man, force=force))
         return self._lease.holder == session
 
+    def reason(self, session: str) -> str:
+        """Return why `session` may not move the servos, and what to do; empty if it may."""
+        return self._gate.lease_reason(session, self._loop.time())
+
     def give(self, session: str) -> None:
         """Free the lease if `session` holds it."""
         self._report(self._lease.give(session, self._loop.time()))

@@ -264,12 +264,25 @@ def test_who_has_the_board_alone_makes_the_others_wait() -> None:
 def test_the_hold_and_the_lease_end_with_their_program() -> None:
     async def main() -> None:
         async with shared() as here, here.program("tablet") as tablet:
+            await tablet.call("status")
             async with here.program("studio") as studio:
                 await studio.call("board.hold", reason="calibrating")
                 await studio.call("lease.take")
                 moving = tablet.begin("move", targets={"1": 10}, duration=0.1)
             await moving
             assert tablet.of("program")[-1] == {"event": "left", "session": "session of studio", "who": "studio"}
+
+    run(main())
+
+
+def test_who_did_not_ask_for_programs_is_not_told_of_them() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("script") as script:
+            assert await script.call("board.state") == {"state": "connected", "lease": None, "hold": None}
+            async with here.program("studio") as studio:
+                await studio.call("lease.take")
+            assert script.of("program") == []
+            assert [change["event"] for change in script.of("lease")] == ["taken", "left"]
 
     run(main())
 

@@ -11,7 +11,6 @@ from servolink.client.board import Board
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.errors import MotionRefused, RequestTimeout
-from servolink.escaping import escape
 from servolink.hub.control.faults import Code, RpcError
 from servolink.hub.hub import Hub
 from servolink.hub.local import LocalTransport
@@ -65,6 +64,8 @@ class Control:
     def __init__(self, hub: Hub, readings: Readings, session: str, *, who: str, role: Role, is_tied: bool) -> None:
         """Speak for the program `who`; `is_tied` if the session is that of a board which it uses through frames."""
         self.hub = hub
+        self.wants_programs = False
+        """Whether it is told which programs join and leave."""
         self._readings = readings
         self.who = who
         self._transport: LocalTransport | None = None
@@ -132,7 +133,7 @@ class Control:
     def take_lease(self, *, force: bool = False, dead_man: float | None = None) -> LeaseStatus | None:
         """Take the lease. Raise LeaseRefused, which names the holder, if another program has it."""
         if not self.hub.take_lease(self.session, force=force, dead_man=dead_man):
-            raise LeaseRefused(refusal(self.hub.lease, self.hub.name))
+            raise LeaseRefused(f"nothing was moved: {self.hub.lease_reason(self.session)}")
         return self.hub.lease
 
     @property
@@ -173,15 +174,6 @@ class Control:
                 self.take_lease()
 
         board.connection.guard = pass_packet
-
-
-def refusal(lease: LeaseStatus | None, name: str) -> str:
-    """Return why a program may not move the servos."""
-    holder = "another program" if lease is None else f"{escape(lease.who)}, for {lease.since:.0f} s now"
-    return (
-        f"nothing was moved: the servos of {name} are moved by {holder}; ask for the lease, or take it over: "
-        f"servolink share --take {name}"
-    )
 
 
 async def _open(hub: Hub, transport: LocalTransport) -> Board:

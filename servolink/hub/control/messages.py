@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from msgspec import Meta, Struct, defstruct
 
+from servolink.client.reconnect import ConnectionState
 from servolink.hub.notices import HoldStatus, LeaseStatus
 from servolink.motion.angles import AngleUnit
 from servolink.project.project_file import file_type
@@ -69,6 +70,14 @@ class LeaseNow(Struct, frozen=True):
 class HoldNow(Struct, frozen=True):
     """The hold; null if no program has the board alone."""
 
+    hold: HoldStatus | None
+
+
+class BoardState(Struct, frozen=True):
+    """The board, without the programs that use it."""
+
+    state: Annotated[ConnectionState, _about("the hub's connection to the board")]
+    lease: LeaseStatus | None
     hold: HoldStatus | None
 
 
@@ -326,7 +335,7 @@ class ButtonPressed(Struct, frozen=True):
 class ConnectionNow(Struct, frozen=True):
     """The hub's connection to the board has changed."""
 
-    state: Literal["connected", "lost", "closed"]
+    state: ConnectionState
 
 
 class LeaseNotice(Struct, frozen=True):
@@ -344,7 +353,7 @@ class HoldNotice(Struct, frozen=True):
 
 
 class ProgramNotice(Struct, frozen=True):
-    """A program has joined or left."""
+    """A program has joined or left; for programs that have called `status`."""
 
     event: Literal["joined", "left"]
     session: str

@@ -8,6 +8,7 @@ from servolink.client.board import Board
 from servolink.hub.control.context import Control
 from servolink.hub.control.feeds import ButtonsFeed, ServosFeed, servos_now
 from servolink.hub.control.messages import (
+    BoardState,
     Done,
     Hold,
     HoldNow,
@@ -45,9 +46,18 @@ METHODS: Methods[Caller] = Methods()
 def status(caller: Caller, params: NoParams) -> HubStatus:
     """Return who is connected, who holds the lease and the board, and what has passed.
 
-    Notifications come from the first request of a program on: call this first, and you miss no change.
+    Notifications come from the first request of a program on: call this first, and you miss no change. Those of
+    programs that join and leave come only after this was called.
     """
+    caller.control.wants_programs = True
     return caller.control.hub.status()
+
+
+@METHODS.add("board.state", Role.WATCH)
+def board_state(caller: Caller, params: NoParams) -> BoardState:
+    """Return who holds the lease and the board, and whether the board is connected."""
+    hub = caller.control.hub
+    return BoardState(hub.state, hub.lease, hub.held_by)
 
 
 # --- the lease and the hold -------------------------------------------------------------------------------------------

@@ -116,6 +116,8 @@ class ControlSession:
         """Pass on a notice of the hub."""
         self.control.heard(notice)
         match notice:
+            case ProgramJoined() | ProgramLeft() if not self.control.wants_programs:
+                pass
             case ProgramJoined():
                 self._notify("program", ProgramNotice("joined", notice.session, notice.who))
             case ProgramLeft():

@@ -126,13 +126,16 @@ async def project_export(caller: Caller, params: NoParams, on_progress: Progress
     return ProjectExported(project_to_form(project, unchecked=is_odd))
 
 
-@METHODS.add("project.plan", Role.WATCH)
+@METHODS.add("project.plan", Role.EDIT, in_order=True)
 async def project_plan(caller: Caller, params: ProjectPlan, on_progress: ProgressCallback) -> Planned:
-    """Return what `project.apply` would change, and what that costs. Nothing is changed."""
+    """Return what `project.apply` would change, and what that costs. Nothing is changed, and others wait meanwhile."""
     project, unchecked = project_from_form(params.project)
 
     async def read(board: Board) -> Plan:
-        return await board.plan_project(project, replace=params.replace, unchecked=unchecked, on_progress=on_progress)
+        async with caller.control.alone("a project is being compared"):
+            return await board.plan_project(
+                project, replace=params.replace, unchecked=unchecked, on_progress=on_progress
+            )
 
     plan = await caller.control.read(read)
     return Planned(

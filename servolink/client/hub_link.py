@@ -1,0 +1,160 @@
+"""HubLink: what the hub of a shared board tells a program, and what the program asks it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import msgspec
+from msgspec import Raw, Struct
+
+from servolink.client.rpc_channel import open_channel
+from servolink.connection.connection import Connection
+from servolink.errors import ConnectionLost
+from servolink.escaping import escape
+from servolink.protocol.editing import AddServoParameterRequest, ExecuteMacroRequest
+from servolink.protocol.packet import Packet
+from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest, SetServoParameterRequest
+from servolink.transports.share import Greeting, ShareTransport, Welcome
+
+_MOTIONS = (
+    SetServoParameterRequest,
+    ExecuteActionRequest,
+    ExecuteActionExRequest,
+    ExecuteMacroRequest,
+    AddServoParameterRequest,  # a servo turns to its new correction at once
+)
+"""What a hub sends for the holder of the lease only; but a stop is always sent."""
+_LIMIT = 5.0  # seconds for the hub to answer what it answers at once
+_logger = logging.getLogger(__name__)
+
+
+class _Program(Struct):
+    """A program that holds the lease or the board."""
+
+    session: str
+    who: str = ""
+    reason: str = ""
+
+
+class _State(Struct):
+    """What a notification `lease` or `hold` says, and `board.state` of both."""
+
+    lease: _Program | None = None
+    hold: _Program | None = None
+    event: str = ""
+    by: str | None = None
+
+
+class _Refused(Struct):
+    packet: str
+    reason: str
+
+
+class HubLink:
+    """Takes the lease before a motion, so that a refused one is an error with a reason, and waits for who is alone."""
+
+    def __init__(self, connection: Connection, welcome: Welcome) -> None:
+        """Use `open_link`."""
+        self._connection = connection
+        self._welcome = welcome
+        self._has_lease = False
+        self._holds = 0  # how many of this program's transfers are under way
+        self._inner = connection.guard
+
+    async def open(self, greeting: Greeting) -> None:
+        """Connect to the control interface of the hub. Raise OpenError, which says what to do."""
+        rpc = Greeting(wants="rpc", who=greeting.who, role=greeting.role, session=self._welcome.session)
+        self._channel, _ = await open_channel(self._welcome.name, rpc)
+        self._channel.on_notification = self._hear
+        self._channel.on_end = self._end
+        try:
+            state = await self._channel.call("board.state", timeout=_LIMIT)
+        except BaseException:
+            await self._channel.close()
+            raise
+        self._learn(msgspec.json.decode(state, type=_State), lease=True, hold=True)
+        self._connection.guard = self._pass_packet
+
+    async def close(self) -> None:
+        """Disconnect: the hub frees the lease and the board."""
+        await self._channel.close()
+
+    async def stop(self) -> None:
+        """Stop all servos, and return when the hub has read that they are stopped. Raise OutcomeUnknown if not."""
+        await self._channel.call("stop")
+
+    @asynccontextmanager
+    async def alone(self, reason: str) -> AsyncIterator[None]:
+        """Have the board alone in this context, as soon as no other program has; not if the program only reads."""
+        self._holds += 1
+        try:
+            if self._holds == 1 and self._welcome.role == "edit":
+                await self._channel.call("board.hold", reason=reason)
+            yield
+        finally:
+            self._holds -= 1
+            if not self._holds and self._welcome.role == "edit":
+                self._channel.tell("board.release")
+
+    async def _pass_packet(self, packet: Packet) -> None:
+        """Take the lease before a motion. Raise MotionRefused, which says who has it, if another program has."""
+        if self._inner is not None:
+            await self._inner(packet)
+        if not self._has_lease and _is_motion(packet):
+            await self._channel.call("lease.take", timeout=_LIMIT)
+            self._has_lease = True
+
+    def _hear(self, method: str, params: Raw) -> None:
+        """Take a notification."""
+        try:
+            if method in {"lease", "hold"}:
+                state = msgspec.json.decode(params, type=_State)
+                self._learn(state, lease=method == "lease", hold=method == "hold")
+            elif method == "refused":
+                refused = msgspec.json.decode(params, type=_Refused)
+                _logger.warning("%s was not sent to the board: %s", escape(refused.packet), escape(refused.reason))
+        except msgspec.MsgspecError as error:
+            _logger.warning("a notification of the hub cannot be read: %s", escape(str(error)))
+
+    def _learn(self, state: _State, *, lease: bool, hold: bool) -> None:
+        if lease:
+            self._learn_lease(state)
+        if hold:
+            self._learn_hold(state.hold)
+
+    def _learn_lease(self, state: _State) -> None:
+        had_lease, own = self._has_lease, self._welcome.session
+        self._has_lease = state.lease is not None and state.lease.session == own
+        if state.event == "asked for" and self._has_lease:
+            _logger.warning("%s asks for the right to move the servos", escape(state.by or "another program"))
+        elif had_lease and not self._has_lease and state.lease is not None:
+            _logger.warning("%s moves the servos from now on, not this program", escape(state.lease.who))
+
+    def _learn_hold(self, hold: _Program | None) -> None:
+        if hold is None or hold.session == self._welcome.session:
+            self._connection.resume()
+            return
+        reason = f"{hold.who} has the board alone{f' ({hold.reason})' if hold.reason else ''}"
+        _logger.warning("waiting: %s", escape(reason))
+        self._connection.suspend(reason)
+
+    def _end(self) -> None:
+        """End the connection too: without the hub's word a program could wait for ever."""
+        if self._connection.answers.ended is None:
+            self._connection.answers.lost(ConnectionLost(f"the hub of {self._welcome.name} has closed the connection"))
+
+
+def _is_motion(packet: Packet) -> bool:
+    if isinstance(packet, SetServoParameterRequest) and (packet.is_start, packet.is_hold) == (0, 1):
+        return False
+    return isinstance(packet, _MOTIONS)
+
+
+async def open_link(connection: Connection, transport: ShareTransport) -> HubLink:
+    """Tie a connection that is open to the control interface of its hub. Raise OpenError, which says what to do."""
+    welcome = await transport.greet()  # which is known by now
+    link = HubLink(connection, welcome)
+    await link.open(transport.greeting)
+    return link
