@@ -8,8 +8,8 @@ import logging
 import os
 import socket
 import sys
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterable
-from contextlib import ExitStack, asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Sequence
+from contextlib import ExitStack, asynccontextmanager, suppress
 from io import FileIO
 from typing import Any, TypeAlias
 
@@ -34,13 +34,19 @@ Converse: TypeAlias = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Cor
 
 _CHUNK = 4096
 _PIECE = 96  # enough for a move of 16 servos
+_WARNING_PAUSE = 60.0  # seconds between two warnings of the same
 _LINGER = 1.0  # seconds for a host to read what it was sent before it closed
 
 
 async def bridge(
-    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, connect: Connect, *, patient: bool = False
+    reader: asyncio.StreamReader,
+    writer: asyncio.StreamWriter,
+    connect: Connect,
+    *,
+    begin: bytes = b"",
+    patient: bool = False,
 ) -> None:
-    """Carry bytes both ways until the stream or the transport ends, then close both.
+    """Carry bytes both ways until the stream or the transport ends, then close both. `begin` was read before.
 
     While a host does not read, its requests are not read either; if more than MAX_WAITING waits for it, it is
     disconnected. A `patient` bridge, for lines that do not show whether a host is present, always reads, and drops the
@@ -50,7 +56,7 @@ async def bridge(
     transport = connect()
     try:
         await transport.open(receiver)
-        reading = asyncio.ensure_future(_pass_requests(reader, writer, transport, patient=patient))
+        reading = asyncio.ensure_future(_pass_requests(reader, writer, transport, begin, patient=patient))
         try:
             await asyncio.wait((reading, receiver.ended), return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -86,10 +92,11 @@ class _StreamReceiver:
 
 
 async def _pass_requests(
-    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, transport: Transport, *, patient: bool
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, transport: Transport, begin: bytes, *, patient: bool
 ) -> None:
     try:
-        while chunk := await reader.read(_CHUNK):
+        chunk = begin or await reader.read(_CHUNK)
+        while chunk:
             # 4 KiB hold hundreds of requests, each with a response of up to 64 KiB. The responses to one piece, of ten
             # requests at most, stay below MAX_WAITING; the next piece waits until the host has read most of them.
             for at in range(0, len(chunk), _PIECE):
@@ -98,6 +105,7 @@ async def _pass_requests(
                 await transport.send(b"")  # a slow line has taken this piece
                 if not patient:
                     await writer.drain()
+            chunk = await reader.read(_CHUNK)
     except (TransportError, OSError):
         return  # one end is gone: the usual end of a conversation
 
@@ -113,6 +121,21 @@ async def _flush(writer: asyncio.StreamWriter) -> None:
         writer.transport.abort()
 
 
+class RareWarning:
+    """Logs a warning at most once a minute, whatever others do."""
+
+    def __init__(self) -> None:
+        """Log the first one."""
+        self._now = asyncio.get_running_loop().time
+        self._logged_at = -_WARNING_PAUSE
+
+    def log(self, text: str, *args: object) -> None:
+        """Log `text % args`, unless the last one was a short time ago."""
+        if self._now() - self._logged_at >= _WARNING_PAUSE:
+            self._logged_at = self._now()
+            _logger.warning(text, *args)
+
+
 def _abort(pipe: asyncio.WriteTransport) -> None:
     """Close at once; unwritten bytes are lost. asyncio's pipes fail when they are aborted twice."""
     if not pipe.is_closing():
@@ -125,7 +148,6 @@ _MAX_PORT = 65535
 _BACKLOG = 100
 _SEND_BUFFER = 256 * 1024  # in the system, which by itself would give some MiB to each host that does not read
 _ACCEPT_PAUSE = 1.0  # seconds between attempts while no connection can be accepted
-_WARNING_PAUSE = 60.0  # seconds between two warnings of that
 _PORT_ATTEMPTS = 10
 _NO_SUCH_FAMILY = {errno.EAFNOSUPPORT, errno.EADDRNOTAVAIL}  # a machine without IPv6
 
@@ -141,10 +163,34 @@ def host_and_port(text: str) -> tuple[str, int]:
 
 
 @asynccontextmanager
-async def serve_network(connect: Connect, host: str, port: int) -> AsyncIterator[str]:
-    """Serve each host that connects to `host` and `port` with a transport of its own; yield the URL."""
-    async with listen(lambda reader, writer: bridge(reader, writer, connect), host, port) as place:
+async def serve_network(connect: Connect, host: str, port: int, *, begins_with: bytes = b"") -> AsyncIterator[str]:
+    """Serve each host that connects to `host` and `port` with a transport of its own; yield the URL.
+
+    A host whose first bytes are not `begins_with` is disconnected before any of them is used: a web page can make the
+    browser connect to any port of this machine, and send what it likes behind a line of HTTP.
+    """
+    warning = RareWarning()
+
+    async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        begin = await _beginning(reader, begins_with)
+        if begin.startswith(begins_with):
+            await bridge(reader, writer, connect, begin=begin)
+            return
+        if begin:
+            warning.log("a host was disconnected: it began with %s, not as this protocol does", quote(begin[:16]))
+        _abort(writer.transport)
+
+    async with listen(converse, host, port) as place:
         yield f"tcp://{place}"
+
+
+async def _beginning(reader: asyncio.StreamReader, wanted: bytes) -> bytes:
+    """Return the first bytes: `wanted` and perhaps more, or what else the host began with before it paused or left."""
+    begin = b""
+    with suppress(OSError):
+        while len(begin) < len(wanted) and wanted.startswith(begin) and (chunk := await reader.read(_CHUNK)):
+            begin += chunk
+    return begin
 
 
 @asynccontextmanager
@@ -160,25 +206,45 @@ async def listen(converse: Converse, host: str, port: int) -> AsyncIterator[str]
         conversations.add(conversation)
         conversation.add_done_callback(conversations.discard)
 
-    listening = await _listening_sockets(host, port)
-    accepting = [asyncio.ensure_future(_accept(each, start)) for each in listening]
+    listening = await listening_sockets(host, port)
     try:
-        name, number = listening[0].getsockname()[:2]
-        yield _place(name, number)
+        async with accepting(listening, start):
+            yield place_of(listening)
     finally:
-        for task in (*accepting, *conversations):
+        for conversation in conversations:
+            conversation.cancel()
+        if conversations:
+            await asyncio.wait(conversations)
+
+
+@asynccontextmanager
+async def accepting(listening: Sequence[socket.socket], start: Callable[[socket.socket], None]) -> AsyncIterator[None]:
+    """Call `start` with each connection to these sockets within this context, which closes them."""
+    tasks = [asyncio.ensure_future(_accept(each, start)) for each in listening]
+    try:
+        yield
+    finally:
+        for task in tasks:
             task.cancel()
-        await asyncio.wait((*accepting, *conversations))
+        await asyncio.wait(tasks)
         for each in listening:
             each.close()
+
+
+def place_of(listening: Sequence[socket.socket]) -> str:
+    """Return where sockets listen, as HOST:PORT."""
+    return _place(*listening[0].getsockname()[:2])
 
 
 def _place(host: str, port: int) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
-async def _listening_sockets(host: str, port: int) -> list[socket.socket]:
-    """Return sockets that listen at all addresses of `host`, with one port for all of them."""
+async def listening_sockets(host: str, port: int) -> list[socket.socket]:
+    """Return sockets that listen at all addresses of `host`, with one port for all of them.
+
+    `*` is every address of this machine. Raise OpenError if the place cannot be had.
+    """
     place = _place(host, port)
     try:
         found = await asyncio.get_running_loop().getaddrinfo(
@@ -220,15 +286,12 @@ def _bind(addresses: Iterable[tuple[socket.AddressFamily, Any]], port: int) -> l
 
 
 async def _accept(listening: socket.socket, start: Callable[[socket.socket], None]) -> None:
-    loop = asyncio.get_running_loop()
-    warned = -_WARNING_PAUSE
+    loop, warning = asyncio.get_running_loop(), RareWarning()
     while True:
         try:
             connection, _ = await loop.sock_accept(listening)
         except OSError as error:  # out of descriptors or memory: hosts wait in the system until others have gone
-            if loop.time() - warned >= _WARNING_PAUSE:
-                warned = loop.time()
-                _logger.warning("no connection can be accepted, trying again each second: %s", escape(str(error)))
+            warning.log("no connection can be accepted, trying again each second: %s", escape(str(error)))
             await asyncio.sleep(_ACCEPT_PAUSE)
         else:
             start(connection)

@@ -8,6 +8,7 @@ from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontext
 from itertools import count
 
 from servolink.listeners import host_and_port, serve_network, serve_terminal
+from servolink.protocol.frame import MAGIC
 from servolink.transports.base import Transport
 from servolink.transports.faults import Faults
 from servolink.usbip.device import Pipe, UsbDevice
@@ -44,7 +45,7 @@ async def serve(
         if pty:
             urls.append(await stack.enter_async_context(serve_terminal(connect)))
         if tcp is not None:
-            urls.append(await stack.enter_async_context(serve_network(connect, *host_and_port(tcp))))
+            urls.append(await stack.enter_async_context(serve_network(connect, *host_and_port(tcp), begins_with=MAGIC)))
         if usbip is not None:
             export = serve_usb_device(board, f"virtual-{seed}", *host_and_port(usbip))
             place, _ = await stack.enter_async_context(export)

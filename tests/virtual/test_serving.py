@@ -195,9 +195,11 @@ def test_hosts_that_ask_a_lot_and_never_read_cost_little_and_others_are_served(m
     writers: list[asyncio.StreamWriter] = []
     bridge = listeners.bridge
 
-    async def watched(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, connect: listeners.Connect) -> None:
+    async def watched(
+        reader: asyncio.StreamReader, writer: asyncio.StreamWriter, connect: listeners.Connect, *, begin: bytes
+    ) -> None:
         writers.append(writer)
-        await bridge(reader, writer, connect)
+        await bridge(reader, writer, connect, begin=begin)
 
     def waiting() -> list[int]:
         return [writer.transport.get_write_buffer_size() for writer in writers]
