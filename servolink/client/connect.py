@@ -27,6 +27,7 @@ from servolink.transports.registry import create
 if TYPE_CHECKING:  # loaded when it is used: most boards have no profile
     from servolink.client.identity_guard import IdentityGuard
     from servolink.profiles.profile import BoardProfile, ProfileInUse
+    from servolink.transports.share import ShareTransport
 
 _HOW = (
     "use `async with servolink.connect(...) as board:` or `board = await servolink.connect(...)`, or servolink.sync "
@@ -137,15 +138,17 @@ class connect:  # noqa: N801 - reads as the function it stands for
         if self._url is not None and not isinstance(self._url, str):
             # A transport of another package may raise anything; wrapped, it raises errors of this library.
             transport = self._url if isinstance(self._url, BaseTransport) else WrappedTransport(self._url)
-            profile = self._profile_of(None)
-            options = ConnectionOptions(**(_options_in(profile) | self._options))
+            options, profile = await self._prepare(transport, None, self._options)
             connection = await self._open_connection(transport, options, Stats(), profile)
             return self._board_on(Session(connection, None, profile))
         address, name = await self._resolve()
-        profile = self._profile_of(name)
-        options = ConnectionOptions(**(_options_in(profile) | options_in(address) | self._options))
-        stats = Stats()
-        connection = await self._open_connection(create(address), options, stats, profile)
+        stats, device = Stats(), create(address)
+        try:
+            options, profile = await self._prepare(device, name, options_in(address) | self._options)
+            connection = await self._open_connection(device, options, stats, profile)
+        except OpenError as error:
+            await _name_hub(address, error)
+            raise
         if not self._reconnect:
             return self._board_on(Session(connection, None, profile))
         from servolink.transports.serial_ports import PortTracker
@@ -198,9 +201,22 @@ class connect:  # noqa: N801 - reads as the function it stands for
         known = ", ".join(profile_names()) or "none"
         raise ProfileError(f"{wanted} has no profile (known: {known}); `servolink doctor {wanted} --learn` makes one")
 
+    async def _prepare(
+        self, transport: Transport, name: str | None, given: dict[str, Any]
+    ) -> tuple[ConnectionOptions, ProfileInUse | None]:
+        """Return the options of the connection, of which some are `given`, and the profile: a hub knows it."""
+        if (hub := _hub_on(transport)) is None:
+            profile = self._profile_of(name)
+            return ConnectionOptions(**(_options_in(profile) | given)), profile
+        from servolink.client.shared_board import join_hub  # late: most boards are not shared
+
+        return await join_hub(hub, given, self._profile_of(None))
+
     async def _open_connection(
         self, transport: Transport, options: ConnectionOptions, stats: Stats, profile: ProfileInUse | None
     ) -> Connection:
+        if (hub := _hub_on(transport)) is not None:
+            hub.greeting.byte_order = options.byte_order
         connection = Connection(
             transport,
             Codec(options.byte_order, options.caption_encoding),
@@ -209,11 +225,12 @@ class connect:  # noqa: N801 - reads as the function it stands for
             write_depth=options.write_depth,
             wake=options.transmission_mode != "keep",
             unsupported=(profile and profile.settings.unsupported) or (),
+            repeats=hub is None,
             stats=stats,
         )
         guard = _guard(connection, profile)
         try:
-            await connection.open()
+            await connection.open(handshake=hub is None)  # with a hub a session begins clean
             if self._handshake:
                 await connection.shake_hands()
             if options.transmission_mode == 1:
@@ -288,6 +305,25 @@ def _shorten_traceback(error: OpenError) -> None:
     if all(isinstance(one, (OpenError, OSError)) for one in chain):
         for one in chain:
             one.__traceback__ = None
+
+
+def _hub_on(transport: Transport) -> ShareTransport | None:
+    """Return the transport if a hub is at the other end."""
+    if not getattr(transport, "is_shared", False):
+        return None
+    from servolink.transports.share import ShareTransport  # late: most boards are not shared
+
+    return transport if isinstance(transport, ShareTransport) else None
+
+
+async def _name_hub(url: str, error: OpenError) -> None:
+    """Raise an error that says which hub has the board, if one has the board that could not be opened."""
+    from servolink.discovery.hubs import hub_of  # late: most boards can be opened
+
+    if (hub := await asyncio.to_thread(hub_of, url)) is not None:
+        raise OpenError(
+            f"{error}. It is {hub.product}: use {hub.url} (`servolink share --status` shows its programs)"
+        ) from error
 
 
 def _refuse_transport(url: object, name: str) -> None:

@@ -34,6 +34,8 @@ R = TypeVar("R", bound=Response)
 
 SLOW_PATIENCE = 30.0
 """Seconds after which deleting everything is given up: a board may erase its memory for long before it answers."""
+HUB_MARGIN = 1.0
+"""Seconds that a hub gets beyond the patience: its own may begin a little later."""
 
 _FENCE_IDS = {query.packet_id for query in FENCES}
 _REOPEN_PAUSE = 10.0  # seconds at least between two openings for responses that nobody asked for
@@ -66,6 +68,7 @@ class Connection:
         learn: bool = True,
         wake: bool = True,
         unsupported: Collection[str] = (),
+        repeats: bool = True,
         stats: Stats | None = None,
         random: Random | None = None,
     ) -> None:
@@ -74,8 +77,8 @@ class Connection:
         `wake` sets transmission mode 1 during the handshake if the board is silent, and `unsupported` names queries
         that are not used for it, such as `QueryMemorySize`. `random` draws the handshake.
         `write_depth` holds while one of them is a change. How many pay is learnt, unless `learn` is False: then as many
-        as allowed are sent from the beginning.
-        `wake` sets transmission mode 1 during the handshake if the board is silent. `random` draws the handshake.
+        as allowed are sent from the beginning. Without `repeats` each request is sent once, and given up a second
+        later: a hub repeats by itself.
         """
         self.transport = transport
         self.codec = codec
@@ -102,7 +105,8 @@ class Connection:
         self.answers = ResponseDispatcher(
             transport.url, codec, self._slots, self._scheduler, patience, self._loop.time, self.stats
         )
-        self._sender = RequestSender(transport, codec, self._slots, self._scheduler, self.answers)
+        self._sender = RequestSender(transport, codec, self._slots, self._scheduler, self.answers, repeats=repeats)
+        self._margin = 0.0 if repeats else HUB_MARGIN
 
     @property
     def stops(self) -> int:
@@ -306,9 +310,9 @@ class Connection:
         await self._sender.write(self.codec.encode(packet))
 
     def _call(self, packet: Request[Any] | Command, timeout: float | None) -> Call:
-        patience = self.patience if timeout is None else timeout
+        patience = self.patience + self._margin if timeout is None else timeout
         if timeout is None and isinstance(packet, ClearAllDataRequest):
-            patience = max(patience, SLOW_PATIENCE)
+            patience = max(patience, SLOW_PATIENCE + self._margin)
         return Call(packet, patience, self._sender.stops, self._loop.time())
 
     def _may_send_at_once(self, packet: Request[Any] | Command) -> bool:

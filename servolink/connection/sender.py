@@ -45,8 +45,10 @@ class RequestSender:
         slots: Slots,
         scheduler: RequestScheduler,
         answers: ResponseDispatcher,
+        *,
+        repeats: bool = True,
     ) -> None:
-        """Send on `transport`, and get what comes back from `answers`."""
+        """Send on `transport`, and get what comes back from `answers`. Repeat what is not answered, if `repeats`."""
         self.stops = 0
         """How many times everything was stopped; a movement asked for before a stop is not sent after it."""
         self.units_sent = 0
@@ -63,6 +65,7 @@ class RequestSender:
         self._slots = slots
         self._scheduler = scheduler
         self._answers = answers
+        self._repeats = repeats
         self._window = scheduler.window
         self._stats = answers.stats
         self._loop = asyncio.get_running_loop()
@@ -120,7 +123,7 @@ class RequestSender:
         await self._check(call)
         if call.since is None:
             call.since = call.begun_at if call.latest is None else call.latest.sent_at
-        if not call.packet.repeatable and not call.open_slots:
+        if not self._repeats or (not call.packet.repeatable and not call.open_slots):
             raise self.given_up(call, self._loop.time())
         self._give_up_if_late(call, call.since)
 
@@ -195,6 +198,8 @@ class RequestSender:
     def _open(self, request: Request[Any], call: Call | None, tries: int, *, is_fence: bool = False) -> Slot:
         now = self._loop.time()
         timeout = self._answers.times.timeout(request, tries, after_write=self._wrote)
+        if call is not None and not is_fence and not self._repeats:
+            timeout = call.patience
         if call is not None and now + timeout > (end := (call.since or now) + call.patience):
             timeout = max(end - now, 0.001)
         self._wrote = not request.repeatable

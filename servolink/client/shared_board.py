@@ -1,0 +1,39 @@
+"""The client's side of a board that a hub shares (see `servolink.transports.share`)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from servolink.connection.options import ConnectionOptions
+from servolink.errors import OpenError
+from servolink.profiles.profile import BoardProfile, ProfileInUse
+from servolink.transports.share import ShareTransport
+
+_OF_THE_BOARD = ("caption_encoding", "depth", "write_depth")
+"""The options in a profile that count through a hub too; it settles the others with the board."""
+
+
+async def join_hub(
+    transport: ShareTransport, given: dict[str, Any], profile: ProfileInUse | None
+) -> tuple[ConnectionOptions, ProfileInUse | None]:
+    """Greet the hub; return the options of the connection, of which some are `given`, and the profile of the board.
+
+    That is `profile` or, if it is None, the hub's. Raise OpenError, and leave nothing open, if the hub lets nobody in.
+    """
+    transport.greeting.byte_order = given.get("byte_order", "little")
+    welcome = await transport.greet()
+    try:
+        found = msgspec.json.decode(welcome.profile, type=BoardProfile | None)
+        if profile is None and found is not None:
+            profile = ProfileInUse(welcome.name, found)
+        settings = {} if profile is None else {name: getattr(profile.settings, name) for name in _OF_THE_BOARD}
+        known = {name: value for name, value in settings.items() if value is not None}
+        return ConnectionOptions(**({"patience": welcome.patience} | known | given)), profile
+    except msgspec.MsgspecError as error:
+        await transport.close()
+        raise OpenError(f"{transport.url}: the hub has a profile of another version: {error}") from error
+    except BaseException:
+        await transport.close()
+        raise
