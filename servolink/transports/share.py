@@ -188,7 +188,7 @@ class _Listener(asyncio.Protocol):
 
 def _read_welcome(line: bytes) -> Welcome:
     """Return what the hub said. Raise ValueError if it refuses, or says something else."""
-    with suppress(msgspec.ValidationError):
+    with suppress(msgspec.DecodeError):
         raise ValueError(f"the hub refuses: {msgspec.json.decode(line, type=Refusal).error}")
     try:
         welcome = msgspec.json.decode(line, type=Welcome)
@@ -231,9 +231,14 @@ def hub_folder() -> Iterator[Path]:
         os.close(number)
 
 
+def socket_name(name: str) -> str:
+    """Return the name of the socket of the hub `name`."""
+    return f"{name}.sock"
+
+
 def socket_path(folder: Path, name: str) -> str:
     """Return where the hub `name` listens in `hub_folder`. Raise OSError if the system cannot take such a long path."""
-    path = str(folder / f"{name}.sock")
+    path = str(folder / socket_name(name))
     if len(os.fsencode(path)) > _LONGEST_PATH:
         raise OSError(
             errno.ENAMETOOLONG, f"{path} is too long for a socket: use a shorter name, or set XDG_RUNTIME_DIR"
@@ -272,7 +277,9 @@ async def _connect(name: str) -> tuple[socket.socket, str]:
         path = socket_path(folder, name)
         status = os.lstat(path)
         if not stat.S_ISSOCK(status.st_mode) or status.st_uid != os.geteuid():
-            raise PermissionError(errno.EPERM, f"{name}.sock in {user_folder('runtime')} is not a socket of this user")
+            raise PermissionError(
+                errno.EPERM, f"{socket_name(name)} in {user_folder('runtime')} is not a socket of this user"
+            )
         connection = await _connected(socket.AF_UNIX, path)
     if not is_allowed(connection):
         connection.close()

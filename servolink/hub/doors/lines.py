@@ -1,0 +1,152 @@
+"""Lines: what all doors on sockets share. One line carries the bytes of one program to its session and back."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+
+from servolink.escaping import escape
+from servolink.hub.program import Program
+from servolink.listeners import accepting
+
+MOST_UNREAD = 256 * 1024
+"""Bytes that may wait for a program to read them; with more it is disconnected."""
+
+_CHUNK = 4096  # bytes that are read at once: hundreds of requests, of which the session takes no more for a while
+_SEND_BUFFER = 64 * 1024  # in the system, which by itself would give MiB to each program that does not read
+_LINGER = 0.5  # seconds for programs to read what they were sent before the hub ended
+_logger = logging.getLogger(__name__)
+
+
+class Line(asyncio.BufferedProtocol):
+    """A connection of one program; a kind of door says how it begins, in `_begin`."""
+
+    def __init__(self) -> None:
+        """Start unconnected."""
+        self.gone = asyncio.Event()
+        """Set when the connection has ended."""
+        self._loop = asyncio.get_running_loop()
+        self._buffer = bytearray(_CHUNK)
+        self._frames: list[bytes] = []
+        self._pipe: asyncio.Transport | None = None
+        self._program: Program | None = None
+
+    def end(self) -> None:
+        """Close the connection; what was sent may still be read for a moment."""
+        if self._pipe is not None:
+            self._flush()
+            self._pipe.close()
+
+    def abort(self, reason: str) -> None:
+        """Close the connection at once."""
+        if self._pipe is not None and not self._pipe.is_closing():
+            if reason:
+                _logger.warning("%s was disconnected: %s", escape(self._who), escape(reason))
+            self._pipe.abort()
+
+    def send(self, frames: bytes) -> None:
+        """Send frames to the program, together with all others of this turn of the loop."""
+        if not self._frames:
+            self._loop.call_soon(self._flush)
+        self._frames.append(frames)
+
+    @property
+    def _who(self) -> str:
+        return "a program" if self._program is None else self._program.who
+
+    def _begin(self, data: bytes) -> None:
+        """Take the first bytes, up to the call of `_joined`."""
+        raise NotImplementedError
+
+    def _joined(self, program: Program) -> None:
+        """Carry everything from now on to and from `program`."""
+        self._program = program
+        program.on_room = self._resume
+        program.on_end = self.end
+
+    def _receive(self, data: bytes) -> None:
+        program = self._program
+        if program is None:
+            self._begin(data)
+            return
+        program.receive(data)
+        if program.is_full and self._pipe is not None:
+            self._pipe.pause_reading()
+
+    def _resume(self) -> None:
+        if self._pipe is not None and not self._pipe.is_closing():
+            self._pipe.resume_reading()
+
+    def _flush(self) -> None:
+        data = b"".join(self._frames)
+        self._frames.clear()
+        if self._pipe is None or self._pipe.is_closing() or not data:
+            return
+        self._pipe.write(data)
+        if self._pipe.get_write_buffer_size() > MOST_UNREAD:
+            self.abort("it does not read what it asked for")
+
+    # --- called by asyncio --------------------------------------------------------------------------------------
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Begin."""
+        assert isinstance(transport, asyncio.Transport)  # noqa: S101 - narrows the type
+        self._pipe = transport
+
+    def get_buffer(self, sizehint: int) -> bytearray:
+        """Return where to put the next bytes."""
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """Take the next bytes."""
+        self._receive(bytes(self._buffer[:nbytes]))
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """End the session."""
+        self.gone.set()
+        if self._program is not None:
+            self._program.leave()
+
+
+@asynccontextmanager
+async def serve_lines(listening: Sequence[socket.socket], make: Callable[[], Line]) -> AsyncIterator[set[Line]]:
+    """Make a line for each connection to these sockets, within this context; yield those that are connected."""
+    lines = set[Line]()
+    tasks = set[asyncio.Task[None]]()
+
+    async def serve(connection: socket.socket) -> None:
+        line = make()
+        try:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+            await asyncio.get_running_loop().connect_accepted_socket(lambda: line, connection)
+        except OSError:
+            return  # the program is gone already
+        lines.add(line)
+        try:
+            await line.gone.wait()
+        finally:
+            lines.discard(line)
+            line.abort("")
+
+    def start(connection: socket.socket) -> None:
+        task = asyncio.ensure_future(serve(connection))
+        tasks.add(task)
+        task.add_done_callback(tasks.discard)
+        task.add_done_callback(lambda _: connection.close())  # if it was cancelled before it began
+
+    try:
+        async with accepting(listening, start):
+            yield lines
+    finally:
+        for line in lines:
+            line.end()
+        if tasks:
+            await asyncio.wait(tasks, timeout=_LINGER)
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            await asyncio.wait(tasks)
+            await asyncio.sleep(0)  # in which asyncio closes what was aborted

@@ -1,0 +1,243 @@
+"""The door for programs with servolink: `share://NAME`, a Unix socket that only this user can open.
+
+See `servolink.transports.share` for the greeting, and for the way in where there are no Unix sockets.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import secrets
+import socket
+import stat
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from hmac import compare_digest
+from pathlib import Path
+from typing import Protocol, TypeAlias
+
+import msgspec
+from msgspec import Raw, Struct
+
+from servolink.discovery.hubs import HubClaim
+from servolink.errors import OpenError
+from servolink.files import reason, write_atomically
+from servolink.hub.doors.lines import Line, serve_lines
+from servolink.hub.hub import Hub
+from servolink.hub.roles import Role
+from servolink.protocol.codec import Codec
+from servolink.transports import share
+from servolink.transports.share import GREETING_LIMIT, MOST_GREETING, VERSION, Greeting, LoopbackDoor, Refusal, Welcome
+
+MOST_MESSAGE = 1024 * 1024
+"""Bytes of one message of JSON-RPC, at most."""
+
+_BACKLOG = 1024
+_OURS_ALONE = 0o600
+_TOKEN_BYTES = 32
+
+
+class Channel(Protocol):
+    """What carries out the messages of a connection that wants JSON-RPC."""
+
+    def receive(self, message: bytes, /) -> None:
+        """Take one message; must not raise."""
+
+    def pause(self) -> None:
+        """Send as little as possible: the program does not read."""
+
+    def resume(self) -> None:
+        """Send as usual: the program reads again."""
+
+    async def close(self) -> None:
+        """End every request: the connection is gone."""
+
+
+OpenChannel: TypeAlias = Callable[[Hub, Greeting, str, Callable[[bytes], None], Callable[[str], None]], Channel]
+"""Called with the greeting, the id of the session, what sends a message, and what disconnects the program and why."""
+
+
+@asynccontextmanager
+async def socket_door(hub: Hub, claim: HubClaim, open_channel: OpenChannel | None = None) -> AsyncIterator[str]:
+    """Serve programs at the address of the claimed name within this context; yield the URL. Raise OpenError."""
+    token = "" if share.HAS_UNIX_SOCKETS else secrets.token_urlsafe(_TOKEN_BYTES)
+    try:
+        listening, path = _listen(claim, token)
+    except OSError as error:
+        raise OpenError(f"{claim.url}: no program could connect: {reason(error)}") from error
+    try:
+        async with serve_lines([listening], lambda: SocketLine(hub, open_channel, token)):
+            yield claim.url
+    finally:
+        with suppress(OSError):
+            path.unlink()
+
+
+def _listen(claim: HubClaim, token: str) -> tuple[socket.socket, Path]:
+    """Return a socket that listens, and the file by which it is found. Raise OSError."""
+    if not share.HAS_UNIX_SOCKETS:
+        listening = socket.create_server(("127.0.0.1", 0), backlog=_BACKLOG)
+        path = share.loopback_path(claim.folder, claim.name)
+        door = LoopbackDoor(listening.getsockname()[1], token)
+        write_atomically(path, msgspec.json.encode(door), private=True)
+    else:
+        with share.hub_folder() as folder:
+            place = share.socket_path(folder, claim.name)
+            _remove_stale(place)
+            listening = socket.socket(socket.AF_UNIX)
+            listening.bind(place)
+            Path(place).chmod(_OURS_ALONE)
+            listening.listen(_BACKLOG)
+        path = claim.folder / share.socket_name(claim.name)
+    listening.settimeout(0)
+    return listening, path
+
+
+def _remove_stale(place: str) -> None:
+    """Remove the socket of a hub of this name that was killed: no other can run while its name is claimed."""
+    with suppress(FileNotFoundError):
+        if not stat.S_ISSOCK(os.lstat(place).st_mode):
+            raise FileExistsError(f"{Path(place).name} is there and is not a socket; remove it")
+        Path(place).unlink()
+
+
+class SocketLine(Line):
+    """A connection that begins with a greeting, and then carries frames or JSON-RPC."""
+
+    def __init__(self, hub: Hub, open_channel: OpenChannel | None, token: str) -> None:
+        """Let a program in whose greeting is right and has the `token`."""
+        super().__init__()
+        self._hub = hub
+        self._open_channel = open_channel
+        self._token = token
+        self._text = bytearray()
+        self._channel: Channel | None = None
+        self._closing: asyncio.Task[None] | None = None
+        self._limit = self._loop.call_later(GREETING_LIMIT, self._refuse, f"no greeting within {GREETING_LIMIT:g} s")
+
+    # --- greeting -----------------------------------------------------------------------------------------------
+
+    def _begin(self, data: bytes) -> None:
+        self._text += data
+        if self._channel is not None:
+            self._pass_messages(self._channel, is_whole=b"\n" in data)
+            return
+        line, end, rest = bytes(self._text).partition(b"\n")
+        if not end and len(line) <= MOST_GREETING:
+            return
+        self._limit.cancel()
+        self._text.clear()
+        try:
+            greeting = _read_greeting(line, self._token)
+            self._welcome(greeting)
+        except ValueError as error:
+            self._refuse(str(error))
+            return
+        if rest:
+            self._receive(rest)
+
+    def _welcome(self, greeting: Greeting) -> None:
+        """Let the program in. Raise ValueError if that is impossible."""
+        role = Role[greeting.role.upper()]
+        if greeting.wants == "frames":
+            if greeting.session is not None:
+                raise ValueError("a session begins with its frames; they have no session yet")
+            codec = Codec(greeting.byte_order, self._hub.board.codec.caption_encoding)
+            program = self._hub.join(
+                self.send, who=greeting.who, door="share", role=role, codec=codec, unit=greeting.angle_unit
+            )
+            self._joined(program)
+            self._say(self._introduction(program.session_id, greeting))
+            return
+        if self._open_channel is None:
+            raise ValueError("this hub has no control interface")
+        session = greeting.session or secrets.token_hex(16)
+        if greeting.session is not None and greeting.session not in self._hub.programs:
+            raise ValueError("there is no such session; perhaps it has ended")
+        self._say(self._introduction(session, greeting))
+        self._channel = self._open_channel(self._hub, greeting, session, self._send_message, self.abort)
+
+    def _introduction(self, session: str, greeting: Greeting) -> Welcome:
+        board = self._hub.board
+        profile = None if board.profile is None else board.profile.profile
+        return Welcome(
+            servolink=VERSION,
+            session=session,
+            name=self._hub.name,
+            url=self._hub.url,
+            role=greeting.role,
+            patience=board.connection.patience,
+            profile=Raw(msgspec.json.encode(profile)),
+            lease=Raw(msgspec.json.encode(self._hub.lease)),
+            hold=Raw(msgspec.json.encode(self._hub.status().hold)),
+        )
+
+    def _refuse(self, why: str) -> None:
+        self._limit.cancel()
+        if self._pipe is not None and not self._pipe.is_closing():
+            self._say(Refusal(why))
+            self._pipe.close()
+
+    def _say(self, line: Welcome | Refusal) -> None:
+        if self._pipe is not None:
+            self._pipe.write(msgspec.json.encode(line) + b"\n")
+
+    # --- JSON-RPC -----------------------------------------------------------------------------------------------
+
+    def _pass_messages(self, channel: Channel, *, is_whole: bool) -> None:
+        if is_whole:
+            *messages, rest = self._text.split(b"\n")
+            self._text = rest
+            for message in messages:
+                channel.receive(bytes(message))
+        elif len(self._text) > MOST_MESSAGE:
+            self.abort(f"its message is longer than {MOST_MESSAGE >> 20} MiB")
+
+    def _send_message(self, message: bytes) -> None:
+        if self._pipe is not None and not self._pipe.is_closing():
+            self._pipe.write(message + b"\n")
+
+    # --- called by asyncio --------------------------------------------------------------------------------------
+
+    def pause_writing(self) -> None:
+        """Say that the program does not read."""
+        if self._channel is not None:
+            self._channel.pause()
+
+    def resume_writing(self) -> None:
+        """Say that it reads again."""
+        if self._channel is not None:
+            self._channel.resume()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Disconnect another user, who cannot have come through the folder: it belongs to this one alone."""
+        super().connection_made(transport)
+        if share.HAS_UNIX_SOCKETS and not share.is_allowed(transport.get_extra_info("socket")):
+            self.abort("it belongs to another user")
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """End the session, or all that it has asked for."""
+        self._limit.cancel()
+        super().connection_lost(exc)
+        if self._channel is not None:
+            self._closing = self._loop.create_task(self._channel.close())
+
+
+def _read_greeting(line: bytes, token: str) -> Greeting:
+    """Return the greeting of a program. Raise ValueError, which is for the program, if it may not come in."""
+    if len(line) > MOST_GREETING:
+        raise ValueError(f"a greeting has at most {MOST_GREETING} bytes")
+    try:
+        version = msgspec.json.decode(line, type=_Versioned).servolink
+        if version != VERSION:
+            raise ValueError(f"this hub has version {VERSION} of its protocol, not {version}: update servolink")
+        greeting = msgspec.json.decode(line, type=Greeting)
+    except msgspec.MsgspecError as error:
+        raise ValueError(f"this is not a greeting: {error}") from None
+    if token and not compare_digest(greeting.token.encode(), token.encode()):
+        raise ValueError("wrong token: read it from the private file of this hub")
+    return greeting
+
+
+class _Versioned(Struct):
+    servolink: int

@@ -1,0 +1,191 @@
+"""The door for programs that know only serial ports: a pseudo-terminal, with a name of its own if one is wanted.
+
+A program begins when it opens the terminal and ends when it closes it. The next one finds a fresh session, and nothing
+that its predecessor left unread.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+import sys
+from collections.abc import AsyncIterator, Iterator
+from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
+from pathlib import Path
+from urllib.parse import quote
+
+from servolink.errors import OpenError, TransportUnavailable
+from servolink.files import reason
+from servolink.hub.doors.lines import MOST_UNREAD
+from servolink.hub.hub import Hub
+from servolink.hub.program import Program
+from servolink.listeners import RareWarning
+from servolink.motion.angles import AngleUnit
+from servolink.protocol.codec import Codec
+
+_CHUNK = 4096
+_LOOK = 0.05  # seconds between looks for a program that has opened the terminal, of which the system tells nobody
+_TERMINALS = "/dev/"
+
+
+@asynccontextmanager
+async def pty_door(
+    hub: Hub, *, link: str | Path | None = None, codec: Codec | None = None, unit: AngleUnit = "degree"
+) -> AsyncIterator[str]:
+    """Serve one program after the other on a new pseudo-terminal within this context; yield its URL.
+
+    `link` is where a symbolic link to it is made, so that its name stays the same; one that a hub left there is
+    replaced. Raise OpenError if the link cannot be made, TransportUnavailable on Windows.
+    """
+    if sys.platform == "win32":
+        raise TransportUnavailable("pseudo-terminals do not exist on Windows; share the board over TCP")
+    with ExitStack() as stack:
+        terminal = Terminal(hub, codec, unit)
+        stack.callback(terminal.close)
+        if link is None:
+            yield f"serial://{terminal.name}"
+        else:
+            path = stack.enter_context(_linked(Path.cwd() / link, terminal.name))
+            yield f"serial://{quote(str(path))}"
+
+
+class Terminal:
+    """A pseudo-terminal, and the session of the program that has it open."""
+
+    def __init__(self, hub: Hub, codec: Codec | None, unit: AngleUnit) -> None:
+        """Make the terminal, and wait for a program to open it."""
+        self._hub, self._codec, self._unit = hub, codec, unit
+        self._loop = asyncio.get_running_loop()
+        self._warning = RareWarning()
+        self._program: Program | None = None
+        self._unread = bytearray()
+        self._timer: asyncio.TimerHandle | None = None
+        self._ours, theirs = os.openpty()
+        os.set_blocking(self._ours, False)
+        self.name = os.ttyname(theirs)
+        """Where programs open it."""
+        os.close(theirs)  # so that the system says when the last program has closed it
+        self._hang_up()
+
+    def close(self) -> None:
+        """End, and remove the terminal."""
+        self._leave()
+        if self._timer is not None:
+            self._timer.cancel()
+        os.close(self._ours)
+
+    # --- coming and going ---------------------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        """Begin a session if a program has opened the terminal."""
+        data = self._read()
+        if data is None:
+            self._timer = self._loop.call_later(_LOOK, self._look)
+            return
+        self._timer = None
+        program = self._program = self._hub.join(
+            self._send, who=f"serial port {self.name}", door="pty", codec=self._codec, unit=self._unit
+        )
+        program.on_room = lambda: self._loop.add_reader(self._ours, self._readable)
+        self._loop.add_reader(self._ours, self._readable)
+        self._receive(program, data)
+
+    def _hang_up(self) -> None:
+        """End the session, and make the terminal as new."""
+        import termios
+        import tty
+
+        self._leave()
+        with suppress(OSError, termios.error):
+            theirs = os.open(self.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            try:
+                termios.tcflush(theirs, termios.TCIFLUSH)  # what the last program did not read
+                tty.setraw(theirs, termios.TCSANOW)
+            finally:
+                os.close(theirs)
+        self._timer = self._loop.call_later(_LOOK, self._look)
+
+    def _leave(self) -> None:
+        self._loop.remove_reader(self._ours)
+        self._loop.remove_writer(self._ours)
+        self._unread.clear()
+        if self._program is not None:
+            self._program.leave()
+            self._program = None
+
+    # --- bytes --------------------------------------------------------------------------------------------------
+
+    def _read(self) -> bytes | None:
+        """Return what a program has written, which may be nothing; None if the terminal is closed."""
+        try:
+            return os.read(self._ours, _CHUNK)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            if error.errno != errno.EIO:
+                raise
+            return None
+
+    def _readable(self) -> None:
+        data = self._read()
+        if data is None or self._program is None:
+            self._hang_up()
+        else:
+            self._receive(self._program, data)
+
+    def _receive(self, program: Program, data: bytes) -> None:
+        program.receive(data)
+        if program.is_full:
+            self._loop.remove_reader(self._ours)
+
+    def _send(self, frames: bytes) -> None:
+        if len(self._unread) + len(frames) > MOST_UNREAD:
+            self._warning.log("%s: responses are dropped, as the program does not read them", self.name)
+            return
+        if not self._unread:
+            self._loop.call_soon(self._flush)
+        self._unread += frames
+
+    def _flush(self) -> None:
+        if self._program is None:
+            return
+        try:
+            del self._unread[: os.write(self._ours, self._unread)]
+        except BlockingIOError:
+            pass
+        except OSError:  # closed; the next reading finds out
+            self._unread.clear()
+        if self._unread:
+            self._loop.add_writer(self._ours, self._flush)
+        else:
+            self._loop.remove_writer(self._ours)
+
+
+@contextmanager
+def _linked(link: Path, terminal: str) -> Iterator[Path]:
+    """Make a link to the terminal within this context. Raise OpenError."""
+    if link.is_symlink() and not _target(link).startswith(_TERMINALS):
+        raise OpenError(f"{link} is a link to something else than a terminal; choose another name")
+    if link.exists() and not link.is_symlink():
+        raise OpenError(f"{link} is there already; choose another name")
+    temporary = link.with_name(f".servolink-{os.urandom(8).hex()}")
+    try:
+        temporary.symlink_to(terminal)
+        try:
+            temporary.replace(link)
+        except OSError:
+            temporary.unlink()
+            raise
+    except OSError as error:
+        raise OpenError(f"{link}: no link can be made there: {reason(error)}") from error
+    try:
+        yield link
+    finally:
+        with suppress(OSError):
+            if _target(link) == terminal:  # or else it is another hub's by now
+                link.unlink()
+
+
+def _target(link: Path) -> str:
+    return os.readlink(link)  # noqa: PTH115 - as it is written

@@ -1,0 +1,464 @@
+"""The door of `share://`: who gets in, who does not, and what becomes of those who misbehave."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import socket
+import stat
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from servolink.client.connect import connect
+from servolink.errors import ConnectionLost, OpenError, RequestTimeout
+from servolink.hub.control.session import ControlInterface
+from servolink.hub.doors import lines, socket_door
+from servolink.hub.hub import Hub
+from servolink.profiles.profile import BoardProfile, BoardSettings, SafetyLimits
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import AddActionRequest, QueryActionRequest
+from servolink.protocol.records import Step
+from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.transports import share
+from servolink.transports.registry import create
+from servolink.transports.share import MOST_GREETING, hub_folder, socket_path
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
+from tests.hub.door_hub import RawLine, on_hub, raw_socket, sharing, until
+from tests.transports.wires import Ear
+
+LIST = Codec().encode(QueryServoListRequest())
+ANSWER = Codec().encode(QueryServoListResponse((1, 2, 3)))
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Unix sockets")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    return tmp_path / "servolink"
+
+
+def test_a_board_is_used_through_the_hub_as_if_it_were_alone() -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub) as url, connect(url) as one, connect("rex") as two:
+            assert one.url == two.url == "share://rex"
+            assert await one.servo_ids() == await two.servo_ids() == (1, 2, 3)
+            assert [program.door for program in hub.programs.values()] == ["share", "share"]
+            assert all(f"(pid {os.getpid()})" in program.who for program in hub.programs.values())
+            assert one.stats.frames_sent == 1  # no handshake
+        await until(lambda: not hub.programs)
+
+    on_hub(use)
+
+
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_byte_order_and_role_are_those_of_the_program(order: Any) -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with (
+            sharing(hub),
+            connect("share://rex?role=watch", byte_order=order) as one,
+            connect(f"share://rex?byte_order={order}", reconnect=True) as two,
+        ):
+            assert await one.servo_ids() == await two.servo_ids()
+            assert [str(program.role) for program in hub.programs.values()] == ["watch", "edit"]
+
+    on_hub(use)
+
+
+def test_the_profile_is_that_of_the_hub() -> None:
+    profile = BoardProfile(
+        settings=BoardSettings(byte_order="big", depth=4, caption_encoding="big5"), limits=SafetyLimits(speed_cap=30.0)
+    )
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub) as url, connect(url, depth=2) as board:
+            assert board.profile is not None
+            assert board.profile.profile == profile
+            assert board.profile.name == "rex"
+            assert board.connection.depth_bound == 2
+            assert board.connection.patience == 7.0
+            assert board.codec.byte_order == "little"
+            assert board.codec.caption_encoding == "big5"
+            assert [each.speed_cap for each in board.limits.also] == [30.0]
+
+    on_hub(use, profile=profile, byte_order="little", patience=7.0)
+
+
+def test_each_request_is_sent_once_and_given_up_a_second_after_the_hub() -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub) as url, connect(url) as board:
+            begun = asyncio.get_running_loop().time()
+            with pytest.raises(RequestTimeout):
+                await board.request(QueryActionRequest(9))
+            assert asyncio.get_running_loop().time() - begun >= 1.5
+            assert board.stats.retries == 0
+            assert hub.board.stats.retries > 0
+
+    on_hub(use, BoardKind(unknown_ids="silent"), patience=0.5)
+
+
+def test_a_hub_that_ends_tells_its_programs_and_leaves_nothing(folder: Path) -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub) as url:
+            board = await connect(url)
+            assert sorted(each.name for each in folder.iterdir()) == ["rex.hub", "rex.sock"]
+        with pytest.raises(ConnectionLost):
+            await board.servo_ids()
+        await board.close()
+        assert list(folder.iterdir()) == []
+        with pytest.raises(OpenError, match="no hub of this name is running; `servolink share --name rex` starts it"):
+            await connect("share://rex")
+
+    on_hub(use)
+
+
+def test_the_error_for_a_board_in_use_names_the_hub() -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub):
+            with pytest.raises(OpenError, match=r"nothing listens on port 1 .*shared by a hub .*use share://rex"):
+                await connect("tcp://127.0.0.1:1")
+
+    on_hub(use)
+
+
+# --- who gets in ------------------------------------------------------------------------------------------------
+
+
+def test_nobody_else_can_open_the_socket(folder: Path) -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub):
+            assert folder.stat().st_mode & 0o777 == 0o700
+            status = (folder / "rex.sock").lstat()
+            assert stat.S_ISSOCK(status.st_mode)
+            assert stat.S_IMODE(status.st_mode) == 0o600
+
+    on_hub(use)
+
+
+def test_another_user_is_disconnected_at_both_ends(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As if the folder had not kept them out."""
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub):
+            monkeypatch.setattr(share, "is_allowed", lambda _: False)
+            with RawLine(raw_socket()) as line:
+                assert await line.until_end() == b""
+            with pytest.raises(OpenError, match="what listens there belongs to another user"):
+                await connect("share://rex")
+            await until(lambda: caplog.text.count("was disconnected: it belongs to another user") == 2)
+            assert not hub.programs
+
+    on_hub(use)
+
+
+@pytest.mark.skipif(not hasattr(socket, "SO_PEERCRED"), reason="the system does not say who is there")
+def test_who_is_at_the_other_end_is_asked_of_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, other = socket.socketpair()
+    with one, other:
+        assert share.is_allowed(one)
+        monkeypatch.setattr(share, "_ROOT", -1)
+        monkeypatch.setattr(os, "geteuid", lambda: 4711)
+        assert not share.is_allowed(one)
+
+
+def _as_link(folder: Path, other: Path) -> None:
+    other.mkdir(mode=0o700)
+    folder.rename(other / "moved")
+    folder.symlink_to(other / "moved")
+
+
+def _for_all(folder: Path, other: Path) -> None:
+    folder.chmod(0o777)
+
+
+def _with_a_link(folder: Path, other: Path) -> None:
+    (folder / "rex.sock").rename(other)
+    (folder / "rex.sock").symlink_to(other)
+
+
+@pytest.mark.parametrize("spoil", [_as_link, _for_all, _with_a_link])
+def test_programs_do_not_follow_others_to_a_hub(
+    spoil: Callable[[Path, Path], None], folder: Path, tmp_path: Path
+) -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub):
+            spoil(folder, tmp_path / "other")
+            with pytest.raises(OpenError, match="share://rex: "):
+                await connect("share://rex")
+            assert not hub.programs
+
+    on_hub(use)
+
+
+def test_a_long_folder_is_no_obstacle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    long = tmp_path / ("x" * 120)
+    long.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(long))
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub) as url, connect(url) as board:
+            assert await board.servo_ids() == (1, 2, 3)
+
+    if sys.platform == "linux":
+        on_hub(use)
+    with pytest.raises(OSError, match="too long for a socket: use a shorter name, or set XDG_RUNTIME_DIR"):
+        socket_path(long, "rex")
+
+
+# --- hubs that were killed, and two of a name -----------------------------------------------------------------------
+
+
+def test_the_socket_of_a_hub_that_was_killed_is_taken_over(folder: Path) -> None:
+    folder.mkdir(mode=0o700)
+    left_over = socket.socket(socket.AF_UNIX)
+    with hub_folder() as short:
+        left_over.bind(socket_path(short, "rex"))
+    left_over.close()
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        with pytest.raises(OpenError, match="no hub of this name is running"):
+            await connect("share://rex")
+        async with sharing(hub) as url, connect(url) as board:
+            assert await board.servo_ids() == (1, 2, 3)
+
+    on_hub(use)
+
+
+def test_what_is_not_a_socket_is_left_alone(folder: Path) -> None:
+    folder.mkdir(mode=0o700)
+    (folder / "rex.sock").write_text("mine")
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        with pytest.raises(OpenError, match=r"rex.sock is there and is not a socket; remove it"):
+            await sharing(hub).__aenter__()
+
+    on_hub(use)
+    assert (folder / "rex.sock").read_text() == "mine"
+
+
+def test_a_second_hub_of_a_name_harms_nobody() -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub) as url, connect(url) as board:
+            with pytest.raises(OpenError, match="already"):
+                await sharing(hub).__aenter__()
+            assert await board.servo_ids() == (1, 2, 3)
+
+    on_hub(use)
+
+
+# --- greetings --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("greeting", "why"),
+    [
+        (b"POST / HTTP/1.1\r\n", "this is not a greeting"),
+        (b"{}\n", "this is not a greeting"),
+        (b"\xff\n", "this is not a greeting"),
+        (b'{"servolink": 2, "wants": "everything"}\n', "this hub has version 1 of its protocol, not 2"),
+        (b'{"servolink": 1, "wants": "frames", "who": "x", "role": "god"}\n', "god"),
+        (b'{"servolink": 1, "wants": "frames", "who": "x", "more": 1}\n', "more"),
+        (b'{"servolink": 1, "wants": "frames", "who": "x", "session": "1"}\n', "they have no session yet"),
+        (b'{"servolink": 1, "wants": "rpc", "who": "x"}\n', "no control interface"),
+        (b"x" * (MOST_GREETING + 1), f"a greeting has at most {MOST_GREETING} bytes"),
+        (b"[" * MOST_GREETING + b"\n", "this is not a greeting"),
+    ],
+)
+def test_a_wrong_greeting_is_refused_with_the_reason(greeting: bytes, why: str) -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub):
+            with RawLine(raw_socket()) as line:
+                await line.send(greeting)
+                assert why in json.loads(await line.until_end())["error"]
+            assert not hub.programs
+
+    on_hub(use)
+
+
+def test_half_a_greeting_has_a_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(socket_door, "GREETING_LIMIT", 0.05)
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub):
+            with RawLine(raw_socket()) as silent, RawLine(raw_socket()) as slow:
+                await slow.send(b'{"servolink": 1,')
+                for line in (silent, slow):
+                    assert json.loads(await line.until_end()) == {"error": "no greeting within 0.05 s"}
+
+    on_hub(use)
+
+
+def test_a_greeting_may_come_in_pieces_and_with_the_first_frames() -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub):
+            with RawLine(raw_socket()) as line:
+                text = b'{"servolink": 1, "wants": "frames", "who": "x"}\n'
+                for byte in text:
+                    await line.send(bytes([byte]))
+                    await asyncio.sleep(0)
+                welcome = json.loads(await line.read())
+                assert welcome["name"] == "rex"
+                await line.send(LIST)
+                assert await line.until(len(ANSWER)) == ANSWER
+            with RawLine(raw_socket()) as line:
+                await line.send(text + LIST)
+                both = b""
+                while not both.endswith(ANSWER):
+                    both += await line.read()
+                assert both.startswith(b'{"servolink":1')
+
+    on_hub(use)
+
+
+@pytest.mark.parametrize(
+    ("answer", "why"),
+    [
+        (b'{"error": "\\u001b[31mno"}\n', r"the hub refuses: \\x1b\[31mno"),
+        (b"hello\n", "what listens there is not a hub"),
+        (b'{"servolink": 2, "session": "", "name": "", "url": "", "role": "edit"}\n', "version 2 .*update servolink"),
+        (b"", "the hub closed the connection"),
+    ],
+)
+def test_what_a_hub_says_is_not_believed(answer: bytes, why: str, folder: Path) -> None:
+    async def main() -> None:
+        folder.mkdir(mode=0o700)
+        with hub_folder() as short, socket.socket(socket.AF_UNIX) as listening:
+            listening.bind(socket_path(short, "rex"))
+            listening.listen()
+            listening.settimeout(0)
+            opening = asyncio.ensure_future(create("share://rex").open(Ear()))
+            other, _ = await asyncio.get_running_loop().sock_accept(listening)
+            with other:
+                await asyncio.get_running_loop().sock_recv(other, MOST_GREETING)
+                await asyncio.get_running_loop().sock_sendall(other, answer)
+            with pytest.raises(OpenError) as caught:
+                await opening
+        assert caught.match(why)
+
+    asyncio.run(main())
+
+
+def test_a_hub_that_says_nothing_is_given_up(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(share, "_WELCOME_LIMIT", 0.1)
+
+    async def main() -> None:
+        folder.mkdir(mode=0o700)
+        with hub_folder() as short, socket.socket(socket.AF_UNIX) as listening:
+            listening.bind(socket_path(short, "rex"))
+            listening.listen(0)
+            for _ in range(3):  # the last one does not even get into the queue
+                with pytest.raises(OpenError, match=r"the hub did not answer within 0\.1 s"):
+                    await connect("share://rex")
+
+    asyncio.run(main())
+
+
+def test_the_control_interface_has_the_session_of_its_program() -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        interface = ControlInterface(hub)
+        async with sharing(hub, interface.open_channel):
+            with RawLine(raw_socket()) as frames, RawLine(raw_socket()) as rpc, RawLine(raw_socket()) as stranger:
+                session = (await frames.greet())["session"]
+                assert (await rpc.greet(wants="rpc", session=session))["session"] == session
+                await rpc.send(b'{"jsonrpc": "2.0", "method": "status", "id": 1}\n')
+                answer = json.loads(await rpc.read())
+                assert answer["result"]["name"] == "rex"
+                error = (await stranger.greet(wants="rpc", session="guessed"))["error"]
+                assert error == "there is no such session; perhaps it has ended"
+                await rpc.send(b"x" * (socket_door.MOST_MESSAGE + 5000))
+                await rpc.until_end()
+        await interface.close()
+
+    on_hub(use)
+
+
+# --- survival ---------------------------------------------------------------------------------------------------
+
+
+def test_a_thousand_programs_are_served_at_the_same_time() -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub):
+            boards = await asyncio.gather(*(connect("share://rex", patience=50) for _ in range(1000)))
+            assert len(hub.programs) == 1000
+            assert set(await asyncio.gather(*(board.servo_ids() for board in boards))) == {(1, 2, 3)}
+            await asyncio.gather(*(board.close() for board in boards))
+            await until(lambda: not hub.programs)
+
+    on_hub(use)
+
+
+def test_a_program_that_never_reads_is_disconnected_and_delays_nobody(caplog: pytest.LogCaptureFixture) -> None:
+    async def use(hub: Hub, virtual: VirtualBoard) -> None:
+        async with sharing(hub) as url, connect(url) as board:
+            await board.request(AddActionRequest(1, "", tuple(Step(1, 0, 1) for _ in range(10_000))))
+            with RawLine(raw_socket()) as line:
+                await line.greet()
+                with suppress(ConnectionError):
+                    while True:
+                        await line.send(Codec().encode(QueryActionRequest(1)))
+                        assert await board.servo_ids() == (1, 2, 3)
+            assert len(hub.programs) == 1
+
+    on_hub(use)
+    assert "a test was disconnected: it does not read what it asked for" in caplog.text
+
+
+def test_garbage_is_counted_and_the_next_frame_is_answered() -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub):
+            with RawLine(raw_socket()) as line:
+                session = (await line.greet())["session"]
+                for _piece in range(50):
+                    await line.send(os.urandom(65536).replace(b"\x13", b""))
+                await line.send(LIST)
+                assert await line.until(len(ANSWER)) == ANSWER
+                assert hub.programs[session].garbage > 50 * 60_000
+
+    on_hub(use)
+
+
+def test_requests_of_a_flood_are_all_answered_in_order() -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub):
+            with RawLine(raw_socket()) as line:
+                await line.greet()
+                sending = asyncio.ensure_future(line.send(LIST * 2000))
+                assert await line.until(len(ANSWER) * 2000) == ANSWER * 2000
+                await sending
+
+    on_hub(use)
+
+
+def test_without_unix_sockets_a_token_opens_the_door(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on Windows, as far as another system can try it."""
+    monkeypatch.setattr(share, "HAS_UNIX_SOCKETS", False)
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub) as url, connect(url) as board:
+            assert await board.servo_ids() == (1, 2, 3)
+            door = folder / "rex.door"
+            assert door.stat().st_mode & 0o777 == 0o600
+            place = json.loads(door.read_text())
+            reader, writer = await asyncio.open_connection("127.0.0.1", place["port"])
+            writer.write(b'{"servolink": 1, "wants": "frames", "who": "x", "token": "guess"}\n')
+            assert json.loads(await reader.read())["error"].startswith("wrong token")
+            writer.close()
+        assert list(folder.iterdir()) == []
+        with pytest.raises(OpenError, match="no hub of this name is running"):
+            await connect("share://rex")
+
+    on_hub(use)
+
+
+def test_buffers_are_bounded() -> None:
+    assert lines.MOST_UNREAD == 256 * 1024
