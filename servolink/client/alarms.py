@@ -19,9 +19,8 @@ LONGEST = 3600.0
 """Seconds that a value may be asked to last."""
 
 _SLACK = 1e-6  # seconds: sums of periods are not exact
-_RULE = re.compile(
-    r"\s*([a-z_]{1,20})\s*([<>])\s*(-?[0-9]{1,10})(?:\s+for\s+([0-9]{1,6}(?:\.[0-9]{1,6})?)\s*s)?\s*", re.ASCII
-)
+# Compiled when it is first used: that takes longer than loading this module.
+_RULE = r"\s*([a-z_]{1,20})\s*([<>])\s*(-?[0-9]{1,10})(?:\s+for\s+([0-9]{1,6}(?:\.[0-9]{1,6})?)\s*s)?\s*"
 _ATTRIBUTES: dict[str, str] = {"current_raw": "current", "temperature_raw": "temperature"}
 
 
@@ -56,7 +55,7 @@ class Alarm(Struct, frozen=True):
     @classmethod
     def parse(cls, text: str, *, stops: bool = False) -> Alarm:
         """Return the alarm that `text` describes, such as `temperature_raw>300` or `current_raw>800 for 0.5s`."""
-        found = _RULE.fullmatch(text)
+        found = re.fullmatch(_RULE, text, re.ASCII)
         if found is None:
             raise ValueError(
                 f"an alarm looks like 'temperature_raw>300' or 'current_raw>800 for 0.5s', not like {quote(text)}"

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Iterable
+from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
 from servolink.client.alarms import Alarm
 from servolink.client.events import ButtonEvents, ButtonSubscription
 from servolink.client.names import Targets
-from servolink.client.playing import Playback, Playing
 from servolink.client.projects import ProjectTransfers
 from servolink.client.raw_packets import RawPackets
 from servolink.client.reconnect import ConnectionState
 from servolink.client.records import RecordStore
 from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
-from servolink.client.stored_runs import StoredRuns
 from servolink.client.watch import ServoReadings, ServoWatch
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
@@ -45,9 +44,11 @@ from servolink.protocol.settings import (
     SendDummyDataRequest,
 )
 
-if TYPE_CHECKING:  # loading them takes longer than loading all packets
+if TYPE_CHECKING:  # imported late: loading them takes longer than loading all packets
     from pathlib import Path
 
+    from servolink.client.playing import Playback, Playing
+    from servolink.client.stored_runs import StoredRuns
     from servolink.profiles.profile import ProfileInUse
 
 R = TypeVar("R", bound=Response)
@@ -97,12 +98,23 @@ class Board:
         self._limits = limits
         self._servos = ServoController(session, angle_unit, limits, interval_unit)
         self._records = RecordStore(session)
-        self._runs = StoredRuns(session, self._servos, self._records, limits, interval_unit)
-        self._playing = Playing(session, self._servos, self._runs, interval_unit)
-        self._packets = RawPackets(session, self._servos, self._runs, limits)
+        self._interval_unit = interval_unit
+        self._packets = RawPackets(session, self._servos, lambda: self._runs, limits)
         self._buttons = ButtonSubscription(session)
         self._watch = ServoWatch(session, self._servos)
         self._projects = ProjectTransfers(session)
+
+    @cached_property
+    def _runs(self) -> StoredRuns:
+        from servolink.client.stored_runs import StoredRuns
+
+        return StoredRuns(self._session, self._servos, self._records, self._limits, self._interval_unit)
+
+    @cached_property
+    def _playing(self) -> Playing:
+        from servolink.client.playing import Playing
+
+        return Playing(self._session, self._servos, self._runs, self._interval_unit)
 
     def __repr__(self) -> str:
         """Return name, address and state, such as `<Board "rex" virtual:// connected>`."""

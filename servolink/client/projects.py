@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from servolink.client.session import Session
@@ -12,6 +11,8 @@ from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
 
 if TYPE_CHECKING:  # loading them takes longer than loading all packets
+    from pathlib import Path
+
     from servolink.profiles.profile import BoardSettings
     from servolink.project.transfer.pinned import PinnedConnection
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Coroutine
-from typing import Any, TypeVar
+from collections.abc import Callable, Coroutine
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from servolink.client.servos import ServoController
 from servolink.client.session import Session
-from servolink.client.stored_runs import StoredRuns
 from servolink.errors import EncodeError
 from servolink.motion.limits import MotionLimits
 from servolink.protocol.editing import ExecuteMacroRequest
@@ -19,14 +18,19 @@ from servolink.protocol.servos import (
     SetServoParameterRequest,
 )
 
+if TYPE_CHECKING:  # late: most programs run nothing that is stored
+    from servolink.client.stored_runs import StoredRuns
+
 R = TypeVar("R", bound=Response)
 
 
 class RawPackets:
     """Sends any packet. What the library remembers of the servos is kept up to date, and limits hold."""
 
-    def __init__(self, session: Session, servos: ServoController, runs: StoredRuns, limits: MotionLimits) -> None:
-        """Send through `session`, movements through `servos` and `runs` if there are limits."""
+    def __init__(
+        self, session: Session, servos: ServoController, runs: Callable[[], StoredRuns], limits: MotionLimits
+    ) -> None:
+        """Send through `session`, movements through `servos` and what `runs` returns if there are limits."""
         self._session = session
         self._servos = servos
         self._runs = runs
@@ -40,7 +44,7 @@ class RawPackets:
         elif isinstance(packet, SetServoParameterRequest):
             request = self._servos.request
         elif self._limits and isinstance(packet, ExecuteMacroRequest):
-            request = self._runs.request
+            request = self._runs().request
         asked: Coroutine[Any, Any, R] = request(packet, timeout=timeout, unchecked=unchecked)
         return asked
 
@@ -55,7 +59,7 @@ class RawPackets:
         if isinstance(packet, ExecuteActionRequest):
             await self._servos.send(packet)
         else:
-            await self._runs.run_action(packet.action_id)
+            await self._runs().run_action(packet.action_id)
 
 
 def _check_each_once(packet: ExecuteActionRequest) -> None:

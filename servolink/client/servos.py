@@ -25,7 +25,6 @@ from servolink.errors import (
     TransportError,
 )
 from servolink.escaping import quote
-from servolink.html_table import html_table
 from servolink.motion.angles import AngleUnit, Degrees, in_unit, wire_angles
 from servolink.motion.limits import MotionLimits, degrees_per_second
 from servolink.motion.movement import INTERVAL_UNIT, check_limits, checked_targets, intervals_for, seconds_for
@@ -80,6 +79,8 @@ class Servos(tuple[Servo, ...]):
             (one.servo_id, _angle_text(one.angle), one.state, one.current, one.temperature, one.servo_type)
             for one in self
         ]
+        from servolink.html_table import html_table
+
         return html_table(columns, rows)
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from msgspec import Struct
+from msgspec import Struct, field
 
 from servolink.errors import DecodeError, ServolinkError
 from servolink.protocol.packet import Command, Request, Response
@@ -20,8 +19,7 @@ UNKNOWN_SIZE = 1 << 40
 """Bytes of a response of a kind that was never heard: a list can be long, so nothing is sent beside the first one."""
 
 
-@dataclass(slots=True, eq=False)
-class Lane:
+class Lane(Struct, eq=False):
     """One response id: its open slots in the order sent, and the responses that are kept."""
 
     response_id: int

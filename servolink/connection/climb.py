@@ -10,7 +10,7 @@ This file knows no clock, no event loop and no bytes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from msgspec import Struct
 
 LEAST_RESPONSES = 32
 """An epoch has at least so many responses, and at least four times the depth."""
@@ -27,8 +27,7 @@ _MOST_EPOCHS = 4  # in one trial that is decided by losses: in 32 requests they 
 _HOPELESS_LOSSES, _HOPELESS_LOSS = 4, 0.25  # so many, and so much more than before, end a trial at once
 
 
-@dataclass(slots=True)
-class Epoch:
+class Epoch(Struct, eq=False):
     """A measurement at one depth."""
 
     depth: int

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
 from typing import Any
+
+from msgspec import Struct, field
 
 from servolink.protocol.parser import REASONS
 
 
-@dataclass(slots=True, repr=False)
-class Stats:
+class Stats(Struct):
     """Counters since the connection was opened."""
 
     bytes_sent: int = 0
@@ -64,7 +64,7 @@ class Stats:
     def as_dict(self) -> dict[str, Any]:
         """Return all counters as plain numbers, and percentiles of the round trips in milliseconds."""
         counters = {
-            name: getattr(self, name) for name in self.__dataclass_fields__ if name not in ("skipped", "round_trips")
+            name: getattr(self, name) for name in self.__struct_fields__ if name not in ("skipped", "round_trips")
         }
         percentiles = {f"p{percent}": self.round_trip(percent) for percent in (50, 90, 99)}
         return {

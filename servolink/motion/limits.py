@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
 from typing import TypeGuard
+
+from msgspec import Struct, field
+from msgspec.structs import force_setattr, replace
 
 from servolink.errors import EncodeError
 from servolink.escaping import quote
@@ -16,8 +18,7 @@ SpeedCap = float | Mapping[int, float]
 """Highest speed in degrees per second: one for all servos, or by servo id."""
 
 
-@dataclass(frozen=True, slots=True)
-class MotionLimits:
+class MotionLimits(Struct, frozen=True):
     """How far and how fast servos may move. Without arguments there are no limits, and it is false.
 
     Raise EncodeError for limits that allow nothing or name no servo, TypeError for values of a wrong type.
@@ -46,12 +47,12 @@ class MotionLimits:
         for servo_id, cap in self.speed_caps.items():
             check_servo_id("speed_cap", servo_id)
             _check_speed(f"speed_cap of servo {servo_id}", cap)
-        object.__setattr__(self, "speed_caps", dict(self.speed_caps))
+        force_setattr(self, "speed_caps", dict(self.speed_caps))
         if isinstance(self.angles, Mapping):
             for servo_id, pair in self.angles.items():
                 check_servo_id("angle_limits", servo_id)
                 _check_pair(pair)
-            object.__setattr__(self, "angles", dict(self.angles))
+            force_setattr(self, "angles", dict(self.angles))
         elif self.angles is not None:
             _check_pair(self.angles)
 

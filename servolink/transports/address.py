@@ -16,8 +16,9 @@ _AUTHORITY = re.compile(r"(?:\[(?P<v6>[^\[\]]*)\]|(?P<host>[^\[\]:]*))(?::(?P<po
 _BAD_ESCAPE = re.compile(r"%(?![0-9a-f]{2})", re.IGNORECASE)
 _CONTROL = re.compile(r"[\x00-\x1f\x7f]")
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}", re.ASCII)
-_HEXADECIMAL = re.compile(r"0x[0-9a-f]{1,15}", re.ASCII | re.IGNORECASE)
-_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?", re.ASCII | re.IGNORECASE)
+# Compiled when they are first used, which few addresses need and takes a while.
+_HEXADECIMAL = r"(?ai)0x[0-9a-f]{1,15}"
+_NUMBER = r"(?ai)[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?"
 _FORMS = "write it as serial:///dev/ttyACM0, serial://COM3, tcp://host:port or virtual://"
 _LONGEST = 200  # characters of an address in an error text
 CONNECTION_OPTIONS = ("byte_order", "caption_encoding", "transmission_mode", "patience", "depth", "write_depth")
@@ -100,7 +101,7 @@ class Address:
         text = self._option(name)
         if text is None:
             return default
-        value = int(text, 16) if _HEXADECIMAL.fullmatch(text) else int(text) if _INTEGER.fullmatch(text) else None
+        value = int(text, 16) if re.fullmatch(_HEXADECIMAL, text) else int(text) if _INTEGER.fullmatch(text) else None
         if value is None or not low <= value <= high:
             raise self._bad(name, text, f"an integer from {low} to {high}")
         return value
@@ -110,7 +111,7 @@ class Address:
         text = self._option(name)
         if text is None:
             return default
-        value = float(text) if _NUMBER.fullmatch(text) else math.nan
+        value = float(text) if re.fullmatch(_NUMBER, text) else math.nan
         if not low <= value <= high:
             raise self._bad(name, text, f"a number from {low:g} to {high:g}")
         return value
