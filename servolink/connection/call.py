@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from msgspec import Struct, field
@@ -128,8 +129,14 @@ class Call(Struct, eq=False):
     latest: Slot | None = None
     """Its latest slot, fences included."""
     woken: asyncio.Future[None] | None = None
+    on_wake: Callable[[Call], None] | None = None
+    """Called in place of waking a task, while none waits."""
+    content: bytes | None = None
+    """The content of the frame with the response, if it came while `on_wake` was there."""
 
     def wake(self) -> None:
         """Let the caller look at what has changed."""
-        if self.woken is not None and not self.woken.done():
+        if self.on_wake is not None:
+            self.on_wake(self)
+        elif self.woken is not None and not self.woken.done():
             self.woken.set_result(None)

@@ -9,6 +9,7 @@ from contextlib import AbstractAsyncContextManager, AbstractContextManager
 from random import Random
 from typing import Any, NoReturn, Protocol, TypeVar
 
+from servolink.connection.asking import Done, QueryAsker
 from servolink.connection.call import Call, Slot
 from servolink.connection.deadlines import DeadlineTimer
 from servolink.connection.dispatcher import ResponseDispatcher
@@ -101,12 +102,14 @@ class Connection:
         self._scheduler = RequestScheduler(self._window, self._slots)
         self._opening: asyncio.Task[None] | None = None
         self._needs_handshake = False
+        self._takes_at_once: bool = getattr(transport, "takes_at_once", False)
         self._reopened_at = -_REOPEN_PAUSE
         self.answers = ResponseDispatcher(
             transport.url, codec, self._slots, self._scheduler, patience, self._loop.time, self.stats
         )
         self._sender = RequestSender(transport, codec, self._slots, self._scheduler, self.answers, repeats=repeats)
         self._margin = 0.0 if repeats else HUB_MARGIN
+        self._asker = QueryAsker(self._sender, self.answers)
 
     @property
     def stops(self) -> int:
@@ -273,6 +276,20 @@ class Connection:
             if call.queued:
                 self._sender.leave_queue(call)
             self.answers.leave(call)
+
+    def ask(self, packet: Query[R], done: Done) -> bool:
+        """Send a query if it need not wait, and call `done` with its response, or with an error. Return whether it was.
+
+        For who asks much for others: no task waits, and `done` is called as soon as the response is read. It must not
+        raise.
+        """
+        if not self._takes_at_once or not self._may_send_at_once(packet):
+            return False
+        frame = self.codec.encode(packet, unchecked=True)
+        if self._window.learns:
+            self._slots.lanes[packet.packet_id + 1].request_size = len(frame)
+        self._asker.ask(self._call(packet, None), packet, frame, done)
+        return True
 
     async def send(
         self, packet: Command, *, unless_stopped_since: int | None = None, unless_units_since: int | None = None

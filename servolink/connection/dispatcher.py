@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections import deque
 from collections.abc import Callable
 
 from servolink.connection.call import Call, Content, Settled, Slot
@@ -69,6 +70,8 @@ class ResponseDispatcher:
         self._scheduler = scheduler
         self._window = scheduler.window
         self._load: Load | None = None  # when the present chunk came
+        self.later: deque[Callable[[], None]] = deque()
+        """What is called once a chunk is read: it may send, for which all slots must be as they are to be."""
         self._expired = False  # whether a slot has become overdue since the latest response
         self._patience = patience
         self._now = now
@@ -98,6 +101,8 @@ class ResponseDispatcher:
                 self.stats.hidden += 1
             else:
                 self._take(frame)
+        if self.later:
+            self._call_later()
 
     def lost(self, error: Exception | None, /) -> None:
         """End the connection: the transport has ended."""
@@ -196,6 +201,9 @@ class ResponseDispatcher:
             return
         asked_at = self._restarted_at
         if settled:
+            call = settled[-1][0].call
+            if call is not None and call.on_wake is not None and settled[-1][1] is decoded:
+                call.content = content
             self._restart(self._heard_at)
             if learns and self._load is not None:
                 self._learn(self._load, settled, len(content) + OVERHEAD, asked_at)
@@ -256,6 +264,10 @@ class ResponseDispatcher:
         elif call is None or call.is_over:
             self.times.late()
 
+    def _call_later(self) -> None:
+        while self.later:
+            self.later.popleft()()
+
     # --- deadlines ----------------------------------------------------------------------------------------------
 
     def release(self) -> None:
@@ -282,6 +294,8 @@ class ResponseDispatcher:
             self._expire(live[0], now)
         if live and self.ended is None:
             self._timer.arm(self._due(live[0]))
+        if self.later:
+            self._call_later()
 
     def _earliest_due(self) -> float | None:
         return self._due(self._slots.live[0]) if self._slots.live else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Awaitable
 from typing import Any
 
 from servolink.connection.call import Call, Slot
@@ -84,7 +85,7 @@ class RequestSender:
         Nothing may stand in the way of the first sending (see `clear_way`).
         """
         self.refuse_if_stopped(call)
-        woken, data = self._open_request(call, packet), frame
+        woken, data = self._open_next(call, packet, frame) if call.tries else (self.open_request(call, packet), frame)
         while True:
             if call.queued:
                 self.leave_queue(call)
@@ -93,22 +94,26 @@ class RequestSender:
             except (ConnectionLost, asyncio.CancelledError) as error:
                 self._not_sent(error)
                 raise
-            slots = self._slots
-            if (slots.kept or slots.unproved >= _MARK_EVERY or call.tries > 1) and self._window.depth > 1:
-                await self._mark(call)
+            if self._window.depth > 1 and (call.tries > 1 or self.may_need_mark):
+                await self.mark(call)
             await woken
             if call.response is None:
-                await self._end_latest(call)
-            if call.response is None:
-                await self._go_on(call)
-            if call.response is None and call.unanswered > _AT_ONCE and not call.open_slots:
-                await self._pause(call, packet)
+                await self.until_next(call, packet)
             if call.response is not None:
                 return call.response
-            if self._must_fence(call):
-                woken, data = self._open_fence(call)
-            else:
-                woken, data = self._open_request(call, packet), frame
+            woken, data = self._open_next(call, packet, frame)
+
+    async def until_next(self, call: Call, packet: Request[Any]) -> None:
+        """Wait until more can be sent for a call that was woken, or it has a response. Raise what ended it."""
+        await self._end_latest(call)
+        if call.response is None:
+            await self._go_on(call)
+        if call.response is None and call.unanswered > _AT_ONCE and not call.open_slots:
+            await self._pause(call, packet)
+
+    def _open_next(self, call: Call, packet: Request[Any], frame: bytes) -> tuple[asyncio.Future[None], bytes]:
+        """Open a slot for what helps a call now, and return what its call waits for, and what must be written now."""
+        return self._open_fence(call) if self._must_fence(call) else (self.open_request(call, packet), frame)
 
     async def _end_latest(self, call: Call) -> None:
         """Wait until the latest slot of a call is over or overdue: a response to an older one changes nothing."""
@@ -172,7 +177,7 @@ class RequestSender:
         fenced = call.latest is not None and call.latest.is_fence
         return call.open_slots >= _FENCE_AFTER and call.tries % 2 == 1 and not fenced
 
-    def _open_request(self, call: Call, packet: Request[Any]) -> asyncio.Future[None]:
+    def open_request(self, call: Call, packet: Request[Any]) -> asyncio.Future[None]:
         """Open a slot for the packet of a call, which must be written now. Return what its call waits for."""
         if isinstance(packet, SetAngleUnitRequest):
             self.units_sent += 1
@@ -207,7 +212,12 @@ class RequestSender:
         self._answers.open(slot)
         return slot
 
-    async def _mark(self, call: Call) -> None:
+    @property
+    def may_need_mark(self) -> bool:
+        """Whether `mark` should be called behind a first sending."""
+        return self._window.depth > 1 and (self._slots.kept > 0 or self._slots.unproved >= _MARK_EVERY)
+
+    async def mark(self, call: Call) -> None:
         """Send a fence behind many slots that prove nothing of each other: equal queries, or kept responses.
 
         And behind a repeat, if it would get no response before what others left overdue.
@@ -288,6 +298,11 @@ class RequestSender:
             self._answers.lost(error)
         else:
             self._drain.hold()
+
+    def take(self, frame: bytes) -> Awaitable[None] | None:
+        """Send a whole frame on a transport that takes it at once (see `BaseTransport.take`)."""
+        taking: Awaitable[None] | None = self._transport.take(self._counted(frame))  # type: ignore[attr-defined]
+        return taking
 
     async def send_packet(self, packet: Packet) -> None:
         """Send a packet without a slot."""

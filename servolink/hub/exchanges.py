@@ -54,6 +54,8 @@ class Exchange(Struct, eq=False):
     is_silent: bool = False
     """Its program is not to hear the response."""
     is_over: bool = False
+    equal: tuple[Exchange, ...] | list[Exchange] = ()
+    """Queries that its response answers as well."""
 
 
 class ProgramQueue:
@@ -107,7 +109,7 @@ class RoundRobin:
             ring.rotate(-1)
         return None
 
-    def take_equal(self, taken: Exchange, means_same: Callable[[Exchange], bool]) -> list[Exchange]:
+    def take_equal(self, taken: Exchange, means_same: Callable[[Exchange, Exchange], bool]) -> list[Exchange]:
         """Return the unsent queries that the response to `taken`, a query, answers as well.
 
         That is an equal query for which `means_same`, if it is the next request of its program; in the program of
@@ -118,11 +120,10 @@ class RoundRobin:
             if not self._may_take(queue):
                 continue
             waiting = queue.exchanges
-            while waiting and waiting[0].packet == packet and means_same(waiting[0]):
+            while waiting and waiting[0].packet == packet and means_same(taken, waiting[0]):
                 equal.append(waiting.popleft())
-        own = taken.program.queue
-        if own.exchanges and not own.is_blocked:
-            equal += self._take_later(own, packet)
+            if queue is taken.program.queue:
+                equal += self._take_later(queue, packet)
         if equal:
             self._drop_empty()
         return equal

@@ -267,7 +267,7 @@ class Hub:
             return
         self._hold = None
         self._upstream.waiting.holder = None
-        self._upstream.wake()
+        self._upstream.send_waiting()
         self.tell(HoldChanged(None, None, ""))
 
     # --- notices and status -------------------------------------------------------------------------------------

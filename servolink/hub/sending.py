@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
+from functools import partial
 from typing import Any
 
 from servolink.client.board import Board
-from servolink.errors import ConnectionLost, OutcomeUnknown, Rejected, WrongBoard
+from servolink.errors import ConnectionLost, OutcomeUnknown, Rejected, ServolinkError, WrongBoard
 from servolink.hub.events import ButtonRelay
 from servolink.hub.exchanges import Exchange
 from servolink.hub.lease_keeper import LeaseKeeper
@@ -18,6 +19,9 @@ from servolink.protocol.joystick import SubscribeButtonEventRequest
 from servolink.protocol.packet import Command, Packet, Query, Request
 from servolink.protocol.servos import QueryServoRequest, SetAngleUnitRequest
 from servolink.protocol.settings import ClearAllDataRequest, ClearAllDataResponse
+
+Done = Callable[[Exchange, "Packet | ServolinkError", "bytes | None"], None]
+"""Called with the response to a query, and its content as it came if that is known; or with an error."""
 
 STOPPED = "a stop came first"
 """Why a motion is not sent that was asked for before a stop."""
@@ -47,6 +51,34 @@ class PacketSender:
         self._buttons = buttons
         self._units = units
         self._on_refused = on_refused
+
+    def send_at_once(self, exchange: Exchange, done: Done) -> bool:
+        """Send a query, if nothing must come first, and call `done` with what comes of it. Return whether it was."""
+        packet, connection, units = exchange.packet, self._board.connection, self._units
+        if not isinstance(packet, Query):
+            return False
+        heard: Callable[[Packet | ServolinkError, bytes | None], None] = partial(done, exchange)
+        has_angles = isinstance(packet, QueryServoRequest)
+        if has_angles:
+            if not units.enter_at_once(packet, exchange.program.state):
+                return False
+            heard = partial(self._heard_angles, heard)
+        try:
+            is_sent = connection.ask(packet, heard)
+        except ConnectionLost:
+            is_sent = False
+        if has_angles and not is_sent:
+            units.leave()
+        return is_sent
+
+    def _heard_angles(
+        self,
+        done: Callable[[Packet | ServolinkError, bytes | None], None],
+        outcome: Packet | ServolinkError,
+        content: bytes | None,
+    ) -> None:
+        self._units.leave()
+        done(outcome, content)
 
     async def send(self, exchange: Exchange, on_free: Callable[[], None]) -> Packet | None:
         """Send a packet and return the response for its program, None if there is none.

@@ -38,15 +38,19 @@ class UnitSwitch:
 
         Raise UnitsKept, Rejected or RequestTimeout if that fails: then the packet must not be sent.
         """
-        self._look_at_connection()
-        if self._setting.locked() or self._units.needed(packet, state):
+        if not self.enter_at_once(packet, state):
             async with self._setting:
                 # Also nothing of others may be under way: a query that is repeated would be answered in other units.
                 await self._until_unused()
                 await self._set_needed(packet, state)
                 self._users += 1
-        else:
-            self._users += 1
+
+    def enter_at_once(self, packet: Packet, state: SessionState) -> bool:
+        """Return whether the units are as `packet` means them; if so, they are kept until `leave`."""
+        self._look_at_connection()
+        is_set = not self._setting.locked() and not self._units.needed(packet, state)
+        self._users += is_set
+        return is_set
 
     def leave(self) -> None:
         """Allow other units: the packet was answered, or will not be."""

@@ -14,8 +14,9 @@ from servolink.escaping import escape
 from servolink.hub.exchanges import Exchange, RoundRobin
 from servolink.hub.roles import carries_angles, is_motion
 from servolink.hub.sending import STOPPED, PacketSender
-from servolink.hub.session_state import SessionState
 from servolink.hub.stopping import stop
+from servolink.protocol.codec import Codec
+from servolink.protocol.frame import encode_frame
 from servolink.protocol.packet import Packet, Query, Request
 from servolink.protocol.servos import SetServoParameterRequest
 
@@ -25,7 +26,8 @@ _logger = logging.getLogger(__name__)
 class Upstream:
     """Sends the requests of all programs, as many at once as the connection has use for.
 
-    The tasks live as long as the hub; one for each request would cost as much as the request.
+    Most are queries that need nothing first: they are sent and answered without any task. The others are carried out by
+    tasks that live as long as the hub.
     """
 
     def __init__(self, board: Board, sender: PacketSender) -> None:
@@ -36,13 +38,16 @@ class Upstream:
         self._sender = sender
         self._loop = asyncio.get_running_loop()
         self._tasks = list[asyncio.Task[None]]()
-        self._idle: deque[asyncio.Future[None]] = deque()
-        self._active = 0  # tasks that have an exchange, or were woken for one
+        self._idle: deque[asyncio.Future[Exchange]] = deque()  # each of a task
+        self._active = 0  # exchanges under way
         self._others = set[asyncio.Task[None]]()
 
     def start(self) -> None:
         """Begin to send."""
-        self._tasks = [self._loop.create_task(self._work()) for _ in range(self._board.connection.depth_bound)]
+        for _ in range(self._board.connection.depth_bound):
+            first = self._loop.create_future()
+            self._idle.append(first)
+            self._tasks.append(self._loop.create_task(self._work(first)))
 
     async def close(self) -> None:
         """Stop sending. What is under way is given up."""
@@ -57,7 +62,7 @@ class Upstream:
         """Send a request when it is its turn, and finish it."""
         exchange.stops = self._sender.stops
         self.waiting.add(exchange)
-        self.wake()
+        self.send_waiting()
 
     def ask_stop(self, exchange: Exchange) -> None:
         """Send a stop at once, and finish it."""
@@ -69,43 +74,48 @@ class Upstream:
         for exchange in self.waiting.drop_where(lambda waiting: is_motion(waiting.packet)):
             self._begin(self._finish_stopped(exchange))
 
-    def wake(self) -> None:
-        """Look again for what may be sent now."""
-        if self._idle and self.waiting and self._active < self._board.connection.callers:
+    def send_waiting(self) -> None:
+        """Send what may be sent now."""
+        while self._idle and self._active < self._board.connection.callers:
+            exchange = self.waiting.take()
+            if exchange is None:
+                return
             self._active += 1
-            self._idle.popleft().set_result(None)
+            if isinstance(exchange.packet, Query):
+                exchange.equal = self.waiting.take_equal(exchange, _means_same)
+            if not self._sender.send_at_once(exchange, self._answered):
+                self._idle.popleft().set_result(exchange)
 
-    async def _work(self) -> None:
-        """Carry out one exchange after the other; one task of many."""
+    def _answered(self, exchange: Exchange, outcome: Packet | ServolinkError, content: bytes | None) -> None:
+        """Finish a query that was sent at once."""
+        self._active -= 1
+        if isinstance(outcome, ServolinkError):
+            _logger.debug("%s", outcome)
+            _finish(exchange, None)
+        else:
+            _finish(exchange, outcome, content, self._board.codec)
+        self.send_waiting()
+
+    async def _work(self, next_one: asyncio.Future[Exchange]) -> None:
+        """Carry out one exchange after the other."""
         while True:
-            woken = self._loop.create_future()
-            self._idle.append(woken)
-            self.wake()  # this one or another, if there is something to do
-            await woken
-            try:
-                while self._active <= self._board.connection.callers and (exchange := self.waiting.take()):
-                    self.wake()  # another task, if there is more to do
-                    await self._carry_out(exchange)
-            finally:
-                self._active -= 1
+            await self._carry_out(await next_one)
+            self._active -= 1
+            next_one = self._loop.create_future()
+            self._idle.append(next_one)
+            self.send_waiting()
 
     async def _carry_out(self, exchange: Exchange) -> None:
-        """Send a request, and finish it and all that its response answers as well."""
-        equal = list[Exchange]()
-        if isinstance(exchange.packet, Query) and self.waiting:
-            state = exchange.program.state
-            equal = self.waiting.take_equal(exchange, lambda other: _means_same(other, state))
         response: Packet | None = None
         try:
-            response = await self._sender.send(exchange, self.wake)
+            response = await self._sender.send(exchange, self.send_waiting)
         except ServolinkError as error:
             _logger.debug("%s", error)
         except Exception:
             # A defect of ours. The board and the other programs should go on all the same.
             _logger.exception("%s of %s failed", type(exchange.packet).__name__, escape(exchange.program.who))
         finally:
-            for each in (exchange, *equal):
-                _finish(each, response)
+            _finish(exchange, response)
 
     async def _stop(self, exchange: Exchange) -> None:
         packet, response = exchange.packet, None
@@ -130,14 +140,23 @@ class Upstream:
         task.add_done_callback(self._others.discard)
 
 
-def _finish(exchange: Exchange, response: Packet | None) -> None:
-    if response is None and isinstance(exchange.packet, Request):
-        exchange.program.counters.unanswered += 1
-    exchange.program.finish(exchange, response)
+def _finish(
+    exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
+) -> None:
+    """Finish an exchange, and all that its response answers as well. `content` is how `codec` would write it."""
+    for each in (exchange, *exchange.equal):
+        program = each.program
+        if response is None:
+            program.counters.unanswered += isinstance(each.packet, Request)
+            program.finish(each, None)
+        elif content is not None and codec is not None and program.codec.byte_order == codec.byte_order:
+            # As it came: captions keep bytes that no encoding knows, and encoding it again takes longer.
+            program.finish_with(each, encode_frame(response.packet_id, content, codec.byte_order))
+        else:
+            program.finish(each, response)
 
 
-def _means_same(exchange: Exchange, state: SessionState) -> bool:
-    """Return whether the response to a query of a program with `state` answers an equal one as well."""
-    other = exchange.program.state
-    is_same = other is state or (other.unit == state.unit and other.units == state.units)
-    return is_same or not carries_angles(exchange.packet)
+def _means_same(one: Exchange, other: Exchange) -> bool:
+    """Return whether the response to a query answers an equal one as well."""
+    mine, its = one.program.state, other.program.state
+    return mine is its or (mine.unit == its.unit and mine.units == its.units) or not carries_angles(one.packet)

@@ -210,20 +210,24 @@ class FaultyTransport(WrappedTransport):
         if self._up.unplugged:
             self._break(_UNPLUGGED)
 
-    def _send(self, data: bytes) -> Awaitable[None]:
-        return self._send_faulty(data)
-
-    async def _send_faulty(self, data: bytes) -> None:
+    def _send(self, data: bytes) -> Awaitable[None] | None:
         """Apply faults to `data` and send the result; delayed pieces count as sent, as long as there is room."""
         now = asyncio.get_running_loop().time()
         pieces = self._down.apply(data, now)
+        taking: Awaitable[None] | None = None
         if self._late_down or any(at > now for at, _ in pieces):
             for at, piece in pieces:
                 self._late_down.append(at, piece)
             if pieces and (self._sending is None or self._sending.done()):
                 self._sending = asyncio.ensure_future(self._send_late())
         elif pieces or not data:
-            await self._inner.send(b"".join(piece for _, piece in pieces))
+            taking = super()._send(b"".join(piece for _, piece in pieces))
+        has_room = self._late_down.room.is_set() and self._late_up.room.is_set()
+        return None if taking is None and has_room and not self._down.unplugged else self._until_room(taking)
+
+    async def _until_room(self, taking: Awaitable[None] | None) -> None:
+        if taking is not None:
+            await taking
         if self._down.unplugged:
             self._break(_UNPLUGGED)
             raise self._lost()

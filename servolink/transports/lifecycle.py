@@ -28,10 +28,18 @@ class BaseTransport(ABC):
     the errors of its library.
     """
 
+    takes_at_once = True
+    """Whether `take` has all of the data when it returns, awaited or not."""
     is_recorded = False
     """Whether what is sent is recorded or compared with a recording, so that it must not depend on chance."""
     is_shared = False
     """Whether a hub is at the other end, which repeats requests itself and keeps programs apart."""
+
+    def __init_subclass__(cls) -> None:
+        """Take nothing at once past a `send` of the subclass."""
+        super().__init_subclass__()
+        if "send" in vars(cls) and "take" not in vars(cls):
+            cls.takes_at_once = False
 
     def __init__(self, url: str) -> None:
         """Start unopened; errors and log lines call the transport `url`."""
@@ -75,6 +83,18 @@ class BaseTransport(ABC):
         try:
             if (taken := self._send(data)) is not None:
                 await taken
+        except ServolinkError:
+            raise
+        except Exception as error:
+            self._lose(error)
+            raise self._lost() from error
+
+    def take(self, data: bytes) -> Awaitable[None] | None:
+        """Take all of `data` as `send` does; return None if the system has it, or what to await until it has."""
+        if self._stage != "open":
+            raise self._lost()
+        try:
+            return self._send(data)
         except ServolinkError:
             raise
         except Exception as error:
@@ -193,6 +213,9 @@ class WrappedTransport(BaseTransport):
         """Wrap `inner`, which must not be used otherwise."""
         super().__init__(inner.url)
         self._inner = inner
+        self.takes_at_once = getattr(inner, "takes_at_once", False)
+        take: Callable[[bytes], Awaitable[None] | None] | None = getattr(inner, "take", None)
+        self._take = take if self.takes_at_once else None
         self.is_recorded = self.is_recorded or getattr(inner, "is_recorded", False)
         self._inner_is_open = False
         self._closing: asyncio.Task[None] | None = None  # kept, as the loop does not keep its tasks
@@ -215,7 +238,7 @@ class WrappedTransport(BaseTransport):
             raise
 
     def _send(self, data: bytes) -> Awaitable[None] | None:
-        return self._inner.send(data)
+        return self._take(data) if data and self._take is not None else self._inner.send(data)
 
     async def _close(self) -> None:
         await self._inner.close()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import defaultdict, deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -60,6 +60,7 @@ class FakeBoard:
     """A transport with such a board behind it."""
 
     url = "fake://board"
+    takes_at_once = True
 
     def __init__(self, *, servos: int = 4, usual: Fate | None = None) -> None:
         self.codec = Codec()
@@ -124,12 +125,15 @@ class FakeBoard:
         self._receiver = receiver
 
     async def send(self, data: bytes) -> None:
+        if (taking := self.take(data)) is not None:
+            await taking
+
+    def take(self, data: bytes) -> Awaitable[object] | None:
         if self.gone is not None:
             raise ConnectionLost(f"{self.url}: the connection was lost: {self.gone}")
         for packet_id, content in self._parser.feed(data):
             self._take(self.codec.decode(packet_id, content), data)
-        if self.taking is not None:
-            await self.taking.wait()
+        return None if self.taking is None else self.taking.wait()
 
     async def close(self) -> None:
         self.closed += 1

@@ -1,0 +1,138 @@
+"""Connection.ask: queries for which no task waits."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+
+from servolink.connection.connection import Connection
+from servolink.errors import ConnectionLost, RequestTimeout
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
+from servolink.protocol.packet import Query
+from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.protocol.settings import QueryMemorySizeRequest
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.transport import VirtualTransport
+from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, connected, late
+from tests.virtual_time import run
+
+QUERY = QueryServoListRequest()
+
+
+class Asked:
+    """What came of what was asked."""
+
+    def __init__(self, connection: Connection) -> None:
+        self.outcomes: list[Any] = []
+        self.contents: list[bytes | None] = []
+        self._connection = connection
+
+    def ask(self, packet: Query[Any] = QUERY) -> bool:
+        """Ask, and return whether it was sent."""
+        return self._connection.ask(packet, self._done)
+
+    def _done(self, outcome: object, content: bytes | None) -> None:
+        self.outcomes.append(outcome)
+        self.contents.append(content)
+
+
+def asking(use: Callable[[Asked, FakeBoard], Awaitable[None]], **options: Any) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with connected(fake, **options) as connection:
+            await use(Asked(connection), fake)
+
+    run(main())
+
+
+@pytest.mark.parametrize("depth", [1, 4])
+def test_the_response_is_there_as_soon_as_it_is_read(depth: int) -> None:
+    async def use(asked: Asked, fake: FakeBoard) -> None:
+        for _ in range(300):
+            assert asked.ask()
+            await asyncio.sleep(0.01)
+        assert asked.outcomes == [QueryServoListResponse((1, 2, 3, 4))] * 300
+        assert asked.contents == [bytes((4, 1, 2, 3, 4))] * 300
+
+    asking(use, depth=depth)
+
+
+def test_what_must_wait_is_not_sent() -> None:
+    async def use(asked: Asked, fake: FakeBoard) -> None:
+        assert [asked.ask(), asked.ask()] == [True, False]
+        await asyncio.sleep(0.01)
+        assert [asked.ask(), len(fake.sent)] == [True, 2]
+
+    asking(use)
+
+
+def test_more_can_be_asked_from_within_the_response() -> None:
+    async def main() -> None:
+        transport = VirtualTransport(VirtualBoard(2))
+        connection = Connection(transport, Codec())
+        await connection.open(handshake=False)
+        heard = list[object]()
+
+        def done(outcome: object, content: bytes | None) -> None:
+            heard.append(outcome)
+            if len(heard) < 5:
+                assert connection.ask(QUERY, done)
+
+        assert connection.ask(QUERY, done)
+        await asyncio.sleep(1)
+        assert heard == [QueryServoListResponse((1, 2))] * 5
+        await connection.close()
+
+    run(main())
+
+
+def test_a_lost_query_is_repeated() -> None:
+    async def use(asked: Asked, fake: FakeBoard) -> None:
+        fake.plan(QueryServoListRequest, LOST, SWALLOWED)
+        assert asked.ask()
+        await asyncio.sleep(2)
+        assert asked.outcomes == [QueryServoListResponse((1, 2, 3, 4))]
+        assert len(fake.sent_of(QueryServoListRequest)) == 3
+
+    asking(use)
+    asking(use, depth=4)
+
+
+def test_a_query_is_given_up_like_any_other() -> None:
+    async def use(asked: Asked, fake: FakeBoard) -> None:
+        fake.usual_of[QueryMemorySizeRequest] = SWALLOWED
+        assert asked.ask(QueryMemorySizeRequest())
+        await asyncio.sleep(10)
+        assert [type(outcome) for outcome in asked.outcomes] == [RequestTimeout]
+        assert asked.ask(QueryProjectIDRequest())
+        await asyncio.sleep(1)
+        assert asked.outcomes[1:] == [QueryProjectIDResponse(0)]
+
+    asking(use)
+
+
+def test_a_late_response_is_taken_for_no_other() -> None:
+    async def use(asked: Asked, fake: FakeBoard) -> None:
+        fake.plan(QueryServoListRequest, late(1.0))
+        assert asked.ask()
+        await asyncio.sleep(3)
+        assert len(asked.outcomes) == 1
+
+    asking(use)
+
+
+def test_the_end_of_the_connection_is_an_error_for_all() -> None:
+    async def use(asked: Asked, fake: FakeBoard) -> None:
+        assert asked.ask()
+        assert asked.ask(QueryProjectIDRequest())
+        fake.vanish()
+        await asyncio.sleep(0.1)
+        assert [type(outcome) for outcome in asked.outcomes] == [ConnectionLost] * 2
+        with pytest.raises(ConnectionLost):
+            asked.ask()
+
+    asking(use, depth=2)
