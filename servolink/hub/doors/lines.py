@@ -48,7 +48,10 @@ class Line(asyncio.BufferedProtocol):
             self._pipe.abort()
 
     def send(self, frames: bytes) -> None:
-        """Send frames to the program, together with all others of this turn of the loop."""
+        """Send frames to the program, together with all others of this turn of the loop if it waits for more."""
+        if not self._frames and self._program is not None and not self._program.waiting:
+            self._write(frames)
+            return
         if not self._frames:
             self._loop.call_soon(self._flush)
         self._frames.append(frames)
@@ -83,7 +86,11 @@ class Line(asyncio.BufferedProtocol):
     def _flush(self) -> None:
         data = b"".join(self._frames)
         self._frames.clear()
-        if self._pipe is None or self._pipe.is_closing() or not data:
+        if data:
+            self._write(data)
+
+    def _write(self, data: bytes) -> None:
+        if self._pipe is None or self._pipe.is_closing():
             return
         self._pipe.write(data)
         if self._pipe.get_write_buffer_size() > MOST_UNREAD:
