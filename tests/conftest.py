@@ -51,6 +51,14 @@ def _signals_end_programs() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _files_are_not_synced() -> Iterator[None]:
+    """Leave files to the system, as nothing here has to outlive a power failure; a disk takes its time for each."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda descriptor: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _one_parser() -> Iterator[None]:
     """Build the parser of commands once: it takes longer than most commands do."""
     with pytest.MonkeyPatch.context() as patch:

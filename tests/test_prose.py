@@ -7,6 +7,7 @@ import io
 import re
 import tokenize
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -28,8 +29,13 @@ IDIOMS = {
 """Idioms, as regular expressions, and what to write instead."""
 
 
-def prose_of(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield each docstring, message and comment of a module, or each line of a page, with its line number."""
+@cache
+def prose_of(path: Path) -> list[tuple[int, str]]:
+    """Return each docstring, message and comment of a module, or each line of a page, with its line number."""
+    return list(_prose_of(path))
+
+
+def _prose_of(path: Path) -> Iterator[tuple[int, str]]:
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".md":
         yield from enumerate(text.splitlines(), 1)

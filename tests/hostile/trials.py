@@ -79,7 +79,7 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
     ),
     "macro": (
         Trial("--url {few} macro show 8"),
-        Trial("--url {few} macro set 8 --play action:{name}"),
+        Trial("--url {few} macro set 8 --play action:{name}", timed=True),
         Trial("--url {few} macro delete 99 --yes", timed=True),
         Trial("--url {few} macro rename 8 wave", timed=True),
     ),

@@ -33,6 +33,8 @@ from servolink.virtual.storage import AnyType
 from tests.hostile.corpus import ONE_OF_EACH, PAYLOADS, Payload
 
 SERVOS = 240
+_SERVOS = {"all": SERVOS, "few": 64}
+"""By board; a table of all servos takes long to draw."""
 _MEMORY = 400_000
 _GIVEN = ("mixed", "noise", "stream", "script")
 _MARK = "?" * 32
@@ -86,7 +88,7 @@ class World:
     def url(self, board: str) -> str:
         """Return the address of a board; what need not be escaped in it is not."""
         state = quote(os.fsencode(self._board(board)), safe=_UNESCAPED).replace(quote("\u202e\u2066"), "\u202e\u2066")
-        return f"virtual://?servos={SERVOS}&memory={_MEMORY}&state={state}"
+        return f"virtual://?servos={_SERVOS[board]}&memory={_MEMORY}&state={state}"
 
     @property
     def written(self) -> Iterator[Path]:
@@ -134,7 +136,7 @@ class World:
         self.path(suffix).write_bytes(content)
 
     def _save_board(self, name: str, captions: Sequence[bytes]) -> None:
-        board = VirtualBoard(SERVOS, kind=BoardKind(memory=_MEMORY))
+        board = VirtualBoard(_SERVOS[name], kind=BoardKind(memory=_MEMORY))
         board.storage.project_id = 5
         for kind, declared in _STORED.items():
             records = {at: _content(declared(at), caption) for at, caption in enumerate(captions, 1)}

@@ -25,7 +25,6 @@ class Killer:
     def __init__(self, folder: Path, step: int) -> None:
         self._folder = str(folder)
         self._left = step
-        self._fsync = os.fsync
 
     def install(self) -> None:
         """Watch all that follows."""
@@ -37,8 +36,7 @@ class Killer:
             self._count()
 
     def _sync(self, fd: Any) -> None:
-        self._count()
-        self._fsync(fd)
+        self._count()  # and nothing else: what the system has taken outlives a program
 
     def _count(self) -> None:
         self._left -= 1
