@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from servolink.client.board import Board
 from servolink.client.reconnect import FIRST_PAUSE, LONGEST_PAUSE
 from servolink.client.session import Session, set_mode
-from servolink.connection.connection import Connection
+from servolink.connection.connection import Connection, HubLink
 from servolink.connection.options import ConnectionOptions, TransmissionMode, options_in
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, OpenError, ProfileError, RequestError, RequestTimeout, TransportUnavailable
@@ -231,6 +231,8 @@ class connect:  # noqa: N801 - reads as the function it stands for
         guard = _guard(connection, profile)
         try:
             await connection.open(handshake=hub is None)  # with a hub a session begins clean
+            if hub is not None:
+                connection.hub = await _link_to(hub, connection)
             if self._handshake:
                 await connection.shake_hands()
             if options.transmission_mode == 1:
@@ -263,6 +265,13 @@ class connect:  # noqa: N801 - reads as the function it stands for
         """Close the board."""
         if self._board is not None:
             await self._board.close()
+
+
+async def _link_to(hub: ShareTransport, connection: Connection) -> HubLink | None:
+    """Tie a connection to the control interface of its hub; None if it has none."""
+    from servolink.client.hub_link import open_link  # late: most boards are not shared
+
+    return await open_link(connection, hub)
 
 
 def _check_profile(profile: object) -> None:

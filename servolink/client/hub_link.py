@@ -81,6 +81,11 @@ class HubLink:
         """Disconnect: the hub frees the lease and the board."""
         await self._channel.close()
 
+    async def take_lease(self, *, force: bool = False) -> None:
+        """Take the lease, with `force` from another program too. Raise MotionRefused, which says who has it."""
+        await self._channel.call("lease.take", timeout=_LIMIT, force=force)
+        self._has_lease = True
+
     async def stop(self) -> None:
         """Stop all servos, and return when the hub has read that they are stopped. Raise OutcomeUnknown if not."""
         await self._channel.call("stop")
@@ -103,8 +108,7 @@ class HubLink:
         if self._inner is not None:
             await self._inner(packet)
         if not self._has_lease and _is_motion(packet):
-            await self._channel.call("lease.take", timeout=_LIMIT)
-            self._has_lease = True
+            await self.take_lease()
 
     def _hear(self, method: str, params: Raw) -> None:
         """Take a notification."""
@@ -152,9 +156,11 @@ def _is_motion(packet: Packet) -> bool:
     return isinstance(packet, _MOTIONS)
 
 
-async def open_link(connection: Connection, transport: ShareTransport) -> HubLink:
-    """Tie a connection that is open to the control interface of its hub. Raise OpenError, which says what to do."""
+async def open_link(connection: Connection, transport: ShareTransport) -> HubLink | None:
+    """Tie a connection that is open to the control interface of its hub; None if it has none. Raise OpenError."""
     welcome = await transport.greet()  # which is known by now
+    if not welcome.has_control:
+        return None
     link = HubLink(connection, welcome)
     await link.open(transport.greeting)
     return link

@@ -153,7 +153,7 @@ class RpcChannel(asyncio.Protocol):
 
 def error_of(kind: str, text: str) -> ServolinkError:
     """Return the error of the library for one that a hub has sent."""
-    if kind in {"forbidden", "held"}:
+    if kind == "forbidden":
         return Rejected(text)
     declared = getattr(errors, kind, None)
     if isinstance(declared, type) and issubclass(declared, ServolinkError):

@@ -82,6 +82,8 @@ class Welcome(Struct, kw_only=True):
     role: RoleName
     patience: float = 0.0
     """Seconds after which the hub gives a request up."""
+    has_control: bool = False
+    """Whether the hub answers JSON-RPC too."""
     profile: Raw = Raw(b"null")
     """The profile of the board, in JSON; null if there is none."""
     lease: Raw = Raw(b"null")

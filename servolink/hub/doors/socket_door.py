@@ -167,6 +167,7 @@ class SocketLine(Line):
             url=self._hub.url,
             role=greeting.role,
             patience=board.connection.patience,
+            has_control=self._open_channel is not None,
             profile=Raw(msgspec.json.encode(profile)),
             lease=Raw(msgspec.json.encode(self._hub.lease)),
             hold=Raw(msgspec.json.encode(self._hub.status().hold)),

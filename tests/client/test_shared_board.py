@@ -1,0 +1,229 @@
+"""A board that a hub shares: who may move it, who has it alone, and what a program is told."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from servolink.client.board import Board
+from servolink.client.connect import connect
+from servolink.client.rpc_channel import error_of, open_channel
+from servolink.errors import ConnectionLost, MotionRefused, OpenError, Rejected, RequestError, RequestTimeout
+from servolink.hub.control.session import ControlInterface
+from servolink.hub.hub import Hub
+from servolink.project.model import Project
+from servolink.protocol.editing import QueryActionListRequest
+from servolink.protocol.records import Action
+from servolink.transports.share import Greeting
+from tests.hub.door_hub import on_hub, sharing, until
+
+WAVE = Action.pose("Wave", {1: 30}, seconds=0.1, action_id=1)
+
+
+@pytest.fixture(autouse=True)
+def _backups_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+
+
+@asynccontextmanager
+async def controlled(hub: Hub) -> AsyncIterator[ControlInterface]:
+    """Open the door of a hub, with its control interface."""
+    interface = ControlInterface(hub)
+    try:
+        async with sharing(hub, interface.open_channel):
+            yield interface
+    finally:
+        await interface.close()
+
+
+def alone(board: Board) -> AbstractAsyncContextManager[None]:
+    """Have a shared board alone."""
+    assert board.connection.hub is not None
+    return board.connection.hub.alone("testing")
+
+
+def with_hub(use: Callable[[Hub], Awaitable[None]]) -> None:
+    async def main(hub: Hub, virtual: object) -> None:
+        async with controlled(hub):
+            await use(hub)
+
+    on_hub(main)
+
+
+def test_a_refused_movement_is_an_error_that_names_the_holder() -> None:
+    async def main(hub: Hub) -> None:
+        async with connect("share://rex?role=move") as one, connect("share://rex") as other:
+            await one.move({1: 60}, duration=0.05, wait=True)
+            with pytest.raises(MotionRefused, match=r"moved by .* `servolink share --take rex`"):
+                await other.move({1: 0}, duration=0.05)
+            with pytest.raises(MotionRefused):
+                await other.release()
+            assert (await other.servo(1)).angle == 60
+            await other.stop()
+            await other.connection.hub.take_lease(force=True)  # type: ignore[union-attr]
+            await other.set_servo("all", start=True, hold=True)
+            await other.move({1: 0}, duration=0.05, wait=True)
+            with pytest.raises(MotionRefused, match="moved by"):
+                await one.move({1: 60}, duration=0.05)
+            hub.give_lease(hub.lease.session if hub.lease else "")
+            await one.move({1: 60}, duration=0.05)
+
+    with_hub(main)
+
+
+def test_who_loses_the_lease_or_is_asked_for_it_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    async def main(hub: Hub) -> None:
+        greeting = Greeting(wants="rpc", who="tablet\u202e")
+        tablet, _ = await open_channel("rex", greeting)
+        async with connect("share://rex") as board:
+            await board.move({1: 60}, duration=0.05)
+            await tablet.call("lease.ask")
+            await until(lambda: "tablet\\u202e asks for the right to move the servos" in caplog.text)
+            await tablet.call("lease.take", force=True)
+            await until(lambda: "tablet\\u202e moves the servos from now on" in caplog.text)
+            await tablet.close()
+
+    with_hub(main)
+
+
+def test_an_import_has_the_board_alone_and_others_wait(caplog: pytest.LogCaptureFixture) -> None:
+    async def main(hub: Hub) -> None:
+        async with connect("share://rex") as one, connect("share://rex") as other:
+            async with alone(one):
+                await until(lambda: "waiting: " in caplog.text)
+                with pytest.raises(RequestTimeout, match=r"has the board alone \(testing\); try again later"):
+                    await other.request(QueryActionListRequest(), timeout=0.05)
+                asked = asyncio.create_task(other.servos())
+                await other.stop()  # confirmed by the hub
+                assert not asked.done()
+                await one.apply_project(Project(actions=(WAVE,)))
+            assert [servo.is_start for servo in await asked] == [False] * 3
+            assert len(await other.actions()) == 1
+            await other.clear_all_data()
+            await until(lambda: hub.held_by is None)
+
+    with_hub(main)
+
+
+def test_a_program_that_is_killed_frees_the_board_and_the_lease() -> None:
+    async def main(hub: Hub) -> None:
+        one = await connect("share://rex")
+        async with connect("share://rex") as other:
+            await one.move({1: 60}, duration=0.05)
+            holding = alone(one)
+            await holding.__aenter__()
+            moving = asyncio.create_task(other.move({1: 0}, duration=0.05))
+            await until(lambda: hub.held_by is not None)
+            one.connection.transport._pipe.abort()  # type: ignore[attr-defined]
+            await moving
+            await one.close()
+            assert hub.held_by is None
+            await holding.__aexit__(None, None, None)
+
+    with_hub(main)
+
+
+def test_the_end_of_the_hub_ends_the_connection() -> None:
+    async def main(hub: Hub, virtual: object) -> None:
+        async with controlled(hub):
+            board = await connect("share://rex")
+            channel, _ = await open_channel("rex", Greeting(wants="rpc", who="tablet"))
+            waiting = asyncio.create_task(channel.call("board.hold"))
+            await waiting
+        with pytest.raises(ConnectionLost):
+            await board.servos()
+        with pytest.raises(ConnectionLost, match="start it again"):
+            await channel.call("status")
+        channel.tell("status")
+        await channel.close()
+        await board.close()
+
+    on_hub(main)
+
+
+def test_the_channel_alone_ends_the_connection_too() -> None:
+    async def main(hub: Hub) -> None:
+        async with connect("share://rex") as board:
+            board.connection.hub._channel._pipe.abort()  # type: ignore[union-attr]
+            await until(lambda: board.connection.answers.ended)
+            with pytest.raises(ConnectionLost, match="the hub of rex has closed the connection"):
+                await board.servos()
+
+    with_hub(main)
+
+
+def test_a_hub_without_control_interface_shares_its_board_all_the_same() -> None:
+    async def main(hub: Hub, virtual: object) -> None:
+        async with sharing(hub), connect("share://rex") as board:
+            assert board.connection.hub is None
+            await board.move({1: 60}, duration=0.05, wait=True)
+            with pytest.raises(OpenError, match="no control interface"):
+                await open_channel("rex", Greeting(wants="rpc", who="tablet"))
+
+    on_hub(main)
+
+
+def test_a_refusal_for_other_reasons_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    async def main(hub: Hub) -> None:
+        async with connect("share://rex?role=watch") as board:
+            with pytest.raises(Rejected, match="needs the role run"):
+                await board.move({1: 60}, duration=0.05)
+            with pytest.raises(Rejected):
+                await board.add_action(WAVE)
+            await until(lambda: "AddActionRequest was not sent to the board: AddActionRequest needs" in caplog.text)
+
+    with_hub(main)
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"),
+    [
+        ("MotionRefused", MotionRefused),
+        ("RequestTimeout", RequestTimeout),
+        ("forbidden", Rejected),
+        ("busy", RequestError),
+        ("Any", RequestError),
+        ("ServolinkError.__init__", RequestError),
+    ],
+)
+def test_an_error_of_the_hub_is_one_of_the_library(kind: str, expected: type[Exception]) -> None:
+    assert type(error_of(kind, "text")) is expected
+
+
+def test_messages_that_are_not_from_a_hub_are_logged_and_change_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.WARNING)
+
+    async def main(hub: Hub) -> None:
+        async with connect("share://rex") as board:
+            link = board.connection.hub
+            channel = link._channel  # type: ignore[union-attr]
+            for line in (b"", b"nonsense", b'"\xff"', b"[" * 5000, b'{"id": 99, "result": 1}', b'{"id": "x"}'):
+                channel.data_received(line + b"\n")
+            channel.data_received(b'{"method": "hold", "params": {"hold": 3}}\n{"method": "new", "params": {}}\n')
+            channel.data_received(b'{"method": "ho')
+            channel.data_received(b'ld", "params": {"hold": null}}\n')
+            assert len(caplog.records) == 6
+            await board.servos()
+
+    with_hub(main)
+
+
+def test_a_method_that_takes_too_long_is_given_up() -> None:
+    async def main(hub: Hub) -> None:
+        one, _ = await open_channel("rex", Greeting(wants="rpc", who="one"))
+        other, _ = await open_channel("rex", Greeting(wants="rpc", who="other"))
+        await one.call("board.hold")
+        with pytest.raises(RequestTimeout, match=r"has not answered board\.hold within 0\.05 s"):
+            await other.call("board.hold", timeout=0.05)
+        await one.close()
+        await one.close()
+        await other.close()
+        with pytest.raises(OpenError):
+            await open_channel("rex", Greeting(wants="frames", who="one"))
+
+    with_hub(main)
