@@ -13,7 +13,7 @@ from servolink.escaping import escape
 
 
 class Code(IntEnum):
-    """Codes of errors that are not errors of the library: those of JSON-RPC 2.0, and three of the hub."""
+    """Codes of errors that are not errors of the library: those of JSON-RPC 2.0, and two of the hub."""
 
     PARSE_ERROR = -32700
     INVALID_REQUEST = -32600
@@ -22,7 +22,6 @@ class Code(IntEnum):
     INTERNAL_ERROR = -32603
     BUSY = -32000
     FORBIDDEN = -32001
-    HELD = -32002
 
 
 REMEDIES = {
@@ -33,7 +32,6 @@ REMEDIES = {
     Code.INTERNAL_ERROR: "report it: this is a defect of the hub, whose log has the details",
     Code.BUSY: "wait for responses before sending more; stop is always accepted",
     Code.FORBIDDEN: "connect with a higher role",
-    Code.HELD: "try again when the other program has released the board",
 }
 """What to do about each of these errors, unless the error itself knows better."""
 

@@ -6,6 +6,8 @@ or in the descriptions; records and projects have the form of project files.
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from msgspec import Meta, Struct, defstruct
@@ -199,33 +201,34 @@ class RecordList(Struct, frozen=True):
 
 
 if TYPE_CHECKING:
-    RecordsPut: TypeAlias = Any
+    AnyRecord: TypeAlias = Any
     ProjectForm: TypeAlias = Any
-    RecordForm: TypeAlias = Any
 else:
-    RecordForm = None
-    RecordsPut = None
-    for _type in RECORD_TYPES:
-        _form = json_type(_type.record_class, unchecked=True)
-        _put = defstruct(
-            f"Put{_type.record_class.__name__}",
-            [("record", Annotated[_form, _about("with id 0 it gets the lowest free one")])],
-            namespace={"__doc__": f"A {_type.label} to store."},
-            module=__name__,
-            forbid_unknown_fields=True,
-            tag=_type.label.replace(" ", "_"),
-            tag_field="type",
-        )
-        RecordForm = _form if RecordForm is None else RecordForm | _form
-        RecordsPut = _put if RecordsPut is None else RecordsPut | _put
+    AnyRecord = reduce(
+        or_,
+        [
+            defstruct(
+                f"{_type.record_class.__name__}Record",
+                [("record", Annotated[json_type(_type.record_class, unchecked=True), _about(_type.label)])],
+                namespace={
+                    "__doc__": f"A stored {_type.label}, or one to store: with id 0 it gets the lowest free one."
+                },
+                module=__name__,
+                forbid_unknown_fields=True,
+                tag=_type.label.replace(" ", "_"),
+                tag_field="type",
+            )
+            for _type in RECORD_TYPES
+        ],
+    )
     ProjectForm = file_type(unchecked=True)
 
 
 class RecordStored(Struct, frozen=True):
-    """The record as it is stored now, and what the import did."""
+    """A record that is stored now."""
 
     type: RecordKind
-    record: RecordForm
+    id: int
     changed: Annotated[bool, _about("false: it was stored already")]
     backup: Annotated[str | None, _about("file with what the board held before")]
 

@@ -118,7 +118,7 @@ async def board_release(caller: Caller, params: NoParams) -> HoldNow:
 async def stop(caller: Caller, params: NoParams) -> Done:
     """Stop all servos where they are and hold them, before everything else, whoever has the lease.
 
-    Confirmed by reading the servos. Raise OutcomeUnknown if they do not all report that they are stopped.
+    Confirmed by reading the servos: OutcomeUnknown says that not all of them report that they are stopped.
     """
     await caller.control.hub.stop(caller.control.who)
     return Done()
@@ -173,7 +173,7 @@ async def buttons_unsubscribe(caller: Caller, params: NoParams) -> Done:
 async def move(caller: Caller, params: Move) -> Moved:
     """Move servos together, within the limits of the board. Motions of one program are carried out in their order.
 
-    Raise MotionRefused, with nothing moved, beyond a limit or while another program holds the lease.
+    MotionRefused says why nothing moved: a limit, or another program that holds the lease.
     """
     board = await caller.control.board()
     seconds = await board.move(
@@ -205,7 +205,7 @@ async def servo_set(caller: Caller, params: ServoSet) -> Done:
 async def run(caller: Caller, params: Run) -> Ran:
     """Run a stored action or macro. With `wait`, motions of this program that come after it wait too; a stop does not.
 
-    Raise MotionRefused as `move`, NotFound if there is no such record.
+    MotionRefused is as for `move`; NotFound says that there is no such record.
     """
     board = await caller.control.board()
     if params.type == "action":

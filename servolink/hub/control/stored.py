@@ -8,6 +8,7 @@ from typing import Any, cast
 from servolink.client.board import Board
 from servolink.errors import NotFound, ProjectError
 from servolink.hub.control.messages import (
+    AnyRecord,
     Applied,
     BackupEntry,
     BackupList,
@@ -20,12 +21,10 @@ from servolink.hub.control.messages import (
     ProjectPlan,
     ProjectRollback,
     RecordEntry,
-    RecordForm,
     RecordKind,
     RecordList,
     RecordsGet,
     RecordsList,
-    RecordsPut,
     RecordStored,
 )
 from servolink.hub.control.methods import METHODS, Caller
@@ -58,18 +57,18 @@ async def records_list(caller: Caller, params: RecordsList) -> RecordList:
 
 
 @METHODS.add("records.get", Role.WATCH)
-async def records_get(caller: Caller, params: RecordsGet) -> RecordForm:
-    """Return a stored record, in the form of project files. Raise NotFound if there is none."""
+async def records_get(caller: Caller, params: RecordsGet) -> AnyRecord:
+    """Return a stored record, in the form of project files; NotFound if there is none."""
     record = await caller.control.read(lambda board: getattr(board, params.type)(params.id))
-    return record_to_json(record)
+    return {"type": params.type, "record": record_to_json(record)}
 
 
 @METHODS.add("records.put", Role.EDIT, in_order=True)
-async def records_put(caller: Caller, params: RecordsPut, on_progress: ProgressCallback) -> RecordStored:
+async def records_put(caller: Caller, params: AnyRecord, on_progress: ProgressCallback) -> RecordStored:
     """Store a record, in place of the one with its id if there is one.
 
-    Done like an import: with a backup, read back, and undone by `project.rollback`. Raise ProjectError if the record
-    refers to one that is missing, or if no board could store it.
+    Done like an import: with a backup, read back, and undone by `project.rollback`. ProjectError says that the record
+    refers to one that is missing, or that no board could store it.
     """
     name = params.__struct_config__.tag
     kind = _KINDS[name]
@@ -83,13 +82,12 @@ async def records_put(caller: Caller, params: RecordsPut, on_progress: ProgressC
     before, after, result = await _change(caller, edit, on_progress)
     if not record_id:
         (record_id,) = kind.by_id(after).keys() - kind.by_id(before).keys()
-    stored = record_to_json(kind.by_id(after)[record_id])
-    return RecordStored(name, stored, result.changed, _text(result.backup))
+    return RecordStored(name, record_id, result.changed, _text(result.backup))
 
 
 @METHODS.add("records.delete", Role.EDIT, in_order=True)
 async def records_delete(caller: Caller, params: RecordsGet, on_progress: ProgressCallback) -> Applied:
-    """Delete a stored record, like an import as `records.put`. Raise ProjectError if another record refers to it."""
+    """Delete a stored record, in the way of `records.put`; ProjectError if another record refers to it."""
     kind = _KINDS[params.type]
     board = await caller.control.board()
     record: Any = await getattr(board, params.type)(params.id)

@@ -1,0 +1,30 @@
+"""The page and the JSON Schema of the control interface."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from docs.control_interface import PAGE, SCHEMA, control_interface
+from servolink.hub.control.messages import NOTIFICATIONS
+from servolink.hub.control.schema import schema, schema_text
+from servolink.hub.control.session import METHODS
+
+
+def test_the_page_and_the_schema_are_made_from_the_declarations() -> None:
+    assert PAGE.read_text(encoding="utf-8") == control_interface(), "run `python -m docs.control_interface`"
+    assert SCHEMA.read_text(encoding="utf-8") == schema_text(), "run `python -m docs.control_interface`"
+
+
+@pytest.mark.parametrize("name", [*METHODS, *NOTIFICATIONS])
+def test_every_method_and_notification_has_a_section(name: str) -> None:
+    assert f"\n### {name}\n" in control_interface()
+
+
+def test_the_schema_defines_all_that_it_refers_to() -> None:
+    text = json.dumps(schema())
+    defined = schema()["$defs"]
+    referred = {part.partition('"')[0] for part in text.split('"#/$defs/')[1:]}
+    assert referred <= set(defined)
+    assert set(schema()["methods"]) == set(METHODS)
