@@ -11,9 +11,10 @@ FIRST_STEPS = "first steps"
 MOVE = "move"
 STORED = "what is stored"
 PROJECTS = "projects"
+TOGETHER = "together"
 DEVELOPERS = "for developers"
 
-TOPICS = (FIRST_STEPS, MOVE, STORED, PROJECTS, DEVELOPERS)
+TOPICS = (FIRST_STEPS, MOVE, STORED, PROJECTS, TOGETHER, DEVELOPERS)
 """In the order of `servolink --help`."""
 
 
@@ -225,6 +226,12 @@ COMMANDS = {
         "show, check, edit and play projects in files, without a board",
         ("project new arm.servolink.json --servos 6", "project show robot.servolink.json"),
         takes_board=False,
+    ),
+    "share": Command(
+        TOGETHER,
+        "share:configure",
+        "share one board among programs that use it at the same time",
+        ("share", "share --name rex --tcp 127.0.0.1:0", "share --name rex --watch-tcp 127.0.0.1:0"),
     ),
     "virtual": Command(
         DEVELOPERS,

@@ -16,8 +16,9 @@ import socket
 import stat
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Literal, cast
 
@@ -45,6 +46,7 @@ _SEND_BUFFER = 32768  # requests are short; see TCP
 _LONGEST_PATH = 103  # bytes in the address of a Unix socket on macOS; Linux takes four more
 _MOST_WHO = 80
 _ROOT = 0
+_FLAGS = {"-v", "-vv", "--verbose", "--json"}
 
 RoleName = Literal["watch", "run", "move", "edit"]
 ROLES: tuple[RoleName, ...] = ("watch", "run", "move", "edit")
@@ -314,8 +316,15 @@ def this_program() -> str:
     path = Path(sys.argv[0] if sys.argv else "")
     name = path.parent.name if path.name == "__main__.py" else path.name or "python"
     if name == "servolink":
-        name = " ".join(["servolink", *[word for word in sys.argv[1:] if word.isalpha()][:1]])
+        name = " ".join(["servolink", *_command(sys.argv[1:])])
     return f"{escape(name)[:_MOST_WHO]} (pid {os.getpid()})"
+
+
+def _command(words: Sequence[str]) -> list[str]:
+    """Return the command among the words of a command line: the first that is not an option, nor the value of one."""
+    pairs = zip(["", *words], words, strict=False)
+    found = (word for before, word in pairs if word.isalpha() and (not before.startswith("-") or before in _FLAGS))
+    return list(islice(found, 1))
 
 
 def from_address(address: Address) -> ShareTransport:

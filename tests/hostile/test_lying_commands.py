@@ -60,6 +60,7 @@ EXEMPT = {
     "encode": "reads files",
     "completion": "opens nothing",
     "virtual": "is a board",
+    "share": "goes on until somebody ends it",
     "remote": "is refused without a terminal",
     "teach": "goes on until somebody ends it, and then until the servos are held",
 }

@@ -169,6 +169,14 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("decode {name}"),
     ),
     "encode": (Trial("encode {name}"), Trial("encode {{}} {name}")),
+    "share": (
+        Trial("--url serial:///dev/{place} share"),
+        Trial("--url serial:///dev/{text} share --tcp 127.0.0.1:0"),
+        Trial("--url {few} share --pty {missing}/x"),
+        Trial("--url {few} share --pty {noise}"),
+        Trial("--url {few} share --status"),
+        Trial("share --take rex"),
+    ),
     "virtual": (
         Trial("virtual --tcp 127.0.0.1:0 --state {noise}"),
         Trial("virtual --tcp 127.0.0.1:0 --script {script}"),

@@ -1,0 +1,191 @@
+"""What `servolink share` shows of a hub: a line that stays, lines about what happens, and a table for `--status`."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
+
+from servolink.cli.output import Table, console, counted, print_error, text_width
+from servolink.cli.terminal import cleanup
+from servolink.escaping import escape
+from servolink.hub.notices import (
+    ConnectionChanged,
+    HoldChanged,
+    HubStatus,
+    LeaseChanged,
+    LeaseStatus,
+    Notice,
+    Problem,
+    ProgramJoined,
+    ProgramLeft,
+    Refused,
+)
+
+_EVERY = 0.5  # seconds
+_STATES = {
+    "connected": "the board is back",
+    "lost": "the connection to the board is lost; trying to get it back",
+    "closed": "the board is closed",
+}
+
+
+def text_of(notice: Notice) -> str:
+    """Return a notice as a sentence for people, not escaped; empty for one that only programs want."""
+    match notice:
+        case ProgramJoined():
+            return f"{notice.who} joined ({notice.door})"
+        case ProgramLeft():
+            return f"{notice.who} left"
+        case ConnectionChanged():
+            return _STATES[notice.state]
+        case LeaseChanged():
+            return _lease_text(notice)
+        case HoldChanged():
+            return f"{notice.who} has the board alone: {notice.reason}" if notice.who else "all may use the board again"
+        case Refused():
+            return f"{notice.who}: {notice.packet} was not sent: {notice.reason}"
+        case Problem():
+            return notice.text
+        case _:
+            return ""
+
+
+def _lease_text(notice: LeaseChanged) -> str:
+    """Return what happened to the lease."""
+    if notice.event == "asked for":
+        return "a program asks for the lease"
+    if notice.holder is None:
+        return f"nobody has the lease now ({notice.event})"
+    return f"{notice.holder.who} has the lease now ({notice.event})"
+
+
+def is_for_the_log(notice: Notice) -> bool:
+    """Return whether a notice is worth a line where nobody watches."""
+    return isinstance(notice, ConnectionChanged | Problem)
+
+
+class Rate:
+    """Responses per second, from one look to the next."""
+
+    def __init__(self) -> None:
+        """Start with the first look."""
+        self._before: tuple[float, int] | None = None
+
+    def of(self, status: HubStatus, now: float) -> float:
+        """Return the rate since the look before."""
+        before, self._before = self._before, (now, status.responses)
+        if before is None or now <= before[0]:
+            return 0.0
+        return (status.responses - before[1]) / (now - before[0])
+
+
+def status_line(status: HubStatus, rate: float, width: int) -> str:
+    """Return the line that stays, cut to `width` columns."""
+    parts = [
+        status.name if status.state == "connected" else f"{status.name} ({status.state})",
+        counted(len(status.programs), "program"),
+        f"{rate:.0f} responses/s",
+        f"noise {counted(status.noise, 'byte')}",
+        f"lease: {'free' if status.lease is None else status.lease.who}",
+    ]
+    if status.hold is not None:
+        parts.insert(1, f"used alone by {status.hold.who}")
+    text = escape("  ".join(parts))
+    while text_width(text) > width:
+        text = text[:-1]
+    return text
+
+
+def facts(status: HubStatus) -> Table:
+    """Return what is true of the whole hub, as a table of facts."""
+    hold = status.hold
+    return Table(
+        (),
+        [
+            ("hub", f"share://{status.name}"),
+            ("board", f"{status.url} ({status.state})"),
+            ("shared for", _duration(status.since)),
+            ("lease", _lease(status.lease)),
+            ("used alone by", "nobody" if hold is None else f"{hold.who}: {hold.reason}"),
+            ("responses", f"{status.responses:,}"),
+            ("noise", f"{counted(status.noise, 'byte')} from the board that belong to no frame"),
+        ],
+    )
+
+
+def _lease(lease: LeaseStatus | None) -> str:
+    if lease is None:
+        return "free: the next program that moves servos has it"
+    watched = "" if lease.dead_man is None else f", and must report every {lease.dead_man:g} s"
+    return f"{lease.who} for {_duration(lease.since)}{watched}"
+
+
+def programs(status: HubStatus) -> Table:
+    """Return a row for each program, with the columns in which there is something: most are often empty."""
+    there = status.programs
+    columns: dict[str, list[str | int | None]] = {
+        "program": [each.who for each in there],
+        "door": [each.door for each in there],
+        "role": [None if each.role == "edit" else each.role for each in there],
+        "for": [_duration(each.since) for each in there],
+        "requests": [each.requests for each in there],
+        "responses": [each.responses for each in there],
+        "unanswered": [each.unanswered for each in there],
+        "refused": [each.refused for each in there],
+        "garbage": [each.garbage for each in there],
+    }
+    always = ("requests", "responses")
+    shown = {name: cells for name, cells in columns.items() if name in always or any(cells)}
+    return Table(tuple(shown), list(zip(*shown.values(), strict=True)))
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+Show = Callable[[Notice], None]
+"""Shows a notice."""
+
+
+@contextmanager
+def in_the_log() -> Iterator[Show]:
+    """Yield a function that writes to standard error what matters where nobody watches."""
+    yield lambda notice: print_error(f"servolink: {text_of(notice)}") if is_for_the_log(notice) else None
+
+
+@asynccontextmanager
+async def on_terminal(look: Callable[[], HubStatus]) -> AsyncIterator[Show]:
+    """Yield a function that prints notices, above a line that shows what `look` returns now and then."""
+    from rich.live import Live
+    from rich.text import Text
+
+    displayed, rate, loop = console(), Rate(), asyncio.get_running_loop()
+    live = Live(console=displayed, auto_refresh=False, transient=True)
+    latest = ""
+
+    def show(notice: Notice) -> None:
+        nonlocal latest
+        text = text_of(notice)
+        if text and text != latest:  # a program that is refused once is refused often
+            latest = text
+            displayed.print(Text(escape(text)))
+
+    async def draw() -> None:
+        with suppress(OSError):  # the terminal is gone, and SIGHUP is on its way
+            while True:
+                status = look()
+                line = status_line(status, rate.of(status, loop.time()), displayed.width)
+                live.update(Text(line, "bold" if status.state == "connected" else "bold red"), refresh=True)
+                await asyncio.sleep(_EVERY)
+
+    with cleanup(displayed.show_cursor), live:
+        drawing = asyncio.create_task(draw())
+        try:
+            yield show
+        finally:
+            drawing.cancel()
+            with suppress(asyncio.CancelledError):
+                await drawing

@@ -1,0 +1,76 @@
+"""A hub that serves programs: a board with a name, a claim on that name, and doors."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from typing import Any
+
+from servolink.client.connect import connect
+from servolink.discovery.hubs import claimed_hub, hub_of
+from servolink.discovery.names import resolve_board
+from servolink.errors import OpenError
+from servolink.files import is_name
+from servolink.hub.control.session import ControlInterface
+from servolink.hub.doors.network import tcp_door
+from servolink.hub.doors.socket_door import socket_door
+from servolink.hub.doors.terminal import pty_door
+from servolink.hub.hub import Hub, share
+from servolink.hub.lease import SECONDS_AFTER
+from servolink.hub.roles import Role
+from servolink.motion.angles import AngleUnit
+
+_LONGEST_NAME = 32
+
+
+@asynccontextmanager
+async def serve_board(
+    url: str | None = None,
+    *,
+    name: str | None = None,
+    tcp: str | None = None,
+    watch_tcp: str | None = None,
+    pty: str | None = None,
+    unit: AngleUnit = "degree",
+    lease_seconds: float = SECONDS_AFTER,
+    **options: Any,
+) -> AsyncIterator[tuple[Hub, list[str]]]:
+    """Share a board with the programs of this user, at `share://NAME`, until the block ends; yield hub and addresses.
+
+    `url` and `options` are those of `connect`. `name` is that of the board unless given. `tcp` and `watch_tcp` are
+    HOST:PORT, for programs in any language and for those that may only read; everybody who reaches them may use them.
+    `pty` serves a pseudo-terminal and links to it at this path, unless that is empty. Programs that set no angle unit
+    have `unit`; see `share` for `lease_seconds`.
+
+    Raise OpenError, which names the other hub, if the name is in use or the board is shared already.
+    """
+    address, known_as = await resolve_board(url, through_hub=False)
+    if (other := await asyncio.to_thread(hub_of, address)) is not None:
+        raise OpenError(f"{address} is {other.product} already: use {other.url}, or end that one first")
+    chosen = name or known_as or default_name(address)
+    async with AsyncExitStack() as stack:
+        claim = stack.enter_context(claimed_hub(chosen))
+        board = await stack.enter_async_context(connect(address, reconnect=True, angle_unit=None, **options))
+        hub = await stack.enter_async_context(share(board, name=chosen, lease_seconds=lease_seconds))
+        control = ControlInterface(hub)
+        stack.push_async_callback(control.close)
+        doors = [socket_door(hub, claim, control.open_channel)]
+        if tcp is not None:
+            doors.append(tcp_door(hub, tcp, unit=unit))
+        if watch_tcp is not None:
+            doors.append(tcp_door(hub, watch_tcp, role=Role.WATCH, unit=unit))
+        if pty is not None:
+            doors.append(pty_door(hub, link=pty or None, unit=unit))
+        urls = [await stack.enter_async_context(door) for door in doors]
+        await asyncio.to_thread(claim.announce, address)
+        yield hub, urls
+
+
+def default_name(url: str) -> str:
+    """Return the name of a hub for a board without one: the end of its address, such as `ttyACM0`."""
+    place = url.partition("?")[0].rstrip("/")
+    scheme, _, rest = place.rpartition("://")
+    last = re.sub(r"[^A-Za-z0-9_-]+", "-", rest.rpartition("/")[2]).strip("-")[:_LONGEST_NAME]
+    return last if is_name(last) else scheme or "board"
