@@ -89,7 +89,7 @@ def _table(devices: Sequence[DeviceInfo], names: Mapping[str, str], responses: S
     columns: dict[str, list[str]] = {
         "address": [device.url for device in devices],
         "name": [names.get(device.url, "") for device in devices],
-        "product": [device.product for device in devices],
+        "product": [": ".join(filter(None, (device.product, device.shares))) for device in devices],
         "serial number": [device.serial_number for device in devices],
         "response": [_response(result) for result in responses] or [""] * len(devices),
         "problem": [

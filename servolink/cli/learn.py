@@ -81,7 +81,9 @@ class _Lesson:
         self._interruption = interruption
 
     async def run(self) -> int:
-        await resolve_url(self._name)  # nobody needs to switch a board off and on whose name is unknown
+        await resolve_url(
+            self._name, through_hub=False
+        )  # nobody needs to switch a board off and on whose name is unknown
         power_cycled = self._args.power_cycled or await self._ask_for_power()
         transport = await self._opened(may_wait=power_cycled)
         try:
@@ -155,7 +157,7 @@ class _Lesson:
         end = loop.time() + (_REOPENING if may_wait else 0.0)
         while True:
             try:
-                transport = SharedTransport(create(await resolve_url(self._name)))
+                transport = SharedTransport(create(await resolve_url(self._name, through_hub=False)))
                 async with Line(transport, Codec()):
                     return transport
             except OpenError:

@@ -116,37 +116,41 @@ class Resolved(NamedTuple):
 async def resolve_board(board: str | None, *, through_hub: bool = True) -> Resolved:
     """Return address and name of `board`: an address, a name given by `servolink use`, or None for the only one here.
 
-    A board that a hub shares is at the address of the hub, unless another address is given. `through_hub` False is for
-    the hub itself, which needs the address behind it.
+    A board that a hub shares is at the address of the hub, unless another address is given. If `through_hub` is False,
+    the board is needed alone, and OpenError is raised if a hub shares it.
 
     An address has a name if that name has a profile, and stands for the same port or, without a serial number, for the
     same address. Raise OpenError if none or several are here, or not the one of that name; InvalidAddress for an
     unknown name.
     """
-    if board is not None and not is_name(board) and not profile_names():
+    if through_hub and board is not None and not is_name(board) and not profile_names():
         return Resolved(board, None)
-    return await asyncio.to_thread(_resolve, board, through_hub=through_hub)
+    return await asyncio.to_thread(_resolve if through_hub else _resolve_alone, board)
 
 
-async def resolve_url(board: str | None) -> str:
+async def resolve_url(board: str | None, *, through_hub: bool = True) -> str:
     """Return the address of `board`, as `resolve_board` does."""
-    if board is not None and not is_name(board):
+    if through_hub and board is not None and not is_name(board):
         return board
-    return (await resolve_board(board)).url
+    return (await resolve_board(board, through_hub=through_hub)).url
 
 
-def _resolve(board: str | None, *, through_hub: bool) -> Resolved:
+def _resolve_alone(board: str | None) -> Resolved:
+    found = _resolve(board)
+    if (hub := _at(found.url) or hubs.hub_of(found.url)) is not None:
+        raise OpenError(f"{hub.shares} is {hub.product}: use {hub.url}, or end that hub to have the board alone")
+    return found
+
+
+def _resolve(board: str | None) -> Resolved:
     if board is None:
         devices = search()
-        found = _recognised(only(devices), devices)
-        if not through_hub and (hub := _at(found.url)) is not None:
-            raise OpenError(f"the only board here, {hub.shares}, is {hub.product} already: use {hub.url}")
-        return found
+        return _recognised(only(devices), devices)
     if not is_name(board):
         return _recognised(board, None)
     aliases = load_aliases()
     alias = aliases.get(board)
-    if through_hub and (hub := _hub_for(board, alias)) is not None:
+    if (hub := _hub_for(board, alias)) is not None:
         return Resolved(hub.url, board)
     if alias is None:
         known = f"in {aliases_path()} (known: {', '.join(sorted(aliases))})" if aliases else "(none is known)"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import PurePosixPath
 
+from servolink.discovery.hubs import hub_of
 from servolink.doctor import Finding
 from servolink.doctor.permissions import ADAPTERS, INSTALL, rule_named
 from servolink.doctor.system import (
@@ -77,6 +78,14 @@ def _has_port(facts: SystemFacts, device: UsbDevice) -> bool:
 
 def check_holders(facts: SystemFacts, url: str) -> Iterator[Finding]:
     """Find programs that have the device of `url` open; those of other users can be seen only by root."""
+    if (hub := hub_of(url)) is not None:
+        yield Finding(
+            "in use",
+            f"{escape(url)} is {hub.product}",
+            "the hub has the board open; any number of programs can use it through the hub",
+            f"servolink --board {hub.url} info\nto see its programs: servolink share --status",
+        )
+        return
     nodes = {path for path in device_nodes(facts, url) if not serial_device(url) or _is_terminal(facts, path)}
     if not nodes:
         return

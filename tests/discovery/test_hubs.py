@@ -18,7 +18,7 @@ from servolink.discovery.announcements import announced, lock
 from servolink.discovery.hubs import claimed_hub, hub_of
 from servolink.discovery.names import Alias, resolve_board, resolve_url, save_alias
 from servolink.discovery.search import boards, only
-from servolink.errors import InvalidAddress, OpenError
+from servolink.errors import OpenError
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 
 TCP = "tcp://127.0.0.1:9000"
@@ -140,6 +140,8 @@ def test_the_search_leads_to_the_hub() -> None:
         assert not shared.problem
         assert only([board, shared]) == "share://rex"
         assert asyncio.run(resolve_url(None)) == "share://rex"
+        with pytest.raises(OpenError, match=f"{TCP} is shared by a hub"):
+            asyncio.run(resolve_url(None, through_hub=False))
 
 
 def test_of_the_ways_to_a_board_the_hub_is_taken() -> None:
@@ -154,11 +156,11 @@ def test_a_name_leads_to_the_hub_of_its_board(monkeypatch: pytest.MonkeyPatch) -
         assert asyncio.run(resolve_board("left")) == ("share://rex", "left")
         assert asyncio.run(resolve_board("rex")) == ("share://rex", "rex")
         assert asyncio.run(resolve_url(TCP)) == TCP
-        assert asyncio.run(resolve_board("left", through_hub=False)) == (TCP, "left")
-        with pytest.raises(InvalidAddress, match="neither an address nor a name"):
-            asyncio.run(resolve_board("rex", through_hub=False))
-        with pytest.raises(OpenError, match=f"the only board here, {TCP}, is shared by a hub"):
-            asyncio.run(resolve_board(None, through_hub=False))
+        for board in ("left", "rex", TCP, "share://rex"):
+            with pytest.raises(OpenError, match=f"{TCP} is shared by a hub .*end that hub to have the board alone"):
+                asyncio.run(resolve_url(board, through_hub=False))
+    assert asyncio.run(resolve_board("left", through_hub=False)) == (TCP, "left")
+    assert asyncio.run(resolve_url(TCP, through_hub=False)) == TCP
     with hub("left", "tcp://127.0.0.1:1"):  # the hub of another board
         assert asyncio.run(resolve_url("left")) == TCP
     with hub("other", "virtual://"):
