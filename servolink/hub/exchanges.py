@@ -37,6 +37,7 @@ class Asker(Protocol):
     state: SessionState
     counters: ProgramCounters
     queue: ProgramQueue
+    has_left: bool
 
     def finish(self, exchange: Exchange, response: Packet | None) -> None:
         """End one of its requests with a response, or with none."""

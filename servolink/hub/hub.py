@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import Any
 
 from servolink.client.board import Board
@@ -65,7 +65,7 @@ class Hub:
             stop_board=self._stop_for,
             begin=self._begin,
         )
-        sender = PacketSender(board, motions, self._keeper, units, self._buttons, self._refused)
+        sender = PacketSender(board, motions, self._keeper, units, self._buttons, self._alone, self._refused)
         self._upstream = Upstream(board, sender)
         self._now = asyncio.get_running_loop().time
         self._began_at = self._now()
@@ -102,13 +102,13 @@ class Hub:
             if program.on_end is not None:
                 program.on_end()
             program.leave()
+        await self._upstream.close()
         self._keeper.close()
-        for task in self._tasks:
-            task.cancel()
-        if self._tasks:
+        while self._tasks:  # one that ends may begin another
+            for task in self._tasks:
+                task.cancel()
             await asyncio.wait(self._tasks)
         await self._buttons.close()
-        await self._upstream.close()
 
     # --- programs -----------------------------------------------------------------------------------------------
 
@@ -269,6 +269,18 @@ class Hub:
         self._upstream.waiting.holder = None
         self._upstream.send_waiting()
         self.tell(HoldChanged(None, None, ""))
+
+    @contextmanager
+    def _alone(self, exchange: Exchange) -> Iterator[None]:
+        """Make others wait while a packet is carried out that nothing may come between."""
+        session, is_held = exchange.program.session_id, self._hold is not None
+        if not is_held:
+            self.hold(session, f"it sends {type(exchange.packet).__name__}")
+        try:
+            yield
+        finally:
+            if not is_held:
+                self.release_hold(session)
 
     # --- notices and status -------------------------------------------------------------------------------------
 

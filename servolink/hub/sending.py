@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
+from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any
 
@@ -37,11 +38,13 @@ class PacketSender:
         keeper: LeaseKeeper,
         units: UnitSwitch,
         buttons: ButtonRelay,
+        alone: Callable[[Exchange], AbstractContextManager[None]],
         on_refused: Callable[[Exchange, str], None],
     ) -> None:
         """Send to `board` what `keeper` admits, in the units that `units` sets.
 
-        Call `on_refused` with each packet that is not sent, and the reason.
+        While everything is deleted, others wait because of `alone`. Call `on_refused` with each packet that is not
+        sent, and the reason.
         """
         self.stops = 0
         """How many times everything was stopped; a motion asked for before a stop is not sent after it."""
@@ -50,6 +53,7 @@ class PacketSender:
         self._keeper = keeper
         self._buttons = buttons
         self._units = units
+        self._alone = alone
         self._on_refused = on_refused
 
     def send_at_once(self, exchange: Exchange, done: Done) -> bool:
@@ -101,10 +105,12 @@ class PacketSender:
             if carries_angles(packet):
                 await self._units.enter(packet, state)
                 is_inside = True
+            if exchange.program.has_left:
+                return None
             if is_motion(packet):
                 return await self._move(exchange)
             self._free(exchange, on_free)
-            return await self._send(packet)
+            return await self._send(exchange)
         except UnitsKept as error:
             return await self.refused(exchange, str(error))
         finally:
@@ -136,10 +142,12 @@ class PacketSender:
             exchange.program.queue.is_blocked = False
             on_free()
 
-    async def _send(self, packet: Packet) -> Packet | None:
+    async def _send(self, exchange: Exchange) -> Packet | None:
+        packet = exchange.packet
         match packet:
             case ClearAllDataRequest():
-                return ClearAllDataResponse(await _is_done(self._board.clear_all_data()))
+                with self._alone(exchange):
+                    return ClearAllDataResponse(await _is_done(self._board.clear_all_data()))
             case WriteProjectIDRequest():  # by which the board is recognised after a loss
                 return WriteProjectIDResponse(await _is_done(self._board.write_project_id(packet.project_id)))
             case Request():

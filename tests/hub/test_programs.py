@@ -10,7 +10,7 @@ from typing import Any
 from servolink.client.connect import connect
 from servolink.hub.hub import Hub, share
 from servolink.hub.local import LocalTransport
-from servolink.hub.notices import Notice, Refused
+from servolink.hub.notices import HoldChanged, Notice, Refused
 from servolink.hub.program import MOST_WAITING
 from servolink.hub.roles import Role
 from servolink.protocol.editing import (
@@ -38,6 +38,8 @@ from servolink.protocol.servos import (
     SetServoParameterResponse,
 )
 from servolink.protocol.settings import (
+    ClearAllDataRequest,
+    ClearAllDataResponse,
     QueryMemorySizeRequest,
     QueryMemorySizeResponse,
     QueryRemainPowerRequest,
@@ -46,7 +48,7 @@ from servolink.protocol.settings import (
     TransmissionModeSettingRequest,
     TransmissionModeSettingResponse,
 )
-from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, opened
+from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, late, opened
 from tests.hub.raw_program import RawProgram
 from tests.virtual_time import run
 
@@ -417,3 +419,51 @@ def test_the_end_of_the_hub_ends_the_sessions_and_leaves_the_board() -> None:
         assert program.heard == []
 
     run(main())
+
+
+def test_while_everything_is_deleted_others_wait_and_are_told() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        one, other, notices = RawProgram(hub, "one"), RawProgram(hub), list[Notice]()
+        hub.listen(notices.append)
+        fake.plan(ClearAllDataRequest, late(10))
+        one.send(ClearAllDataRequest())
+        await asyncio.sleep(1)
+        assert hub.held_by is not None
+        assert (hub.held_by.who, hub.held_by.reason) == ("one", "it sends ClearAllDataRequest")
+        other.send(QueryServoListRequest())
+        await asyncio.sleep(8)
+        assert fake.executed_of(QueryServoListRequest) == []
+        await asyncio.sleep(2)
+        assert one.heard == [ClearAllDataResponse(1)]
+        assert kinds(other.heard) == [QueryServoListResponse]
+        assert [notice.who for notice in notices if isinstance(notice, HoldChanged)] == ["one", None]
+
+    on_hub(use)
+
+
+def test_a_motion_of_a_program_that_has_left_is_not_sent() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        program = RawProgram(hub)
+        program.send(MOVE)  # first its unit is set
+        await asyncio.sleep(0.001)
+        assert len(fake.executed_of(SetAngleUnitRequest)) == 1
+        program.session.leave()
+        await asyncio.sleep(1)
+        assert fake.executed_of(ExecuteActionRequest) == []
+        assert hub.lease is None
+
+    on_hub(use)
+
+
+def test_captions_keep_bytes_that_no_encoding_knows() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        contents, program = list[bytes](), RawProgram(hub)
+        caption = b"\xff\xfe\x00after the end".ljust(32, b"\x00")
+        action = encode_frame(30030, (7).to_bytes(4, "little") + caption + bytes(2), "little")
+        fake._session.receive(action, asyncio.get_running_loop().time())
+        program.session._sink = contents.append
+        program.send(QueryActionRequest(7))
+        await asyncio.sleep(0.1)
+        assert caption in contents[0]
+
+    on_hub(use)
