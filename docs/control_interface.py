@@ -99,7 +99,7 @@ def control_interface() -> str:
     errors = [(int(code), code.name.lower(), remedy) for code, remedy in REMEDIES.items()]
     errors += [(kind.code, kind.error.__name__, kind.remedy) for kind in KINDS]
     introduction = _INTRODUCTION.format(
-        greeting=_table(Greeting, without={"byte_order", "angle_unit", "dead_man", "token"}),
+        greeting=_table(Greeting, without={"byte_order", "angle_unit", "token"}),
         welcome=_table(Welcome, without={"patience", "profile", "lease", "hold"}),
         example=EXAMPLE.read_text(encoding="utf-8"),
         waiting=MOST_WAITING,

@@ -35,7 +35,13 @@ class LocalTransport(BaseTransport):
         self._join = partial(
             hub.join, self._receive, who=who, door=door, role=role, codec=codec, unit=unit, session_id=session_id
         )
+        self._hub = hub
         self._pending: list[bytes] = []
+
+    @property
+    def board_url(self) -> str:
+        """The address of the board behind the hub."""
+        return self._hub.url
 
     def join(self) -> Program:
         """Begin the session, and return it. Raise OpenError if its id is in use."""

@@ -55,6 +55,11 @@ class BaseTransport(ABC):
         """The address it leads to."""
         return self._url
 
+    @property
+    def board_url(self) -> str:
+        """The address of the board itself: another one if a hub is in between."""
+        return self._url
+
     async def open(self, receiver: Receiver) -> None:
         """Open the device; raise OpenError if that fails or if this transport was opened or closed before."""
         if self._stage != "new":

@@ -111,6 +111,11 @@ class ShareTransport(StreamTransport):
         """What the hub said; None before `greet` or `open`."""
         self._name = name
 
+    @property
+    def board_url(self) -> str:
+        """The address of the board behind the hub; that of the hub before `greet`."""
+        return self.url if self.welcome is None else self.welcome.url
+
     async def greet(self) -> Welcome:
         """Connect to the hub, unless that was done, and return its welcome; `open` can follow. Raise OpenError."""
         if self.welcome is None:

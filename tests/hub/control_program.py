@@ -12,7 +12,7 @@ from servolink.client.connect import connect
 from servolink.hub.control.session import ControlInterface, ControlSession
 from servolink.hub.hub import Hub, share
 from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest, ServoState
-from servolink.transports.share import Greeting
+from servolink.transports.share import Greeting, RoleName
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import DEFAULT_KIND, BoardKind
 from servolink.virtual.transport import VirtualTransport
@@ -32,14 +32,13 @@ class RpcFailed(Exception):
 class RpcProgram:
     """One program."""
 
-    def __init__(self, hub: Hub, interface: ControlInterface, who: str, role: Any, session: str | None) -> None:
+    def __init__(self, hub: Hub, interface: ControlInterface, greeting: Greeting) -> None:
         self.heard: list[tuple[str, dict[str, Any]]] = []
         """All notifications."""
         self.aborted = ""
         self._answers: dict[int, asyncio.Future[Any]] = {}
         self._changed = asyncio.Event()
-        greeting = Greeting(wants="rpc", who=who, role=role, session=session)
-        session_id = session or f"session of {who}"
+        session_id = greeting.session or f"session of {greeting.who}"
         self.channel: ControlSession = interface.open_channel(hub, greeting, session_id, self._take, self._abort)
 
     def _abort(self, reason: str) -> None:
@@ -99,10 +98,11 @@ class Shared:
 
     @asynccontextmanager
     async def program(
-        self, who: str = "studio", role: str = "edit", session: str | None = None
+        self, who: str = "studio", role: RoleName = "edit", session: str | None = None, dead_man: float | None = None
     ) -> AsyncIterator[RpcProgram]:
         """Connect a program to the control interface."""
-        program = RpcProgram(self.hub, self.interface, who, role, session)
+        greeting = Greeting(wants="rpc", who=who, role=role, session=session, dead_man=dead_man)
+        program = RpcProgram(self.hub, self.interface, greeting)
         try:
             yield program
         finally:

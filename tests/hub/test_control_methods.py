@@ -127,6 +127,18 @@ def test_a_dead_man_who_stops_to_beat_stops_the_board() -> None:
     run(main())
 
 
+def test_a_dead_man_time_in_the_greeting_holds_for_each_lease() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("studio", dead_man=0.35) as studio:
+            await studio.call("move", targets={"1": 90}, duration=10)
+            lease = (await studio.call("board.state"))["lease"]
+            assert lease["dead_man"] == 0.35
+            await asyncio.sleep(0.4)
+            assert not any(state.is_start for state in await here.states())
+
+    run(main())
+
+
 def test_a_stop_passes_everything_from_any_role() -> None:
     async def main() -> None:
         async with shared() as here, here.program("studio") as studio, here.program("tablet", "watch") as tablet:

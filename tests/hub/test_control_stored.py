@@ -110,6 +110,9 @@ def test_a_project_is_planned_applied_exported_and_rolled_back() -> None:
             assert (await studio.call("records.list"))["records"] == []
             await studio.call("project.rollback", backup=2)
             assert len((await studio.call("records.list"))["records"]) == 1
+            assert "share" not in (await studio.call("project.backups"))["backups"][0]["board"]
+            await here.hub.board.rollback_project()  # the same address: an import is undone through a hub or without
+            assert not (await studio.call("records.list"))["records"]
             with pytest.raises(RpcFailed, match="there is no backup 99"):
                 await studio.call("project.rollback", backup=99)
 

@@ -18,11 +18,10 @@ from servolink.hub.notices import HoldChanged, HoldStatus, LeaseStatus, Notice
 from servolink.hub.roles import Role, is_motion
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.protocol.packet import Packet
+from servolink.transports.share import Greeting
 
 T = TypeVar("T")
 OpenBoard: TypeAlias = Callable[[], Awaitable[Board]]
-
-_LONGER = 1.0  # seconds that a request waits longer than the hub, which repeats it
 
 
 class LeaseRefused(MotionRefused):
@@ -58,22 +57,21 @@ class Readings:
 class Control:
     """One program's session with a hub, on the side of the control interface."""
 
-    session: str
-    """The session id, by which the hub knows who holds the lease and the board."""
-
-    def __init__(self, hub: Hub, readings: Readings, session: str, *, who: str, role: Role, is_tied: bool) -> None:
-        """Speak for the program `who`; `is_tied` if the session is that of a board which it uses through frames."""
+    def __init__(self, hub: Hub, readings: Readings, greeting: Greeting, session: str) -> None:
+        """Speak for the program of `greeting`: if that names a session, it uses a board through frames already."""
         self.hub = hub
+        self.who = greeting.who
+        self.role = Role[greeting.role.upper()]
+        self.session = session
+        """The session id, by which the hub knows who holds the lease and the board."""
         self.wants_programs = False
         """Whether it is told which programs join and leave."""
         self._readings = readings
-        self.who = who
+        self._dead_man = greeting.dead_man
         self._transport: LocalTransport | None = None
-        if is_tied:
-            self.session = session
-        else:
-            self._transport = LocalTransport(hub, who=who, role=role, door="share", session_id=session)
-            self.session = self._transport.join().session_id
+        if greeting.session is None:
+            self._transport = LocalTransport(hub, who=self.who, role=self.role, door="share", session_id=session)
+            self._transport.join()
         self._board: Board | None = None
         self._opening = asyncio.Lock()
         self._hold_changed = asyncio.Event()
@@ -131,7 +129,11 @@ class Control:
     # --- lease and hold -----------------------------------------------------------------------------------------
 
     def take_lease(self, *, force: bool = False, dead_man: float | None = None) -> LeaseStatus | None:
-        """Take the lease. Raise LeaseRefused, which names the holder, if another program has it."""
+        """Take the lease. Raise LeaseRefused, which names the holder, if another program has it.
+
+        `dead_man` is that of the greeting unless it is given.
+        """
+        dead_man = self._dead_man if dead_man is None else dead_man
         if not self.hub.take_lease(self.session, force=force, dead_man=dead_man):
             raise LeaseRefused(f"nothing was moved: {self.hub.lease_reason(self.session)}")
         return self.hub.lease
@@ -182,9 +184,10 @@ async def _open(hub: Hub, transport: LocalTransport) -> Board:
     connection = Connection(
         transport,
         upstream.codec,
-        patience=known.patience + _LONGER,
+        patience=known.patience,
         depth=known.depth_bound,
         write_depth=known.write_depth_bound,
+        repeats=False,
     )
     await connection.open(handshake=False)
     interval_unit = upstream.profile and upstream.profile.profile.settings.interval_unit

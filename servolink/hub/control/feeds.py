@@ -30,29 +30,26 @@ class Feed(ABC):
         self._open_board = open_board
         self._notify = notify
         self._task: asyncio.Task[None] | None = None
-        self._ready: asyncio.Future[None] | None = None  # resolved when the first item can come
+        self._changing = asyncio.Lock()
 
     async def _begin(self) -> None:
         """Start over, and return when it reads. Raise the error that prevents that."""
-        self.end()
-        loop = asyncio.get_running_loop()
-        self._ready = ready = loop.create_future()
-        self._task = loop.create_task(self._run(ready))
-        await ready
-
-    def end(self) -> None:
-        """End it soon."""
-        if self._task is not None:
-            self._task.cancel()
-            self._task = None
-        if self._ready is not None:
-            self._ready.cancel()
+        async with self._changing:
+            await self._end()
+            loop = asyncio.get_running_loop()
+            ready: asyncio.Future[None] = loop.create_future()
+            self._task = loop.create_task(self._run(ready))
+            await ready
 
     async def close(self) -> None:
-        """End it now."""
-        task = self._task
-        self.end()
+        """End it."""
+        async with self._changing:
+            await self._end()
+
+    async def _end(self) -> None:
+        task, self._task = self._task, None
         if task is not None:
+            task.cancel()
             await asyncio.wait((task,))
 
     async def _run(self, ready: asyncio.Future[None]) -> None:

@@ -53,7 +53,7 @@ class LeaseTake(Struct, forbid_unknown_fields=True):
     force: Annotated[bool, _about("take it over from another program, which is told who did")] = False
     dead_man: Annotated[
         Annotated[float, Meta(ge=0.1, le=60)] | None,
-        _about("seconds without lease.beat after which the hub stops the board; null: none"),
+        _about("seconds without lease.beat after which the hub stops the board; null: as in the greeting"),
     ] = None
 
 

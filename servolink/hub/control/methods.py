@@ -63,12 +63,13 @@ def board_state(caller: Caller, params: NoParams) -> BoardState:
 # --- the lease and the hold -------------------------------------------------------------------------------------------
 
 
-@METHODS.add("lease.take", Role.RUN, is_urgent=True)
+@METHODS.add("lease.take", Role.RUN)
 def lease_take(caller: Caller, params: LeaseTake) -> LeaseNow:
     """Take the lease, without which nothing moves; a motion takes a free one by itself.
 
     MotionRefused names the program that holds it. The lease ends when the program leaves, gives it back, or some
-    seconds after the end of its last motion.
+    seconds after the end of its last motion. With `dead_man`, here or in the greeting, the program must call
+    `lease.beat` more often than that, or the hub stops the board.
     """
     return LeaseNow(caller.control.take_lease(force=params.force, dead_man=params.dead_man))
 

@@ -31,7 +31,6 @@ from servolink.hub.notices import (
     ProgramLeft,
     Refused,
 )
-from servolink.hub.roles import Role
 from servolink.transports.share import Greeting
 
 __all__ = ["METHODS", "ControlSession", "stored"]
@@ -71,19 +70,19 @@ class ControlSession:
 
         If `greeting` names a session, this is the control interface of a program that has a board already.
         """
-        role = Role[greeting.role.upper()]
-        is_tied = greeting.session is not None
-        self.control = Control(hub, readings, session, who=greeting.who, role=role, is_tied=is_tied)
+        self.control = Control(hub, readings, greeting, session)
         self._hub = hub
         self._servos = ServosFeed(self.control.readings, self._notify, lambda: self._peer.is_paused)
         self._buttons = ButtonsFeed(self.control.readings, self._notify)
         caller = Caller(self.control, self._servos, self._buttons)
-        self._peer: Peer[Caller] = Peer(METHODS, caller, send, abort, role=role)
+        self._peer: Peer[Caller] = Peer(METHODS, caller, send, abort, role=self.control.role)
         self._end_listening: Callable[[], None] | None = None
         self._told_dropped = 0
 
     def receive(self, message: bytes | str) -> None:
-        """Take one message; never raises."""
+        """Take one message; never raises. An empty one is ignored."""
+        if not message.strip():
+            return
         if self._end_listening is None:
             self._end_listening = self._hub.listen(self._hear)
         self._peer.receive(message)

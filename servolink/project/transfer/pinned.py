@@ -65,15 +65,12 @@ class BoardConnection(Protocol):
 class PinnedConnection:
     """Passes requests on. Raise ConnectionLost once the connection is another one, even to the same address."""
 
-    def __init__(self, board: BoardConnection) -> None:
-        """Speak to `board` through the connection that it has now."""
+    def __init__(self, board: BoardConnection, url: str = "") -> None:
+        """Speak to `board`, which `url` is the address of, through the connection that it has now."""
         self._board = board
         self.connection = board.connection
-
-    @property
-    def url(self) -> str:
+        self.url = url or board.url
         """The address."""
-        return self._board.url
 
     @property
     def codec(self) -> Codec:
