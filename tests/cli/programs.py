@@ -8,7 +8,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,16 +45,21 @@ class Said:
 def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> Said:
     """Run a command in this process, in virtual time if its board is in this process as well."""
     capsys.readouterr()
+    code = exit_code(arguments)
+    said = capsys.readouterr()
+    assert "internal error" not in said.err
+    return Said(code, said.out, said.err)
+
+
+def exit_code(arguments: Sequence[str]) -> int:
+    """Run a command as `call` does, on the streams that there are."""
     with pytest.MonkeyPatch.context() as patch:
         if asyncio.run is _RUN and any(word.startswith("virtual://") for word in arguments):
             patch.setattr(asyncio, "run", run)
         try:
-            code = main(arguments)
+            return main(arguments)
         except SystemExit as ended:  # argparse: wrong usage, or --help
-            code = int(ended.code or 0)
-    said = capsys.readouterr()
-    assert "internal error" not in said.err
-    return Said(code, said.out, said.err)
+            return int(ended.code or 0)
 
 
 def environment(**changed: str) -> dict[str, str]:

@@ -15,8 +15,9 @@ from servolink.project.model import Project
 from servolink.project.project_file import load_project, save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from servolink.virtual.kind import BoardKind
-from tests.cli.programs import call, in_terminal
+from tests.cli.programs import call
 from tests.cli.robot import Robot
+from tests.cli.terminals import in_terminal
 
 
 @pytest.fixture

@@ -14,7 +14,8 @@ from servolink.project.model import Project
 from servolink.project.project_file import save_project
 from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
 from servolink.virtual.dry_run import Move, Timeline
-from tests.cli.programs import call, in_terminal
+from tests.cli.programs import call
+from tests.cli.terminals import in_terminal
 from tests.project.projects import HUMANOID
 
 LONG = Macro(6, "Endless", (MacroCommand(1, loop=0x7FFF),))

@@ -14,7 +14,8 @@ from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.state_file import save_state
-from tests.cli.programs import call, in_terminal
+from tests.cli.programs import call
+from tests.cli.terminals import in_terminal
 from tests.project.projects import HUMANOID
 
 SHOWN = """\

@@ -25,8 +25,8 @@ from servolink.protocol.records import (
 )
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
-from tests.cli.programs import in_terminal
 from tests.cli.robot import Robot
+from tests.cli.terminals import in_terminal
 
 BOW = Action(1, "Bow", (Step(1, 30, 50), Step(2, -30, 10)))
 NOD = Action(2, "Nod", (Step(1, 10, 5),))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import re
-import signal
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +19,9 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.record_types import ACTION
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
-from tests.cli.programs import Said, call, finished, in_terminal, started
+from tests.cli.programs import Said, call
 from tests.cli.robot import Robot
+from tests.cli.terminals import ESCAPE, in_terminal
 
 WAVE = Action(1, "挥手", (Step(1, 10, 50),))
 OLD_BIG_KIB = BoardKind(mode=0, memory_unit=1024, turnaround=0.002, queue=4)
@@ -255,19 +255,14 @@ def test_a_board_that_was_just_switched_on_is_waited_for(robot: Robot, learnt: A
     assert "its port is not there yet" in said.err
 
 
-def test_in_a_terminal_it_asks(capsys: pytest.CaptureFixture[str]) -> None:
-    board = started("virtual", "--tcp", "127.0.0.1:0", "--servos", "2")
-    try:
-        assert board.stdout is not None
-        url = board.stdout.readline().split()[-1]
-        assert call(capsys, "use", "rex", url).code == 0
-        said = in_terminal("doctor", "rex", "--learn", "--write", typed="\n", later=("restored [y/N]", "n\n"))
-        assert said.code == 0
-        assert "switch rex off and on, and press Enter when it has started" in said.out
-        assert re.search("power_up_mode +1 +certain", said.out)
-        assert "memory_unit" not in said.out
-        said = in_terminal("doctor", "rex", "--learn", typed="n\n")
-        assert said.code == 0
-        assert re.search("power_up_mode +unknown", said.out)
-    finally:
-        finished(board, signal.SIGTERM)
+@pytest.mark.usefixtures("learnt")
+def test_in_a_terminal_it_asks() -> None:
+    said = in_terminal("doctor", "rex", "--learn", "--write", typed="\nn\n")
+    assert said.code == 0
+    assert "switch rex off and on, and press Enter when it has started" in said.out
+    assert said.out.index("press Enter") < said.out.index("restored [y/N]")
+    assert re.search("power_up_mode +1 +certain", ESCAPE.sub("", said.out))
+    assert "memory_unit" not in said.out
+    said = in_terminal("doctor", "rex", "--learn", typed="n\n")
+    assert said.code == 0
+    assert re.search("power_up_mode +unknown", ESCAPE.sub("", said.out))

@@ -18,8 +18,8 @@ from servolink.protocol.frame import HEADER_SIZE
 from servolink.transports.recording import RecordingTransport
 from servolink.transports.registry import create
 from tests.cli.programs import in_terminal
+from tests.cli.terminals import ESCAPE, in_pipe
 from tests.hostile.corpus import ONE_OF_EACH, PAYLOADS, controls
-from tests.hostile.terminals import ESCAPE, in_pipe
 from tests.hostile.world import World
 from tests.virtual_time import run
 

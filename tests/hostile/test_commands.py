@@ -14,8 +14,8 @@ from servolink.cli.commands import COMMANDS
 from servolink.cli.main import FAILED
 from servolink.cli.project import COMMANDS as PROJECT_COMMANDS
 from tests.cli.programs import Said
+from tests.cli.terminals import ESCAPE, in_pipe, in_terminal
 from tests.hostile.corpus import PAYLOADS, controls
-from tests.hostile.terminals import ESCAPE, in_pipe, in_terminal
 from tests.hostile.trials import EXEMPT, TRIALS, Trial
 from tests.hostile.world import World
 from tests.virtual_time import run

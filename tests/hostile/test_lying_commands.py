@@ -17,10 +17,10 @@ from servolink.discovery.search import Found
 from servolink.doctor import examine
 from servolink.project.project_file import save_project
 from servolink.transports.device_info import DeviceInfo
+from tests.cli.terminals import in_pipe
 from tests.hostile.calls import PROJECT
 from tests.hostile.corpus import controls
 from tests.hostile.lies import LIES
-from tests.hostile.terminals import in_pipe
 from tests.hostile.test_lying_boards import lying
 from tests.virtual_time import run
 

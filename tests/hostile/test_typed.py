@@ -8,8 +8,8 @@ import pytest
 
 from servolink.cli.commands import COMMANDS
 from servolink.cli.main import FAILED, NO_BOARD, USAGE
+from tests.cli.terminals import ESCAPE, in_pipe, in_terminal
 from tests.hostile.corpus import PAYLOADS, controls
-from tests.hostile.terminals import ESCAPE, in_pipe, in_terminal
 
 _ALL = "".join(payload.text for payload in PAYLOADS).replace("\0", "")
 _NO_CONTROLS = "".join(character for character in _ALL if character >= " " and character not in "\x7f?&%")

@@ -6,6 +6,7 @@ import fcntl
 import io
 import os
 import re
+import select
 import struct
 import sys
 import termios
@@ -15,8 +16,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from servolink.__main__ import main
-from tests.cli.programs import Said
+from tests.cli.programs import Said, exit_code
+from tests.processes import LIMIT
 
 _COLUMNS, _LINES = 2000, 50
 """Wide, so that nothing is wrapped, and texts of different lengths come with the same escapes."""
@@ -31,7 +32,7 @@ def in_pipe(*arguments: str) -> Said:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "stdout", out)
         patch.setattr(sys, "stderr", err)
-        code = _exit_code(arguments)
+        code = exit_code(arguments)
     texts = []
     for stream in (out, err):
         stream.seek(0)
@@ -40,9 +41,12 @@ def in_pipe(*arguments: str) -> Said:
     return Said(code, *texts)
 
 
-def in_terminal(*arguments: str) -> Said:
-    """Run a command in a terminal, to which it says everything; what it got is in `out`."""
-    with _terminal() as (theirs, heard), pytest.MonkeyPatch.context() as patch:
+def in_terminal(*arguments: str, typed: str = "") -> Said:
+    """Run a command in a terminal, to which it says everything; what it got is in `out`.
+
+    `typed` are the lines that it will be asked for. There are no single keys: the terminal is not this process's own.
+    """
+    with _terminal(typed) as (theirs, heard), pytest.MonkeyPatch.context() as patch:
         for name in ("NO_COLOR", "FORCE_COLOR"):
             patch.delenv(name, raising=False)
         for name, value in (("TERM", "xterm-256color"), ("COLUMNS", str(_COLUMNS)), ("LINES", str(_LINES))):
@@ -50,24 +54,17 @@ def in_terminal(*arguments: str) -> Said:
         with (
             open(theirs, "w", encoding="utf-8", newline="\n", closefd=False) as out,
             open(theirs, "w", encoding="utf-8", newline="\n", closefd=False) as err,
-            open(theirs, encoding="utf-8", closefd=False) as typed,
+            open(theirs, encoding="utf-8", closefd=False) as stdin,
         ):
-            for name, stream in (("stdout", out), ("stderr", err), ("stdin", typed)):
+            for name, stream in (("stdout", out), ("stderr", err), ("stdin", stdin)):
                 patch.setattr(sys, name, stream)
-            code = _exit_code(arguments)
+            code = exit_code(arguments)
     assert b"internal error" not in heard
     return Said(code, bytes(heard).decode(), "")
 
 
-def _exit_code(arguments: tuple[str, ...]) -> int:
-    try:
-        return main(arguments)
-    except SystemExit as ended:  # argparse: wrong usage, or --help
-        return int(ended.code or 0)
-
-
 @contextmanager
-def _terminal() -> Iterator[tuple[int, bytearray]]:
+def _terminal(typed: str) -> Iterator[tuple[int, bytearray]]:
     """Make a terminal that passes on what is written to it as it is; yield its descriptor and what it gets."""
     ours, theirs = os.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", _LINES, _COLUMNS, 0, 0))
@@ -75,6 +72,9 @@ def _terminal() -> Iterator[tuple[int, bytearray]]:
     modes[1] &= ~termios.OPOST
     modes[3] &= ~termios.ECHO
     termios.tcsetattr(theirs, termios.TCSANOW, modes)
+    if typed:
+        os.write(ours, typed.encode())
+        assert select.select([theirs], [], [], LIMIT)[0]
     heard = bytearray()
 
     def listen() -> None:
