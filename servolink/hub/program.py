@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import secrets
 from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
 from servolink.errors import DecodeError
+from servolink.escaping import escape
 from servolink.hub.exchanges import Exchange, ProgramCounters, ProgramQueue
 from servolink.hub.roles import Role, is_stop
 from servolink.hub.session_state import SessionState
@@ -20,6 +22,8 @@ from servolink.protocol.settings import TransmissionModeSettingRequest, Transmis
 
 MOST_WAITING = 64
 """A program with more requests that are not over is not read until some of them are."""
+
+_logger = logging.getLogger(__name__)
 
 _SILENCE = 0.25  # seconds after which half a frame is given up, as a board does
 
@@ -188,4 +192,9 @@ class Program:
     def _send(self, frames: Iterable[bytes]) -> None:
         frames = tuple(frames)
         self.counters.responses += len(frames)
-        self._sink(frames[0] if len(frames) == 1 else b"".join(frames))
+        try:
+            self._sink(frames[0] if len(frames) == 1 else b"".join(frames))
+        except Exception:
+            # A defect of a door. The board and the other programs should go on all the same.
+            _logger.exception("%s cannot be answered any more", escape(self.who))
+            self.leave()

@@ -48,6 +48,8 @@ class PacketSender:
         """
         self.stops = 0
         """How many times everything was stopped; a motion asked for before a stop is not sent after it."""
+        self.motions = 0
+        """How many motions were sent, or are being sent."""
         self._board = board
         self._motions = motions
         self._keeper = keeper
@@ -161,6 +163,7 @@ class PacketSender:
         """Send a motion, unless a stop or another holder came while something was awaited, or it exceeds a limit."""
         if reason := STOPPED if exchange.stops != self.stops else self._keeper.admit(exchange):
             return await self.refused(exchange, reason)
+        self.motions += 1
         try:
             outcome = await self._motions.send(exchange.packet)
         except (OutcomeUnknown, ConnectionLost):

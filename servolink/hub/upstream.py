@@ -8,6 +8,8 @@ from collections import deque
 from collections.abc import Coroutine
 from typing import Any
 
+from msgspec import Struct
+
 from servolink.client.board import Board
 from servolink.errors import ServolinkError
 from servolink.escaping import escape
@@ -21,6 +23,14 @@ from servolink.protocol.packet import Packet, Query, Request
 from servolink.protocol.servos import SetServoParameterRequest
 
 _logger = logging.getLogger(__name__)
+
+
+class _Stopping(Struct):
+    """A stop that is under way."""
+
+    motions: int
+    """How many motions had been sent when it began."""
+    exchanges: list[Exchange]
 
 
 class Upstream:
@@ -40,6 +50,7 @@ class Upstream:
         self._tasks = list[asyncio.Task[None]]()
         self._idle: deque[asyncio.Future[Exchange]] = deque()  # each of a task
         self._active = 0  # exchanges under way
+        self._stopping: dict[SetServoParameterRequest, _Stopping] = {}
         self._others = set[asyncio.Task[None]]()
 
     def start(self) -> None:
@@ -65,8 +76,15 @@ class Upstream:
         self.send_waiting()
 
     def ask_stop(self, exchange: Exchange) -> None:
-        """Send a stop at once, and finish it."""
-        self._begin(self._stop(exchange))
+        """Send a stop at once, and finish it; or with an equal one under way, if nothing was moved since that began."""
+        packet, motions = exchange.packet, self._sender.motions
+        assert isinstance(packet, SetServoParameterRequest)  # noqa: S101 - narrows the type
+        under_way = self._stopping.get(packet)
+        if under_way is not None and under_way.motions == motions:
+            under_way.exchanges.append(exchange)
+            return
+        self._stopping[packet] = stopping = _Stopping(motions, [exchange])
+        self._begin(self._stop(packet, stopping))
 
     def drop_motions(self) -> None:
         """Send none of the motions that were asked for until now: a stop comes first."""
@@ -117,15 +135,17 @@ class Upstream:
         finally:
             _finish(exchange, response)
 
-    async def _stop(self, exchange: Exchange) -> None:
-        packet, response = exchange.packet, None
-        assert isinstance(packet, SetServoParameterRequest)  # noqa: S101 - narrows the type
+    async def _stop(self, packet: SetServoParameterRequest, stopping: _Stopping) -> None:
+        response: Packet | None = None
         try:
             response = await stop(self._board, packet)
         except ServolinkError as error:
             _logger.warning("%s", error)
         finally:
-            _finish(exchange, response)
+            if self._stopping.get(packet) is stopping:
+                del self._stopping[packet]
+            for exchange in stopping.exchanges:
+                _finish(exchange, response)
 
     async def _finish_stopped(self, exchange: Exchange) -> None:
         response: Packet | None = None

@@ -467,3 +467,47 @@ def test_captions_keep_bytes_that_no_encoding_knows() -> None:
         assert caption in contents[0]
 
     on_hub(use)
+
+
+def test_many_stops_at_once_cost_the_board_few() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        programs = [RawProgram(hub, role=Role.WATCH) for _ in range(20)]
+        responses = await asyncio.gather(*(program.ask(STOP) for program in programs for _ in range(10)))
+        assert responses == [SetServoParameterResponse(ALL_SERVOS, 0, 1)] * 200
+        assert fake.executed_of(SetServoParameterRequest) == [STOP]
+
+    on_hub(use)
+
+
+def test_a_stop_behind_a_motion_is_sent_although_another_one_is_under_way() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        one, other = RawProgram(hub), RawProgram(hub)
+        one.send(MOVE)
+        await asyncio.sleep(0.1)
+        fake.plan(QueryServoRequest, late(1))  # the stop is not confirmed for so long
+        one.send(STOP)
+        one.send(MOVE)
+        await asyncio.sleep(0.1)
+        other.send(STOP)
+        await asyncio.sleep(5)
+        sent = [packet for _, packet in fake.sent if packet in (STOP, MOVE)]
+        assert sent[:4] == [MOVE, STOP, MOVE, STOP]
+        assert [len(program.heard) for program in (one, other)] == [1, 1]
+
+    on_hub(use, depth=4)
+
+
+def test_a_door_with_a_defect_costs_only_its_own_program() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        broken, other = RawProgram(hub), RawProgram(hub)
+
+        def sink(data: bytes) -> None:
+            raise OSError("the door is broken")
+
+        broken.session._sink = sink
+        broken.send(QueryServoListRequest())
+        assert await other.ask(QueryServoListRequest()) is not None
+        assert [program.session for program in hub.status().programs] == [other.session.session_id]
+        assert hub.state == "connected"
+
+    on_hub(use)
