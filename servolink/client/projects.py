@@ -104,7 +104,7 @@ class ProjectTransfers:
             return True
         from servolink.project.transfer.backups import BackupStore, is_import_unfinished
 
-        return is_import_unfinished(BackupStore(folder), project_id, self._session.board_url)
+        return is_import_unfinished(BackupStore(folder), project_id, self._session.connection.board_url)
 
     async def project_id(self) -> int:
         """Return the project id (3.3.13). The first time that it marks an unfinished import, log a warning."""
@@ -120,7 +120,7 @@ class ProjectTransfers:
     def _pinned(self) -> PinnedConnection:
         from servolink.project.transfer.pinned import PinnedConnection
 
-        return PinnedConnection(self._session, self._session.board_url)
+        return PinnedConnection(self._session)
 
     def _known_settings(self) -> BoardSettings:
         """Return the settings in the board's profile; all of them unknown without one."""

@@ -60,11 +60,6 @@ class Session:
         return self.connection.transport.url
 
     @property
-    def board_url(self) -> str:
-        """The address of the board itself, by which its imports are known: another one if a hub is in between."""
-        return getattr(self.connection.transport, "board_url", self.url)
-
-    @property
     def codec(self) -> Codec:
         """Byte order and caption encoding."""
         return self.connection.codec

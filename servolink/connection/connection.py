@@ -112,6 +112,11 @@ class Connection:
         self._asker = QueryAsker(self._sender, self.answers)
 
     @property
+    def board_url(self) -> str:
+        """The address of the board itself: another one than that of the transport if a hub is in between."""
+        return getattr(self.transport, "board_url", self.transport.url)
+
+    @property
     def stops(self) -> int:
         """How many times everything was stopped; a movement asked for before a stop is not sent after it."""
         return self._sender.stops

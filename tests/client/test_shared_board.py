@@ -17,6 +17,8 @@ from servolink.errors import ConnectionLost, MotionRefused, OpenError, Rejected,
 from servolink.hub.control.session import ControlInterface
 from servolink.hub.hub import Hub
 from servolink.project.model import Project
+from servolink.project.transfer.apply import backup_for
+from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.editing import QueryActionListRequest
 from servolink.protocol.records import Action
 from servolink.transports.share import Greeting
@@ -104,6 +106,11 @@ def test_an_import_has_the_board_alone_and_others_wait(caplog: pytest.LogCapture
                 await one.apply_project(Project(actions=(WAVE,)))
             assert [servo.is_start for servo in await asked] == [False] * 3
             assert len(await other.actions()) == 1
+            assert not await other.has_unfinished_import()
+            backup = await backup_for(other, BackupStore())
+            assert "share" not in backup.name
+            await other.rollback_project()
+            assert not await one.actions()
             await other.clear_all_data()
             await until(lambda: hub.held_by is None)
 

@@ -217,7 +217,7 @@ async def roll_back(
 
 async def backup_for(board: BoardConnection, store: BackupStore) -> Path:
     """Return the backup of what was on the board before the last import. Raise ProjectError if there is none."""
-    here, url = await read_project_id(board), board.url
+    here, url = await read_project_id(board), board.connection.board_url
     journals = await asyncio.to_thread(store.journals, here)
     journal = journal_of(journals, here, url) or last_import(journals, here, url)
     if journal is None and any(one.may_be_of(here, url) for one in journals):

@@ -16,7 +16,12 @@ R = TypeVar("R", bound=Response)
 
 
 class Line(Protocol):
-    """A connection, as far as it bounds a transfer."""
+    """A connection, as far as it concerns a transfer."""
+
+    @property
+    def board_url(self) -> str:
+        """The address of the board itself, by which its imports are known."""
+        ...
 
     @property
     def depth_bound(self) -> int:
@@ -65,12 +70,12 @@ class BoardConnection(Protocol):
 class PinnedConnection:
     """Passes requests on. Raise ConnectionLost once the connection is another one, even to the same address."""
 
-    def __init__(self, board: BoardConnection, url: str = "") -> None:
-        """Speak to `board`, which `url` is the address of, through the connection that it has now."""
+    def __init__(self, board: BoardConnection) -> None:
+        """Speak to `board` through the connection that it has now."""
         self._board = board
         self.connection = board.connection
-        self.url = url or board.url
-        """The address."""
+        self.url = board.connection.board_url
+        """The address of the board itself, whether or not a hub is in between."""
 
     @property
     def codec(self) -> Codec:
