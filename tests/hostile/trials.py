@@ -80,12 +80,14 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
     "macro": (
         Trial("--url {few} macro show 8"),
         Trial("--url {few} macro set 8 --play action:{name}", timed=True),
+        Trial("--url {few} macro set 8 --play name:{name}", timed=True),
+        Trial("--url {few} macro add x --play wave", timed=True),
         Trial("--url {few} macro delete 99 --yes", timed=True),
         Trial("--url {few} macro rename 8 wave", timed=True),
     ),
     "table": (
         Trial("--url {few} table show 2"),
-        Trial("--url {few} table set 2 --press {name}"),
+        Trial("--url {few} table set 2 --press {name}", timed=True),
         Trial("--url {few} table activate 2"),
         Trial("--url {few} table rename 2 wave", timed=True),
     ),
