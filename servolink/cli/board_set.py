@@ -88,7 +88,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _ids(args: argparse.Namespace, name: str, url: str | None) -> dict[int | str, int]:
-    """Return the id of each servo in `args`. Ask the board only if a caption is given."""
+    """Return the id of each servo in `args`. Ask the board only if a caption is given.
+
+    Raise WrongBoard if it is another board than the one of this name: its ids would be others.
+    """
     servos = [servo for servo, _ in (*args.angle, *args.speed) if servo != _ALL]
     if all(isinstance(servo, int) for servo in servos):
         return dict(zip(servos, servos, strict=True))
@@ -96,15 +99,18 @@ async def _ids(args: argparse.Namespace, name: str, url: str | None) -> dict[int
         raise InvalidAddress(f"{name} has no address, so its captions are unknown; give ids in place of captions")
 
     from servolink.client.connect import connect
+    from servolink.client.identity_guard import IdentityGuard
     from servolink.client.names import servo_ids
 
     try:
         async with connect(
             name, byte_order=args.byte_order, caption_encoding=args.caption_encoding, angle_unit=None
         ) as board:
+            if board.profile is not None:
+                await IdentityGuard(board.connection, board.profile).refuse_another()
             return dict(zip(servos, await servo_ids(board, servos), strict=True))
     except (TransportError, RequestTimeout) as error:
-        raise type(error)(f"{error}; without the board, give ids in place of captions") from error
+        raise type(error)(f"{error}; ids in place of captions need no board") from error
 
 
 def _set(

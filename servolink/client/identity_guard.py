@@ -46,6 +46,11 @@ class IdentityGuard:
         if difference := await self._check():
             raise WrongBoard(f"{difference}: {type(packet).__name__} was not sent. {self._remedy}", packet)
 
+    async def refuse_another(self) -> None:
+        """Raise WrongBoard if the board is another one."""
+        if difference := await self._check():
+            raise WrongBoard(f"{difference}. {self._remedy}")
+
     async def warn(self) -> None:
         """Check the board at once, and log a warning if it is another one: it can be read all the same."""
         with suppress(RequestTimeout, DecodeError):  # asked again before it is moved or changed

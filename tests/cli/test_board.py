@@ -107,12 +107,26 @@ def test_a_caption_is_looked_up_on_the_board_and_its_id_kept(robot: Robot, say: 
     unknown = say("board set rex --angle hop=20..160 --speed 1=5")
     assert (unknown.code, unknown.out) == (1, "")
     assert unknown.err == "servolink: the board has no servo 'hop'; did you mean servo 2 'hip'?\n"
+    save_profile("rex", BoardProfile(identity=BoardIdentityRecord(servo_ids=(2, 5)), limits=limits))
+    other = say("board set rex --angle hip=unset")
+    assert (other.code, other.out) == (1, "")
+    assert "rex was learnt with servos 2, 5; the board at virtual:// has servos 1..3. If it is the same" in other.err
+    assert say("board set rex --angle 2=20..160").code == 0
+    save_profile("rex", BoardProfile(limits=limits))
     robot.unplug()
     without = say("board set rex --angle hip=unset")
     assert (without.code, without.out) == (3, "")
-    assert without.err == "servolink: there is no board; without the board, give ids in place of captions\n"
+    assert without.err == "servolink: there is no board; ids in place of captions need no board\n"
     assert profile().limits == limits
     assert say("board set rex --angle 2=unset").code == 0
+    robot.plug_in()
+    robot.board.kind = BoardKind(unsupported=("QueryServoParameter",))
+    silent = say("board set rex --angle hip=20..160")
+    assert silent.code == 1
+    assert silent.err.endswith("; ids in place of captions need no board\n")
+    assert say("use --remove rex").code == 0
+    gone = say("board set rex --angle hip=20..160")
+    assert (gone.code, "rex has no address, so its captions are unknown; give ids" in gone.err) == (2, True)
 
 
 LEARNT = BoardProfile(
