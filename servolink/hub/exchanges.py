@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Protocol
 
 from msgspec import Struct
@@ -148,11 +148,6 @@ class RoundRobin:
                 dropped += found
         self._drop_empty()
         return dropped
-
-    def __iter__(self) -> Iterator[Exchange]:
-        """Iterate over all unsent requests."""
-        for queue in self._ring:
-            yield from queue.exchanges
 
     def _may_take(self, queue: ProgramQueue) -> bool:
         return not queue.is_blocked and (self.holder is None or queue is self.holder)

@@ -430,12 +430,12 @@ def test_while_everything_is_deleted_others_wait_and_are_told() -> None:
         await asyncio.sleep(1)
         assert hub.held_by is not None
         assert (hub.held_by.who, hub.held_by.reason) == ("one", "it sends ClearAllDataRequest")
-        other.send(QueryServoListRequest())
+        other.send(QueryActionListRequest())
         await asyncio.sleep(8)
-        assert fake.executed_of(QueryServoListRequest) == []
+        assert fake.executed_of(QueryActionListRequest) == []
         await asyncio.sleep(2)
         assert one.heard == [ClearAllDataResponse(1)]
-        assert kinds(other.heard) == [QueryServoListResponse]
+        assert kinds(other.heard) == [QueryActionListResponse]
         assert [notice.who for notice in notices if isinstance(notice, HoldChanged)] == ["one", None]
 
     on_hub(use)
