@@ -165,13 +165,13 @@ def _zeros() -> Callable[[], Lie]:
     return _content(lambda response_id, content: bytes(len(content)))
 
 
-def _replies_to_nothing() -> Speech:
+def _replies_to_nothing(pause: float = 0.02) -> Speech:
     """Answer what was not asked, for ever."""
     frames = []
     for response_id in RESPONSE_IDS:
         rule, _ = shape(response_id, _ORDER)
         frames.append(encode_frame(response_id, bytes(rule.base), _ORDER))
-    return zip(repeat(0.01), cycle(frames))
+    return zip(repeat(pause), cycle(frames))
 
 
 def _noise(seed: int) -> Speech:
@@ -222,6 +222,9 @@ LIES: dict[str, Lying] = {
         lambda: lambda packet, answer: (), lambda: zip(repeat(0.01), repeat(_PUSH))
     ),
     "answers what nobody asked": Lying(unasked=_replies_to_nothing),
+    "answers what nobody asked, so fast that no command gets through": Lying(
+        unasked=lambda: _replies_to_nothing(0.01), long=True
+    ),
     "only answers what nobody asked": Lying(lambda: lambda packet, answer: (), _replies_to_nothing),
     "makes noise": Lying(unasked=lambda: _noise(1)),
     "only makes noise": Lying(lambda: lambda packet, answer: (), lambda: _noise(2)),
