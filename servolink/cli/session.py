@@ -22,7 +22,7 @@ UNFINISHED_IMPORT = (
     "this board holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes it"
 )
 UNTOUCHED = "nothing was changed on the board"
-ENDLESS = "Ctrl-C is its normal end, with exit code 0; before the end that an option sets it is 130."
+ENDLESS = "Ctrl-C ends it with exit code 0. If an option sets the end, Ctrl-C before that ends it with 130."
 """Said in the help of commands that show something until they are ended; they set `Interruption.code` accordingly."""
 _UNMOVED = "no servo was moved"
 _PATIENCE = 0.2  # seconds for the board to be closed in good order after Ctrl-C
