@@ -7,7 +7,7 @@ changed them: an outdated one would run, move or delete something else. For an i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Coroutine, Iterable, Mapping
 from typing import Any, Protocol, TypeAlias, TypeVar
 
 from servolink.errors import AmbiguousName, EncodeError, NotFound
@@ -31,7 +31,7 @@ R = TypeVar("R", bound=Response)
 class Source(Protocol):
     """A board or a session, which reads the captions."""
 
-    async def request(self, packet: Request[R], /) -> R:
+    def request(self, packet: Request[R], /) -> Coroutine[Any, Any, R]:
         """Send `packet` and return the response."""
         ...
 

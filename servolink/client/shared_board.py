@@ -28,9 +28,11 @@ async def join_hub(
         found = msgspec.json.decode(welcome.profile, type=BoardProfile | None)
         if profile is None and found is not None:
             profile = ProfileInUse(welcome.name, found)
-        settings = {} if profile is None else {name: getattr(profile.settings, name) for name in _OF_THE_BOARD}
-        known = {name: value for name, value in settings.items() if value is not None}
-        return ConnectionOptions(**({"patience": welcome.patience} | known | given)), profile
+        options: dict[str, Any] = {"patience": welcome.patience}
+        if profile is not None:
+            known = {name: getattr(profile.settings, name) for name in _OF_THE_BOARD}
+            options |= {name: value for name, value in known.items() if value is not None}
+        return ConnectionOptions(**(options | given)), profile
     except msgspec.MsgspecError as error:
         await transport.close()
         raise OpenError(f"{transport.url}: the hub has a profile of another version: {error}") from error

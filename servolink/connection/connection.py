@@ -50,6 +50,7 @@ class HubLink(Protocol):
 
     def alone(self, reason: str) -> AbstractAsyncContextManager[None]:
         """Return a context in which no other program uses the board."""
+        ...
 
     async def close(self) -> None:
         """Leave the hub."""

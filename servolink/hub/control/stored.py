@@ -36,9 +36,11 @@ from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.results import ApplyResult, Memory, Plan, ProgressCallback
 from servolink.project.validate import validate_project
 from servolink.protocol.json_form import record_to_json, struct_from_json
-from servolink.protocol.record_types import RECORD_TYPES
+from servolink.protocol.record_types import RECORD_TYPES, RecordType
 
-_KINDS = {cast("RecordKind", kind.label.replace(" ", "_")): kind for kind in RECORD_TYPES}
+_KINDS: dict[RecordKind, RecordType[Any]] = {
+    cast("RecordKind", kind.label.replace(" ", "_")): kind for kind in RECORD_TYPES
+}
 
 
 @METHODS.add("records.list", Role.WATCH)

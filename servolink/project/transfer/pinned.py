@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable, Coroutine, Iterable
 from contextlib import AbstractContextManager
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from servolink.errors import ConnectionLost
 from servolink.protocol.codec import Codec
@@ -56,7 +56,7 @@ class BoardConnection(Protocol):
         """The present connection: another object after a loss."""
         ...
 
-    async def request(self, packet: Request[R], *, unchecked: bool = False) -> R:
+    def request(self, packet: Request[R], *, unchecked: bool = False) -> Coroutine[Any, Any, R]:
         """Return the response to `packet`."""
         ...
 
