@@ -53,7 +53,7 @@ def test_each_request_is_taken_once_and_those_of_a_program_in_its_order(
     taken: list[list[Exchange]] = [[] for _ in programs]
     to_add = [list(exchanges) for exchanges in left]
     while any(to_add) or robin:
-        if any(to_add) and data.draw(st.booleans(), "add"):
+        if any(to_add) and (not robin or data.draw(st.booleans(), "add")):
             source = data.draw(st.sampled_from([exchanges for exchanges in to_add if exchanges]), "of")
             robin.add(source.pop(0))
         elif (exchange := robin.take()) is not None:
