@@ -1,6 +1,8 @@
 /* Answers requests on a descriptor; ends when the descriptor does.
      responder DESCRIPTOR SIZE HEX       every SIZE bytes (0: every line) with the same bytes
-     responder DESCRIPTOR ID=HEX ...     every frame with the bytes for its packet id, an unknown one not at all */
+     responder DESCRIPTOR ID=HEX ...     every frame with the bytes for its packet id, an unknown one not at all
+   RESPONDER_DELAY in the environment is the time before each response, in microseconds. */
+#define _DEFAULT_SOURCE
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -24,7 +26,10 @@ static int add(unsigned id, const char *hex) {
     return 1;
 }
 
+static unsigned delay;
+
 static int respond(int line, const struct answer *answer) {
+    if (delay) usleep(delay);
     for (size_t sent = 0; sent < answer->size;) {
         ssize_t size = write(line, answer->bytes + sent, answer->size - sent);
         if (size <= 0) return 0;
@@ -61,6 +66,7 @@ static ssize_t pieces(int line, const unsigned char *data, size_t size, size_t u
 int main(int count, char **given) {
     static unsigned char held[1 << 17];
     if (count < 3 || count - 2 > MOST) return 2;
+    if (getenv("RESPONDER_DELAY") != NULL) delay = (unsigned)atoi(getenv("RESPONDER_DELAY"));
     int line = atoi(given[1]), framed = strchr(given[2], '=') != NULL;
     if (!framed && (count != 4 || !add(0, given[3]))) return 2;
     for (int at = 2; framed && at < count; at++) {

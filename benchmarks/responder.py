@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 import tty
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -17,6 +18,7 @@ from pathlib import Path
 from benchmarks.measuring import CORES
 
 _SOURCE = Path(__file__).with_suffix(".c")
+_DELAY = int(os.environ.get("RESPONDER_DELAY", "0")) / 1e6  # seconds; of a process that was started here
 _FOLDER = tempfile.TemporaryDirectory(prefix="servolink-responder-")
 
 Answers = Mapping[int, bytes] | tuple[int, bytes]
@@ -42,13 +44,13 @@ def language() -> str:
 class Responder:
     """A pseudo-terminal at whose other end requests are answered."""
 
-    def __init__(self, answers: Answers) -> None:
-        """Begin to answer, on the first core; those who ask are on the last one."""
+    def __init__(self, answers: Answers, delay: float = 0.0) -> None:
+        """Begin to answer, `delay` seconds after each request, on the first core; those who ask are on the last one."""
         board, self._line = os.openpty()
         tty.setraw(self._line)
         self.path = os.ttyname(self._line)
         """What a client opens."""
-        self._process = start(board, answers)
+        self._process = start(board, answers, delay)
         os.close(board)
 
     def close(self) -> None:
@@ -77,10 +79,12 @@ class Listener:
         self._process.wait()
 
 
-def start(descriptor: int, answers: Answers) -> subprocess.Popen[bytes]:
+def start(descriptor: int, answers: Answers, delay: float = 0.0) -> subprocess.Popen[bytes]:
     """Answer on a descriptor, which the process inherits, until it ends."""
+    environment = {**os.environ, "RESPONDER_DELAY": str(round(delay * 1e6))}
     given = [str(answers[0]), answers[1].hex()] if isinstance(answers, tuple) else _given(answers)
-    process = subprocess.Popen([*program(), str(descriptor), *given], pass_fds=[descriptor])  # noqa: S603 - ours
+    command = [*program(), str(descriptor), *given]
+    process = subprocess.Popen(command, pass_fds=[descriptor], env=environment)  # noqa: S603 - ours
     if CORES:
         os.sched_setaffinity(process.pid, {CORES[0]})
     return process
@@ -111,6 +115,7 @@ def _frames(answers: Mapping[int, bytes]) -> Callable[[bytes], bytes]:
         held += came
         found = []
         while len(held) >= 8 and len(held) >= (length := 9 + int.from_bytes(held[6:8], "little")):
+            time.sleep(_DELAY)
             found.append(answers.get(int.from_bytes(held[4:6], "little"), b""))
             held = held[length:]
         return b"".join(found)

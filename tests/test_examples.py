@@ -9,8 +9,8 @@ The first word behind the fence says what is to be done, and a page with any oth
 `text`, `json`...   shown, not run
 
 `...` stands for any output, and no output at all for output that nobody promises. A command must succeed unless
-`$ echo $?` comes next. `^C` is Ctrl-C. `servolink virtual` runs on until the end of the page; the addresses that
-it prints on the page stand, in what follows, for those that it printed here.
+`$ echo $?` comes next. `^C` is Ctrl-C. `servolink virtual` and `share` run on until the end of the page; the addresses
+that they print on the page stand, in what follows, for those that they printed here.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ PAGES = [
 SHOWN = {"text", "text output", "js", "json", "toml", "sh", "console no-run"}
 
 _FENCE = re.compile(r"^```(?P<info>[^`\n]*)\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL)
+_SERVING = re.compile(r"servolink (virtual|share (?!--status|--take|--give))")
 _LISTENING = re.compile(r"^listening (\S+)$", re.MULTILINE)
 
 
@@ -137,7 +138,7 @@ class Reader:
         process = processes.start(command, cwd=self.folder, env=self.environment, stderr=subprocess.STDOUT)
         self.started.append(process)
         before, interrupted, _ = quote.partition("^C")
-        serves = command[-1].startswith("servolink virtual")
+        serves = bool(_SERVING.match(command[-1]))
         output = read(process, until=_LISTENING.sub("listening ...", before) if interrupted or serves else None)
         self.addresses |= dict(zip(_LISTENING.findall(before), _LISTENING.findall(output), strict=False))
         if interrupted:

@@ -30,6 +30,7 @@ _MOST_AT_ONCE = 6  # queries that a program without the library writes in one go
 _GIVEN_UP = 120.0  # seconds after which such a program no longer waits for a response
 _HUNG = 900.0  # seconds after which a call of the library has failed
 _DEGREES, _RAW = 0, 1
+_ALL_SERVOS = servos.QueryServoRequest(servos.ALL_SERVOS)
 
 
 def _steps(tag: int) -> tuple[records.Step, ...]:
@@ -45,7 +46,7 @@ _KINDS: dict[Callable[[int], Packet], float] = {
     editing.QueryMacroRequest: 4,
     joystick.QueryJoystickTableRequest: 3,
     lambda tag: servos.QueryServoRequest(1 + tag % 3): 8,
-    lambda tag: servos.QueryServoRequest(servos.ALL_SERVOS): 10,
+    lambda tag: _ALL_SERVOS: 10,
     lambda tag: servos.QueryServoListRequest(): 2,
     lambda tag: editing.QueryActionListRequest(): 1,
     lambda tag: editing.QueryServoParameterRequest(): 1,
@@ -160,11 +161,12 @@ class RawProgram(SharingProgram):
 
 
 def _fits(request: Packet, response: Packet) -> bool:
-    return (
-        isinstance(request, Request)
-        and response.packet_id == request.packet_id + 1
-        and request.accepts(cast("Response", response))
-    )
+    """Return whether this can be the response to that request: those before it may have none."""
+    if not isinstance(request, Request) or response.packet_id != request.packet_id + 1:
+        return False
+    if request == _ALL_SERVOS and isinstance(response, servos.QueryServoResponse):
+        return len(response.servos) > 1
+    return request.accepts(cast("Response", response))
 
 
 class LibraryProgram(SharingProgram):

@@ -96,7 +96,10 @@ def test_the_lease_is_taken_from_a_program_and_given_back(shared: subprocess.Pop
     while (lease := program("share", "--status", "--json").json["lease"]) is None:
         assert moving.poll() is None
     assert lease["who"] == f"servolink move (pid {moving.pid})"
-    assert program("move", "2=10", "--board", "rex").code == 1
+    refused = program("move", "2=10", "--board", "rex")
+    assert refused.code == 1
+    assert f"servolink move (pid {moving.pid})" in refused.err
+    assert "servolink share --take rex" in refused.err
     taken = program("share", "--take", "rex")
     assert taken.out.startswith(f"servolink move (pid {moving.pid}) may not move the servos any more;")
     assert program("move", "2=10", "--duration", "0.1", "--board", "rex").code == 0

@@ -1,0 +1,221 @@
+"""A board shared by a hub, beside the same board without one: what the hub adds, and who waits for whom."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import AsyncExitStack, contextmanager
+from dataclasses import dataclass, field
+from statistics import median
+from time import perf_counter_ns
+
+from benchmarks.answers import answers
+from benchmarks.goals import Goal, at_least, at_most
+from benchmarks.hub_crowd import Waits, Watchers, starve, watch
+from benchmarks.measuring import CORES, Result, Table, table
+from benchmarks.neighbours import Neighbours
+from benchmarks.responder import Responder, language
+from servolink.client.board import Board
+from servolink.client.connect import connect
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import QueryActionRequest, QueryActionResponse
+from servolink.protocol.records import Step
+
+PROGRAMS = (1, 8, 32)
+BOARDS = {"at once": 0.0, "after 1 ms, as over USB": 0.001}
+"""When a board responds, with the seconds."""
+ADDED = 0.2
+"""Milliseconds that the hub may add to the median of one program."""
+SHARE = 0.6
+"""Of the requests per second without a hub."""
+MOST_WAITED = 33
+"""Exchanges that one program may wait for while 31 others flood, 99 times in 100."""
+WATCHERS, HZ = 100, 50
+_POLLS = 1.1
+"""Polls per second over those that one watcher wants."""
+_STEPS = tuple(Step(at % 16 + 1, 90 - at, 20) for at in range(18))
+
+
+@dataclass
+class _Case:
+    """So many programs, each of which asks one thing after the other."""
+
+    board: str
+    programs: int
+    shared: bool
+    rate: list[float] = field(default_factory=list)
+    """Requests per second, of each round."""
+    p50: list[float] = field(default_factory=list)
+    """Milliseconds."""
+    p99: list[float] = field(default_factory=list)
+
+    async def measure(self, boards: list[Board], times: int) -> None:
+        """Let each program ask; without a hub they are callers of one board."""
+        took: list[int] = []
+        gc.collect()
+        began = perf_counter_ns()
+        async with asyncio.TaskGroup() as group:
+            for at in range(self.programs):
+                group.create_task(_ask(boards[at % len(boards)], at + 1, max(1, times // self.programs), took))
+        self.rate.append(len(took) * 1e9 / (perf_counter_ns() - began))
+        took.sort()
+        self.p50.append(took[len(took) // 2] / 1e6)
+        self.p99.append(took[len(took) * 99 // 100] / 1e6)
+
+
+async def _ask(board: Board, record_id: int, times: int, took: list[int]) -> None:
+    """Ask for a record of its own: the hub joins equal queries, which would cost it nothing."""
+    query = QueryActionRequest(record_id)
+    for _ in range(times):
+        began = perf_counter_ns()
+        await board.request(query)
+        took.append(perf_counter_ns() - began)
+
+
+def run(*, short: bool) -> Result:
+    """Measure both ways in turns, for each number of programs; then floods and watchers."""
+    rounds, times = (1, 100) if short else (15, 1600)
+    neighbours = Neighbours()
+    cases = [case for board in BOARDS for case in asyncio.run(_measure(board, rounds, times))]
+    waits = asyncio.run(starve(200 if short else 5000))
+    watchers = asyncio.run(watch(WATCHERS if not short else 10, HZ, 1.0 if short else 10.0))
+    return {
+        "tables": [_table(cases, neighbours.note()), _waits_table(waits), _watchers_table(watchers)],
+        "goals": [*_goals(cases), *_crowd_goals(waits, watchers)],
+        "cases": [
+            {"board": case.board, "programs": case.programs, "shared": case.shared}
+            | {"rate": case.rate, "p50": case.p50, "p99": case.p99}
+            for case in cases
+        ],
+    }
+
+
+async def _measure(board: str, rounds: int, times: int) -> list[_Case]:
+    cases = [_Case(board, programs, shared) for programs in PROGRAMS for shared in (False, True)]
+    here = os.sched_getaffinity(0) if CORES else set[int]()
+    async with AsyncExitStack() as stack:
+        direct, behind = (Responder(_answers(), BOARDS[board]) for _ in range(2))
+        stack.callback(direct.close)
+        stack.callback(behind.close)
+        alone = await stack.enter_async_context(connect(direct.path))
+        url = stack.enter_context(_hub(behind.path))
+        shared = [await stack.enter_async_context(connect(url)) for _ in range(max(PROGRAMS))]
+        for case in cases:  # not counted
+            boards = shared[: case.programs] if case.shared else [alone]
+            await _Case(board, case.programs, case.shared).measure(boards, times)
+        for at in range(rounds):
+            for case in cases if at % 2 else reversed(cases):
+                if CORES:  # the hub has the core on which the program without one is
+                    os.sched_setaffinity(0, {CORES[0]} if case.shared else here)
+                await case.measure(shared[: case.programs] if case.shared else [alone], times)
+        if CORES:
+            os.sched_setaffinity(0, here)
+    return cases
+
+
+@contextmanager
+def _hub(path: str) -> Iterator[str]:
+    """Run a hub in a process of its own; yield the address of its TCP door."""
+    with tempfile.TemporaryDirectory(prefix="servolink-hub-") as folder:
+        command = [sys.executable, "-m", "benchmarks.hub_worker", path, str(CORES[-1]) if CORES else ""]
+        process = subprocess.Popen(  # noqa: S603 - our own program
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, "XDG_RUNTIME_DIR": folder, "XDG_CONFIG_HOME": folder},
+        )
+        assert process.stdin is not None  # noqa: S101 - it is a pipe
+        assert process.stdout is not None  # noqa: S101 - it is a pipe
+        try:
+            yield next(url for url in json.loads(process.stdout.readline()) if url.startswith("tcp://"))
+        finally:
+            process.stdin.close()
+            process.wait()
+
+
+def _answers() -> dict[int, bytes]:
+    """Return the frames of a board; every record that it is asked for has one length, and none is there."""
+    return answers() | {QueryActionRequest.packet_id: Codec().encode(QueryActionResponse(0, "wave", _STEPS))}
+
+
+def _pairs(cases: list[_Case]) -> Iterator[tuple[_Case, _Case]]:
+    """Yield each case without a hub and the same with one."""
+    return zip(cases[::2], cases[1::2], strict=True)
+
+
+def _share(direct: _Case, through: _Case) -> float:
+    """Return the rate through the hub as a share of that without, round by round."""
+    return median(one / other for one, other in zip(through.rate, direct.rate, strict=True))
+
+
+def _added(direct: _Case, through: _Case) -> float:
+    """Return the milliseconds that the hub adds to the median, round by round."""
+    return median(one - other for one, other in zip(through.p50, direct.p50, strict=True))
+
+
+def _goals(cases: list[_Case]) -> Iterator[Goal]:
+    for direct, through in _pairs(cases):
+        where = f"board that responds {direct.board}, programs: {direct.programs}"
+        if direct.programs == 1:
+            yield at_most(
+                f"what the hub adds to the median over TCP; {where}", _added(direct, through), ADDED, "{:+.2f} ms"
+            )
+        name = f"requests per second through the hub over those without it; {where}"
+        yield at_least(name, 100 * _share(direct, through), 100 * SHARE, "{:.0f} %")
+
+
+def _crowd_goals(waits: Waits, watchers: Watchers) -> Iterator[Goal]:
+    name = f"exchanges that a program waits for beside {waits.flooding} that flood, 99 times in 100"
+    yield at_most(name, waits.percentile(99), MOST_WAITED, "{:.0f}")
+    name = f"polls per second for {watchers.count} that watch at {watchers.hz:g} Hz"
+    yield at_most(name, watchers.polls_per_second, watchers.hz * _POLLS, "{:.1f}")
+
+
+def _table(cases: list[_Case], others: str) -> Table:
+    size = len(_answers()[QueryActionRequest.packet_id])
+    return table(
+        f"A board with and without a hub: responses of {size} bytes, one request at a time",
+        ("board responds", "programs", "", "requests/s", "of those without", "p50, ms", "p99, ms", "added to p50, ms"),
+        [row for pair in _pairs(cases) for row in _rows(*pair)],
+        [
+            f"The board is a program in {language()} at a pseudo-terminal. Each program asks for a record of its own.",
+            "Without a hub the programs are tasks of one process. With it they are TCP connections of one process.",
+            "The hub is on the core of the programs without it, and those with it are on the core of the board.",
+            "Times are wall-clock times.",
+            others,
+        ],
+    )
+
+
+def _rows(direct: _Case, through: _Case) -> Iterator[tuple[object, ...]]:
+    for case, share, added in (
+        (direct, "", ""),
+        (through, f"{_share(direct, through):.0%}", f"{_added(direct, through):+.2f}"),
+    ):
+        way = "through the hub" if case.shared else "without"
+        figures = f"{median(case.p50):.2f}", f"{median(case.p99):.2f}"
+        yield case.board, case.programs, way, f"{median(case.rate):,.0f}", share, *figures, added
+
+
+def _waits_table(waits: Waits) -> Table:
+    return table(
+        f"One program that asks one thing at a time, beside {waits.flooding} that always have {waits.kept} waiting",
+        ("exchanges waited for", "p50", "p99", "most"),
+        [("", f"{waits.percentile(50):.0f}", f"{waits.percentile(99):.0f}", f"{waits.percentile(100):.0f}")],
+        [f"{len(waits.counts):,} requests, in memory; an exchange is one request to the board with its response."],
+    )
+
+
+def _watchers_table(watchers: Watchers) -> Table:
+    return table(
+        f"{watchers.count} programs that watch the servos at {watchers.hz:g} Hz over the control interface",
+        ("readings that each got per second", "polls of the board per second", "CPU of the hub"),
+        [(f"{watchers.readings_per_second:.1f}", f"{watchers.polls_per_second:.1f}", f"{watchers.cpu:.0%}")],
+        ["In memory, with a virtual board of 16 servos in the same process."],
+    )
