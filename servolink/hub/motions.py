@@ -88,23 +88,19 @@ class Motions:
 
     async def until_rest(self) -> None:
         """Return when no servo has turned for 1.5 s. While the board does not answer, that is unknown: go on."""
-        connection, first, count = self._board.connection, dict[int, int](), 0
-        units_sent = -1
+        first, count = dict[int, int](), 0
         while count < _RESTING:
             await asyncio.sleep(_PAUSE)
-            before = connection.units_sent
             try:
-                here = {
-                    one.servo_id: one.angle for one in (await connection.request(QueryServoRequest(ALL_SERVOS))).servos
-                }
+                states = (await self._board.connection.request(QueryServoRequest(ALL_SERVOS))).servos
             except ServolinkError:
-                connection, count = self._board.connection, 0
+                count = 0
                 continue
-            # After another unit was set, the same servo reports another number.
-            if before == connection.units_sent == units_sent and self._is_same(first, here):
+            here = {state.servo_id: state.angle for state in states}  # other numbers also after a change of units
+            if count and self._is_same(first, here):
                 count += 1
             else:
-                first, count, units_sent = here, 1, before
+                first, count = here, 1
 
     @property
     def _interval_unit(self) -> float:

@@ -54,7 +54,6 @@ class BoardUnits:
         unit = unit_of(request)
         if request.servo_id == ALL_SERVOS:
             self._all = unit
-            self._units.clear()
         elif unit == self._all:
             self._units.pop(request.servo_id, None)
         else:

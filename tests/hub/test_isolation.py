@@ -135,13 +135,19 @@ class Units(RuleBasedStateMachine):
         self.programs: list[Angler] = []
         self.wrong: list[BaseException] = []
 
-    @initialize(own=st.lists(units, min_size=2, max_size=4), depth=st.sampled_from([1, 4]))
-    def join(self, own: list[AngleUnit], depth: int) -> None:
+    @initialize(
+        own=st.lists(units, min_size=2, max_size=4),
+        depth=st.sampled_from([1, 4]),
+        limits=st.sampled_from([None, (LOW, HIGH)]),
+    )
+    def join(self, own: list[AngleUnit], depth: int, limits: tuple[int, int] | None = None) -> None:
         async def main() -> None:
             self.fake.virtual.storage.contents = contents_of(STORED)
             for servo in self.fake.virtual.servos.values():
                 servo.angle = float(LOW)
-            board = await self.stack.enter_async_context(opened(self.fake, angle_unit=None, depth=depth))
+            board = await self.stack.enter_async_context(
+                opened(self.fake, angle_unit=None, depth=depth, angle_limits=limits)
+            )
             hub = await self.stack.enter_async_context(share(board, name="rex"))
             self.programs = [Angler(hub, f"program {number}", unit) for number, unit in enumerate(own)]
 
@@ -163,6 +169,11 @@ class Units(RuleBasedStateMachine):
     @rule(number=numbers, servo_id=servo_ids)
     def read(self, number: int, servo_id: int) -> None:
         self.begin(number, lambda program: program.read(servo_id))
+
+    @rule(reads=st.lists(st.tuples(numbers, servo_ids), min_size=2, max_size=12))
+    def read_at_once(self, reads: list[tuple[int, int]]) -> None:
+        for number, servo_id in reads:
+            self.read(number, servo_id)
 
     @rule(number=numbers, servo_id=st.sampled_from([*SERVOS, 9, ALL_SERVOS]), unit=units)
     def set_unit(self, number: int, servo_id: int, unit: AngleUnit) -> None:
@@ -190,6 +201,7 @@ class Units(RuleBasedStateMachine):
     @invariant()
     def no_angle_is_in_a_wrong_unit(self) -> None:
         assert self.wrong == []
+        self.fake.virtual.advance(self.runner.get_loop().time())
         angles = [servo.angle for servo in self.fake.virtual.servos.values()]
         assert all(LOW - 0.1 <= angle <= HIGH + 0.1 for angle in angles) or not self.programs, angles
 
@@ -206,11 +218,11 @@ class Units(RuleBasedStateMachine):
 
         with self.runner:
             self.runner.run(end())
-        self.no_angle_is_in_a_wrong_unit()
+            self.no_angle_is_in_a_wrong_unit()
 
 
 TestUnits = Units.TestCase
-TestUnits.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+TestUnits.settings = settings(max_examples=120, stateful_step_count=50, deadline=None)
 
 
 class Events(RuleBasedStateMachine):

@@ -211,6 +211,12 @@ def test_without_beats_the_board_is_stopped_within_the_dead_man_time() -> None:
     assert lease.advance(0.9 + 0.35) == [LeaseChange("beats stopped", "studio", None, must_stop=True)]
 
 
+def test_silence_counts_before_the_end_of_the_lease() -> None:
+    lease = MotionLease(0.5)
+    lease.take("studio", 0.0, dead_man=0.5)
+    assert lease.advance(0.5) == [LeaseChange("beats stopped", "studio", None, must_stop=True)]
+
+
 def test_a_late_beat_does_not_bring_the_lease_back() -> None:
     lease = MotionLease()
     lease.take("studio", 0.0, dead_man=0.35)

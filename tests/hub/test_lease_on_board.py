@@ -20,6 +20,8 @@ from servolink.protocol.editing import (
     AddServoParameterResponse,
     ExecuteMacroRequest,
     ExecuteMacroResponse,
+    QueryActionRequest,
+    WriteProjectIDRequest,
 )
 from servolink.protocol.packet import Packet, Query
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
@@ -30,11 +32,12 @@ from servolink.protocol.servos import (
     QueryServoListRequest,
     QueryServoRequest,
     SetAngleUnitRequest,
+    SetAngleUnitResponse,
     SetServoParameterRequest,
     SetServoParameterResponse,
 )
 from servolink.virtual.board import VirtualBoard
-from tests.client.fake_board import LOST, FakeBoard, late, now, opened
+from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, late, now, opened
 from tests.client.sockets import Socket
 from tests.hub.raw_program import RawProgram
 from tests.hub.test_roles import REQUESTS, example
@@ -176,8 +179,8 @@ def test_a_later_motion_of_unknown_end_is_waited_for_too() -> None:
     async def use(there: World) -> None:
         ann, bob = there.join("ann"), there.join("bob")
         await there.move(ann, START)
-        await asyncio.sleep(0.6)
-        await there.move(ann, START)
+        await asyncio.sleep(1.6)
+        await there.move(ann, START)  # shortly before the servos have rested long enough
         there.fake.virtual.servos[2].move(90, 30.0, now())
         await asyncio.sleep(35)
         assert not await there.move(bob)
@@ -240,6 +243,96 @@ def test_what_still_waits_when_the_lease_is_taken_over_is_not_sent() -> None:
     on_hub(use)
 
 
+def test_a_motion_is_not_sent_if_the_lease_is_lost_while_it_waits_for_its_units() -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("ann"), there.join("bob", unit="adc")
+        there.fake.plan(QueryServoRequest, late(1.0))
+        bob.send(QueryServoRequest(1))
+        await asyncio.sleep(0.1)
+        ann.send(MOVE)
+        await asyncio.sleep(0.1)
+        there.hub.take_lease(bob.session.session_id, force=True)
+        await asyncio.sleep(3)
+        assert there.motions == []
+        assert [one.who for one in there.of(Refused)] == ["ann"]
+
+    on_hub(use, depth=4)
+
+
+# --- units of a running macro -----------------------------------------------------------------------------------------
+
+
+async def is_read(program: RawProgram, seconds: float = 0.1) -> bool:
+    """Return whether a program is told within some time where a servo is."""
+    return await program.ask(QueryServoRequest(1), seconds) is not None
+
+
+def test_other_units_wait_for_the_end_of_a_macro() -> None:
+    async def use(there: World) -> None:
+        ann, bob, cid = there.join("ann"), there.join("bob", unit="adc"), there.join("cid")
+        assert await ann.ask(ExecuteMacroRequest(1)) == ExecuteMacroResponse(1)
+        assert await is_read(cid)
+        assert not await is_read(bob, 5)  # the macro takes 4 s
+        assert await bob.ask(SetAngleUnitRequest(1, 1)) == SetAngleUnitResponse(1, 1)
+        assert await is_read(bob)
+        assert [one.reason for one in there.of(Refused)] == [
+            "a macro of another program runs, and its angles are in other units than yours"
+        ]
+
+    on_hub(use)
+
+
+def test_a_unit_that_a_program_has_already_is_not_refused() -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("ann"), there.join("bob", unit="adc")
+        await ann.ask(ExecuteMacroRequest(1))
+        assert await bob.ask(SetAngleUnitRequest(ALL_SERVOS, 1)) == SetAngleUnitResponse(ALL_SERVOS, 1)
+        assert await bob.ask(SetAngleUnitRequest(2, 1)) == SetAngleUnitResponse(2, 1)
+        assert await bob.ask(SetAngleUnitRequest(ALL_SERVOS, 0)) == SetAngleUnitResponse(ALL_SERVOS, 0)
+        assert there.of(Refused) == []
+
+    on_hub(use)
+
+
+def test_a_stop_ends_the_macro_for_its_units_too() -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("ann"), there.join("bob", unit="adc")
+        there.fake.usual_of[QueryActionRequest] = late(1.0)  # read to know how long the macro takes
+        ann.send(ExecuteMacroRequest(1))
+        await asyncio.sleep(0.5)
+        assert not await is_read(bob)
+        assert await bob.ask(STOP) is not None
+        assert await is_read(bob, 0.7)
+        await asyncio.sleep(1)
+        assert await is_read(bob)
+
+    on_hub(use, depth=4)
+
+
+def test_a_macro_that_was_perhaps_started_keeps_its_units() -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("ann"), there.join("bob", unit="adc")
+        there.fake.plan(ExecuteMacroRequest, SWALLOWED)
+        ann.send(ExecuteMacroRequest(1))
+        await asyncio.sleep(3.5)
+        assert ann.session.counters.unanswered == 1
+        before = len(there.of(Refused))
+        bob.send(QueryServoRequest(1))
+        await asyncio.sleep(0.1)
+        assert len(there.of(Refused)) == before + 1
+
+    on_hub(use)
+
+
+def test_a_macro_that_the_board_refuses_keeps_no_units() -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("ann"), there.join("bob", unit="adc")
+        assert await ann.ask(ExecuteMacroRequest(9)) == ExecuteMacroResponse(0)
+        assert await is_read(bob)
+
+    on_hub(use)
+
+
 # --- stop -------------------------------------------------------------------------------------------------------------
 
 
@@ -262,6 +355,17 @@ def test_anybody_stops_before_everything_that_waits(servo_id: int) -> None:
         assert [one.reason for one in there.of(Refused)] == ["a stop came first"]
         assert there.hub.lease is not None
         assert there.hub.lease.who == "ann"
+
+    on_hub(use)
+
+
+def test_a_stop_of_one_servo_does_not_end_the_motion_of_others() -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("ann"), there.join("bob")
+        await there.move(ann, ExecuteActionRequest((Step(1, 30, 3000), Step(2, 30, 3000))))
+        assert await bob.ask(SetServoParameterRequest(1, 0, 1)) is not None
+        await asyncio.sleep(38)
+        assert not await there.move(bob)
 
     on_hub(use)
 
@@ -414,11 +518,44 @@ def test_motion_within_the_limits_is_sent_and_keeps_its_place() -> None:
     async def use(there: World) -> None:
         program = there.join("program")
         program.send(MOVE)
-        program.send(SetAngleUnitRequest(ALL_SERVOS, 1))  # must not overtake the movement, which is checked first
+        program.send(WriteProjectIDRequest(5))  # must not overtake the movement, which is checked first
+        program.send(SetAngleUnitRequest(ALL_SERVOS, 1))
         program.send(QueryServoRequest(1))
         await asyncio.sleep(1)
         sent = [type(packet) for _, packet in there.fake.executed if not isinstance(packet, Query)]
-        assert sent == [SetAngleUnitRequest, ExecuteActionRequest, SetAngleUnitRequest]
+        assert sent == [SetAngleUnitRequest, ExecuteActionRequest, WriteProjectIDRequest, SetAngleUnitRequest]
         assert there.of(Refused) == []
 
-    on_hub(use, SafetyLimits(speed_cap=60))
+    on_hub(use, SafetyLimits(speed_cap=60), depth=4)
+
+
+def test_movements_that_are_checked_first_are_not_disturbed_by_programs_with_other_units() -> None:
+    async def use(there: World) -> None:
+        mover, reader = there.join("mover"), there.join("reader", unit="adc")
+        for _ in range(20):
+            mover.send(MOVE)
+            reader.send(QueryServoRequest(1))
+            await asyncio.sleep(0.011)
+        await asyncio.sleep(2)
+        assert len(there.motions) == 20
+        assert len(reader.heard) == 20
+        assert there.of(Refused) == []
+
+    on_hub(use, SafetyLimits(speed_cap=60), depth=4)
+
+
+def test_a_unit_that_is_perhaps_set_is_set_again_before_limits_are_checked() -> None:
+    async def use(there: World) -> None:
+        program = there.join("program")
+        assert await there.move(program)
+        there.fake.plan(SetAngleUnitRequest, *[SWALLOWED] * 40)
+        assert await program.ask(SetAngleUnitRequest(1, 1)) is None
+        there.fake.forget_plans()
+        assert await program.ask(SetAngleUnitRequest(2, 1)) is not None
+        assert await there.move(program, ExecuteActionRequest((Step(1, 20, 300),)))  # in degrees, as it was told
+        assert await program.ask(QueryServoRequest(2)) is not None
+        assert [one.reason for one in there.of(Refused)] == []
+        units = {servo.servo_id: servo.unit for servo in there.fake.virtual.servos.values()}
+        assert units == {1: 0, 2: 1, 3: 0, 4: 0}
+
+    on_hub(use, SafetyLimits(angles={1: (-90, 90)}))
