@@ -73,6 +73,8 @@ class RequestScheduler:
             self.waiting.append(waiting)
         self.grant()
         try:
+            if waiting.granted.done() and self._granted[0] is not packet:
+                await asyncio.sleep(0)  # those who were granted theirs before wake up first, and send first
             await waiting.granted
         except asyncio.CancelledError:
             if not waiting.granted.cancelled() and waiting.granted.exception() is None:

@@ -62,13 +62,13 @@ class Exchange(Struct, eq=False):
 class ProgramQueue:
     """The unsent requests of one program, in its order."""
 
-    __slots__ = ("exchanges", "is_blocked", "is_listed")
+    __slots__ = ("blocked_by", "exchanges", "is_listed")
 
     def __init__(self) -> None:
         """Start empty."""
         self.exchanges: deque[Exchange] = deque()
-        self.is_blocked = False
-        """Its next request must not be sent yet: an earlier one could still be overtaken by it."""
+        self.blocked_by: Exchange | None = None
+        """The request that is being sent, which the next one must not overtake; None if there is none."""
         self.is_listed = False
         """Whether it is in the ring of a `RoundRobin`."""
 
@@ -150,7 +150,7 @@ class RoundRobin:
         return dropped
 
     def _may_take(self, queue: ProgramQueue) -> bool:
-        return not queue.is_blocked and (self.holder is None or queue is self.holder)
+        return queue.blocked_by is None and (self.holder is None or queue is self.holder)
 
     def _take_later(self, queue: ProgramQueue, packet: Packet) -> list[Exchange]:
         """Return the queries equal to `packet` that stand behind other queries of the same program."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Coroutine
 from contextlib import AbstractContextManager
 from functools import partial
@@ -89,14 +90,11 @@ class PacketSender:
     async def send(self, exchange: Exchange, on_free: Callable[[], None]) -> Packet | None:
         """Send a packet and return the response for its program, None if there is none.
 
-        Until it is with the connection, which keeps the order, the further packets of the program wait; then `on_free`
+        The queue of the program is blocked by it until it is with the connection, which keeps the order; then `on_free`
         is called.
         """
         packet, state = exchange.packet, exchange.program.state
-        if isinstance(packet, Query) and not isinstance(packet, QueryServoRequest):
-            return await self._request(packet)
         is_inside = False
-        exchange.program.queue.is_blocked = True
         try:
             if isinstance(packet, SetAngleUnitRequest):
                 return await self._units.set(packet, state)
@@ -111,7 +109,8 @@ class PacketSender:
                 return None
             if is_motion(packet):
                 return await self._move(exchange)
-            self._free(exchange, on_free)
+            # Soon, not now: it must be with the connection first.
+            asyncio.get_running_loop().call_soon(self._free, exchange, on_free)
             return await self._send(exchange)
         except UnitsKept as error:
             return await self.refused(exchange, str(error))
@@ -140,8 +139,8 @@ class PacketSender:
         return ""
 
     def _free(self, exchange: Exchange, on_free: Callable[[], None]) -> None:
-        if exchange.program.queue.is_blocked:
-            exchange.program.queue.is_blocked = False
+        if exchange.program.queue.blocked_by is exchange:
+            exchange.program.queue.blocked_by = None
             on_free()
 
     async def _send(self, exchange: Exchange) -> Packet | None:

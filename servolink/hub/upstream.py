@@ -102,6 +102,7 @@ class Upstream:
             if isinstance(exchange.packet, Query):
                 exchange.equal = self.waiting.take_equal(exchange, _means_same)
             if not self._sender.send_at_once(exchange, self._answered):
+                exchange.program.queue.blocked_by = exchange
                 self._idle.popleft().set_result(exchange)
 
     def _answered(self, exchange: Exchange, outcome: Packet | ServolinkError, content: bytes | None) -> None:

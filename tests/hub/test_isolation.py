@@ -8,7 +8,7 @@ from contextlib import AsyncExitStack
 from typing import Any
 
 import pytest
-from hypothesis import settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
@@ -17,7 +17,7 @@ from servolink.hub.hub import Hub, share
 from servolink.hub.units import BoardUnits
 from servolink.motion.angles import AngleUnit
 from servolink.project.model import Project
-from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.editing import ExecuteMacroRequest, QueryActionRequest, WriteProjectIDRequest
 from servolink.protocol.joystick import (
     PRESS,
     UP,
@@ -36,13 +36,14 @@ from servolink.protocol.servos import (
     SetAngleUnitRequest,
     SetAngleUnitResponse,
 )
+from servolink.protocol.settings import SendDummyDataRequest
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.servo import to_adc
 from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, now, opened
 from tests.hub.raw_program import RawProgram
 from tests.project.pulled import contents_of
-from tests.virtual_time import VirtualTimeLoop
+from tests.virtual_time import VirtualTimeLoop, run
 
 SERVOS = (1, 2, 3)
 LOW, HIGH = 0, 90
@@ -315,3 +316,49 @@ def test_the_check_notices_a_hub_that_mixes_units(mutation: str, monkeypatch: py
     machine.read(0, ALL_SERVOS)
     with pytest.raises(AssertionError):
         machine.teardown()
+
+
+kinds = st.sampled_from(["query", "state", "write", "motion", "unit", "data"])
+
+
+def numbered(kind: str, number: int) -> Packet:
+    """Return a packet of some kind that differs from all with another number."""
+    match kind:
+        case "query":
+            return QueryActionRequest(number)
+        case "state":
+            return QueryServoRequest(number)
+        case "write":
+            return WriteProjectIDRequest(number)
+        case "motion":
+            return ExecuteActionRequest((Step(1, number, 1),))
+        case "unit":
+            return SetAngleUnitRequest(1, number % 2)
+        case _:
+            return SendDummyDataRequest(bytes([number]))
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    sent=st.lists(kinds, min_size=2, max_size=12),
+    depth=st.sampled_from([1, 2, 8]),
+    limits=st.sampled_from([None, (-180, 180)]),
+)
+def test_what_a_program_sends_at_once_reaches_the_board_in_its_order(sent: list[str], depth: int, limits: Any) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with (
+            opened(fake, angle_unit=None, depth=depth, write_depth=depth, angle_limits=limits) as board,
+            share(board, name="rex") as hub,
+        ):
+            program, other = RawProgram(hub), RawProgram(hub, unit="adc")
+            packets = [numbered(kind, number) for number, kind in enumerate(sent, 1) if not (limits and kind == "unit")]
+            program.send(QueryServoRequest(100))  # so that the units are those of this program
+            await asyncio.sleep(0.1)
+            other.send(QueryServoRequest(200))
+            program.session.receive(b"".join(map(program.codec.encode, packets)))
+            await asyncio.sleep(5)
+            arrived = [packet for _, packet in fake.executed if packet in packets]
+            assert list(dict.fromkeys(arrived)) == list(dict.fromkeys(packets))
+
+    run(main())
