@@ -119,11 +119,11 @@ def test_a_blocked_program_is_passed_over() -> None:
     first, second = Exchange(one, QueryActionRequest(1)), Exchange(other, QueryActionRequest(1))
     robin.add(first)
     robin.add(second)
-    one.queue.is_blocked = True
+    one.queue.blocked_by = second
     assert robin.take() is second
     assert robin.take() is None
     assert not robin
-    one.queue.is_blocked = False
+    one.queue.blocked_by = None
     assert robin.take() is first
 
 
