@@ -110,6 +110,7 @@ class Connection:
         )
         self._sender = RequestSender(transport, codec, self._slots, self._scheduler, self.answers, repeats=repeats)
         self._margin = 0.0 if repeats else HUB_MARGIN
+        self.answers.is_patient = not repeats
         self._asker = QueryAsker(self._sender, self.answers)
 
     @property

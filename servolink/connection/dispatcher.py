@@ -58,6 +58,8 @@ class ResponseDispatcher:
         """Called with the id of a packet that nobody on this connection has asked for."""
         self.opening: Opening | None = None
         """The opening that is under way: it gets all responses."""
+        self.is_patient = False
+        """Whether silence is no reason to end: a hub goes on without its board, and says so if it ends itself."""
         self.held = ""
         """Why nothing is late now: another program has the board alone. Empty if none has."""
         self.times = ResponseTimes()
@@ -330,6 +332,8 @@ class ResponseDispatcher:
         self._end_if_silent(now)
 
     def _end_if_silent(self, now: float) -> None:
+        if self.is_patient:
+            return
         if self._slots.overdue >= _MOST_OVERDUE:
             self.lost(TimeoutError(f"the board has left {_MOST_OVERDUE} queries in a row unanswered"))
         if self._silent_since is None or self._silent_sendings < _SILENT_SENDINGS:

@@ -9,7 +9,7 @@ import pytest
 from servolink.errors import RequestTimeout
 from servolink.protocol.editing import QueryActionListRequest, QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
-from tests.client.fake_board import SWALLOWED, FakeBoard, connected, late
+from tests.client.fake_board import SWALLOWED, FakeBoard, Fate, connected, late
 from tests.virtual_time import run
 
 REASON = "studio has the board alone (a project is being written)"
@@ -92,5 +92,21 @@ def test_to_go_on_without_having_waited_changes_nothing() -> None:
         async with connected(FakeBoard(), handshake=True) as connection:
             connection.resume()
             await connection.request(QueryProjectIDRequest())
+
+    run(main())
+
+
+def test_a_hub_may_be_silent_for_as_long_as_its_board_is_gone() -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=SWALLOWED)
+        async with connected(board, repeats=False) as connection:
+            for _ in range(100):
+                with pytest.raises(RequestTimeout):
+                    await connection.request(QueryProjectIDRequest())
+            assert connection.answers.ended is None
+            board.usual = Fate()
+            for _ in range(3):
+                await connection.request(QueryProjectIDRequest())
+                await connection.request(QueryActionListRequest())
 
     run(main())

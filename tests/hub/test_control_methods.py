@@ -8,12 +8,17 @@ from typing import Any
 
 import pytest
 
+from servolink.client import connect as connecting
 from servolink.client.connect import connect
 from servolink.hub.control.session import METHODS
+from servolink.hub.hub import share
 from servolink.hub.local import LocalTransport
+from servolink.hub.notices import Problem
 from servolink.hub.roles import Role
+from servolink.virtual.board import VirtualBoard
 from tests.client.fake_board import now
-from tests.hub.control_program import RpcFailed, shared
+from tests.client.sockets import Socket
+from tests.hub.control_program import RpcFailed, Shared, shared
 from tests.virtual_time import run
 
 
@@ -283,6 +288,119 @@ def test_the_hold_and_the_lease_end_with_their_program() -> None:
                 moving = tablet.begin("move", targets={"1": 10}, duration=0.1)
             await moving
             assert tablet.of("program")[-1] == {"event": "left", "session": "session of studio", "who": "studio"}
+
+    run(main())
+
+
+def test_watching_goes_on_when_the_board_answers_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        async with shared(patience=10) as here, here.program("page") as page:
+            await page.call("servos.watch", hz=10)
+            await page.until("servos")
+            (line,) = here.virtual.sessions
+            monkeypatch.setattr(line, "receive", lambda data, now: None)
+            with pytest.raises(RpcFailed) as failed:
+                await page.call("buttons.subscribe")
+            assert failed.value.kind in {"RequestTimeout", "OutcomeUnknown"}
+            count = len(page.of("servos"))
+            page.tell("servos.ack", number=count)
+            monkeypatch.undo()
+            await page.until("servos", count + 1)
+            assert page.of("problem") == []
+
+    run(main())
+
+
+def test_programs_go_on_when_the_board_is_plugged_in_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        virtual = VirtualBoard(3)
+        socket = Socket(virtual)
+        monkeypatch.setattr(connecting, "create", socket.transport)
+        async with (
+            connect("virtual://", reconnect=True, angle_unit=None) as upstream,
+            share(upstream, name="rex") as hub,
+        ):
+            here = Shared(hub, virtual)
+            async with here.program("page") as page:
+                await page.call("servos.watch", hz=10)
+                await page.call("move", targets={"1": 30}, duration=0.1, wait=True)
+                socket.pull()
+                assert (await page.until("connection"))["state"] == "lost"
+                for _ in range(10):
+                    with pytest.raises(RpcFailed):
+                        await page.call("records.list")
+                socket.plug(virtual)
+                assert (await page.until("connection", 2))["state"] == "connected"
+                count = len(page.of("servos"))
+                page.tell("servos.ack", number=count)
+                await page.until("servos", count + 1)
+                await page.call("move", targets={"1": 60}, duration=0.1, wait=True)
+                assert (await page.call("records.list"))["records"] == []
+            await here.interface.close()
+
+    run(main())
+
+
+def test_an_error_of_watching_is_said_once() -> None:
+    async def main() -> None:
+        async with shared(servos=0) as here, here.program("page") as page:
+            await page.call("servos.watch", hz=10)
+            await page.until("problem")
+            await asyncio.sleep(10)
+            assert len(page.of("problem")) == 1
+
+    run(main())
+
+
+def test_the_end_of_the_hub_ends_watching() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("page") as page:
+            await page.call("servos.watch", hz=10)
+            await page.call("buttons.subscribe")
+            await here.hub.close()
+            await asyncio.sleep(1)
+            assert page.channel._servos._task is not None
+            assert page.channel._servos._task.done()
+            with pytest.raises(RpcFailed) as failed:
+                await page.call("servos.list")
+            assert failed.value.kind == "ConnectionLost"
+
+    run(main())
+
+
+def test_a_program_that_reads_too_slowly_is_told_what_it_missed() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("page") as page:
+            await page.call("board.state")
+            page.channel.pause()
+            for _ in range(300):
+                here.hub.tell(Problem("trouble"))
+            page.channel.resume()
+            assert len(page.of("problem")) == 257
+            assert page.of("problem")[-1]["text"] == "this program reads too slowly: 44 notifications were dropped"
+            await page.call("servos.watch", hz=10)
+            page.channel.pause()
+            await asyncio.sleep(10)
+            page.channel.resume()
+            await page.until("servos", 2)
+            assert len(page.of("problem")) == 257
+
+    run(main())
+
+
+def test_a_packet_that_the_hub_refuses_is_reported_to_its_program_alone() -> None:
+    async def main() -> None:
+        async with (
+            shared() as here,
+            connect(LocalTransport(here.hub, session_id="s", who="script", role=Role.WATCH)) as board,
+            here.program("script", session="s") as script,
+            here.program("page") as page,
+        ):
+            await script.call("board.state")
+            await page.call("board.state")
+            await board.move({1: 10}, duration=1)
+            assert (await script.until("refused"))["packet"] == "ExecuteActionRequest"
+            assert page.of("refused") == []
 
     run(main())
 

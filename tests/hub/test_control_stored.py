@@ -158,6 +158,17 @@ def test_the_end_of_a_program_in_an_import_frees_the_board() -> None:
     run(main())
 
 
+def test_a_program_that_has_the_board_alone_already_keeps_it() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("studio") as studio:
+            await studio.call("board.hold", reason="a long change")
+            await studio.call("project.apply", project={"schema": 1, "project_id": 5})
+            assert here.hub.held_by is not None
+            assert here.hub.held_by.reason == "a long change"
+
+    run(main())
+
+
 def test_a_watcher_changes_nothing() -> None:
     async def main() -> None:
         async with shared() as here, here.program("page", "watch") as page:

@@ -53,7 +53,8 @@ class Feed(ABC):
             await asyncio.wait((task,))
 
     async def _run(self, ready: asyncio.Future[None]) -> None:
-        """Read until the hub ends; after an error, say so and read again."""
+        """Read until the hub ends; after an error, say so once and read again."""
+        told = ""
         while True:
             try:
                 await self._read(await self._open_board(), ready)
@@ -63,8 +64,10 @@ class Feed(ABC):
                     return
                 if isinstance(error, ConnectionLost):  # of a session in this process: the hub has ended
                     return
-                if not isinstance(error, RequestTimeout):  # the notifications `connection` and `hold` say why
-                    self._notify("problem", ProblemNotice(f"{error}; trying again"))
+                # Why nothing is answered, the notifications `connection` and `hold` say.
+                if str(error) != told and not isinstance(error, RequestTimeout):
+                    told = str(error)
+                    self._notify("problem", ProblemNotice(f"{told}; trying again"))
                 await asyncio.sleep(_PAUSE)
             else:
                 return
