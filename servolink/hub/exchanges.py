@@ -10,6 +10,7 @@ from msgspec import Struct
 
 from servolink.hub.roles import Role
 from servolink.hub.session_state import SessionState
+from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet, Query
 
 
@@ -36,8 +37,12 @@ class Asker(Protocol):
     role: Role
     state: SessionState
     counters: ProgramCounters
+    codec: Codec
     queue: ProgramQueue
     has_left: bool
+
+    def finish_with(self, exchange: Exchange, frame: bytes | None) -> None:
+        """End one of its requests with the frame of a response, or with none."""
 
     def finish(self, exchange: Exchange, response: Packet | None) -> None:
         """End one of its requests with a response, or with none."""

@@ -9,7 +9,8 @@ import pytest
 from msgspec.structs import fields
 
 from servolink.hub.roles import Role, carries_angles, is_motion, is_stop, needed_role
-from servolink.protocol.codec import PACKETS, PACKETS_BY_NAME
+from servolink.protocol.codec import PACKETS_BY_NAME
+from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 
@@ -92,7 +93,7 @@ def test_nothing_that_a_watcher_may_send_moves_or_writes() -> None:
 
 
 def test_unknown_packets_need_the_highest_role() -> None:
-    assert needed_role(PACKETS[40081](1, 1)) == Role.EDIT
+    assert needed_role(ButtonEventResponse(1, 1)) == Role.EDIT
 
 
 @pytest.mark.parametrize("servo_id", [0, 1, 254, ALL_SERVOS])

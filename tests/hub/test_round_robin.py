@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from servolink.hub.exchanges import Exchange, ProgramCounters, ProgramQueue, RoundRobin
 from servolink.hub.roles import Role
 from servolink.hub.session_state import SessionState
+from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionRequest, WriteProjectIDRequest
 from servolink.protocol.packet import Packet, Query
 
@@ -22,6 +23,7 @@ class Asking:
     who: str = "a program"
     role: Role = Role.EDIT
     has_left: bool = False
+    codec: Codec = field(default_factory=Codec)
     state: SessionState = field(default_factory=SessionState)
     counters: ProgramCounters = field(default_factory=ProgramCounters)
     queue: ProgramQueue = field(default_factory=ProgramQueue)

@@ -30,7 +30,7 @@ class connect_through_hub:  # noqa: N801 - stands for `connect`
         upstream = await enter(connect(self._url, angle_unit=None, **self._upstream))
         hub = await enter(share(upstream, name="rex"))
         codec = Codec(upstream.codec.byte_order, upstream.codec.caption_encoding)
-        options = self._options | {"byte_order": codec.byte_order}
+        options: dict[str, Any] = self._options | {"byte_order": codec.byte_order}
         board = await enter(connect(LocalTransport(hub, codec=codec), **options))
         vars(board)["_hub"] = self._stack  # which would end with this object
         return board

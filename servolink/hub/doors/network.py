@@ -50,7 +50,8 @@ class TcpLine(Line):
         """Join `hub` once the connection has begun as this protocol does, else log `warning`."""
         super().__init__()
         self._hub = hub
-        self._door, self._role, self._codec, self._unit = door, role, codec, unit
+        self._door, self._role, self._codec = door, role, codec
+        self._unit: AngleUnit = unit
         self._warning = warning
         self._first = b""
 

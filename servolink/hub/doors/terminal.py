@@ -55,7 +55,8 @@ class Terminal:
 
     def __init__(self, hub: Hub, codec: Codec | None, unit: AngleUnit) -> None:
         """Make the terminal, and wait for a program to open it."""
-        self._hub, self._codec, self._unit = hub, codec, unit
+        self._hub, self._codec = hub, codec
+        self._unit: AngleUnit = unit
         self._loop = asyncio.get_running_loop()
         self._warning = RareWarning()
         self._program: Program | None = None
