@@ -103,6 +103,18 @@ class HubLink:
             if not self._holds and self._welcome.role == "edit":
                 self._channel.tell("board.release")
 
+    @asynccontextmanager
+    async def moving(self) -> AsyncIterator[None]:
+        """Have the lease in this context. Raise MotionRefused, which says who has it, if another program has."""
+        had_lease = self._has_lease
+        if not had_lease:
+            await self.take_lease()
+        try:
+            yield
+        finally:
+            if not had_lease:
+                self._channel.tell("lease.give")
+
     async def _pass_packet(self, packet: Packet) -> None:
         """Take the lease before a motion. Raise MotionRefused, which says who has it, if another program has."""
         if self._inner is not None:

@@ -66,7 +66,7 @@ class ProjectTransfers:
 
         check_project(project)
         board, store, known = self._pinned(), BackupStore(folder), self._known_settings()
-        async with self._session.transfer("a project is being written"):
+        async with self._session.transfer("a project is being written", moves=True):
             return await apply_project(
                 board,
                 project,
@@ -87,7 +87,7 @@ class ProjectTransfers:
         from servolink.project.transfer.backups import BackupStore
 
         board, store, known = self._pinned(), BackupStore(folder), self._known_settings()
-        async with self._session.transfer("a backup is being restored"):
+        async with self._session.transfer("a backup is being restored", moves=True):
             return await roll_back(
                 board,
                 backup,

@@ -117,12 +117,17 @@ class Session:
         self._mode = mode
 
     @asynccontextmanager
-    async def transfer(self, reason: str) -> AsyncIterator[None]:
-        """Transfer much in this context; of a shared board, have it alone as well if there is a `reason`."""
+    async def transfer(self, reason: str, *, moves: bool = False) -> AsyncIterator[None]:
+        """Transfer much in this context; of a shared board, have it alone as well if there is a `reason`.
+
+        With `moves`, servos may turn: raise MotionRefused at once if another program moves a shared board.
+        """
         connection = self.connection
         async with AsyncExitStack() as stack:
             if connection.hub is not None and reason:
                 await stack.enter_async_context(connection.hub.alone(reason))
+                if moves:
+                    await stack.enter_async_context(connection.hub.moving())
             stack.enter_context(connection.bulk())
             yield
 

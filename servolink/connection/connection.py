@@ -48,6 +48,10 @@ class HubLink(Protocol):
     async def stop(self) -> None:
         """Stop all servos; return when the hub has read that they are stopped."""
 
+    def moving(self) -> AbstractAsyncContextManager[None]:
+        """Return a context with the right to move the servos; entering it raises MotionRefused if another has it."""
+        ...
+
     def alone(self, reason: str) -> AbstractAsyncContextManager[None]:
         """Return a context in which no other program uses the board."""
         ...

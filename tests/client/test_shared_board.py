@@ -78,6 +78,24 @@ def test_a_refused_movement_is_an_error_that_names_the_holder() -> None:
     with_hub(main)
 
 
+def test_an_import_begins_only_if_it_may_turn_servos() -> None:
+    async def main(hub: Hub) -> None:
+        async with connect("share://rex") as one, connect("share://rex") as other:
+            await one.write_project_id(7)
+            await one.move({1: 60}, duration=0.05)
+            with pytest.raises(MotionRefused, match="moved by"):
+                await other.apply_project(Project(actions=(WAVE,)), replace=True)
+            assert await other.project_id() == 7
+            assert await other.actions() == ()
+            await other.export_project()
+            hub.give_lease(hub.lease.session if hub.lease else "")
+            await other.apply_project(Project(actions=(WAVE,)), replace=True)
+            await until(lambda: hub.lease is None)  # given back
+            await one.rollback_project()
+
+    with_hub(main)
+
+
 def test_who_loses_the_lease_or_is_asked_for_it_is_told(caplog: pytest.LogCaptureFixture) -> None:
     async def main(hub: Hub) -> None:
         greeting = Greeting(wants="rpc", who="tablet\u202e")

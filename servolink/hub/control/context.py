@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from typing import TypeAlias, TypeVar
 
 from servolink.client.board import Board
@@ -162,6 +162,17 @@ class Control:
             yield
         finally:
             self.hub.release_hold(self.session)
+
+    @contextmanager
+    def moving(self) -> Iterator[None]:
+        """Have the lease in this context. Raise LeaseRefused if another program has it."""
+        lease = self.hub.lease
+        self.take_lease()
+        try:
+            yield
+        finally:
+            if lease is None or lease.session != self.session:
+                self.hub.give_lease(self.session)
 
     async def hold(self, reason: str) -> None:
         """Hold the board alone, as soon as no other program does."""

@@ -158,9 +158,10 @@ async def project_apply(caller: Caller, params: ProjectApply, on_progress: Progr
     board = await caller.control.board()
     project, unchecked = project_from_form(params.project)
     async with caller.control.alone("a project is being written"):
-        result = await board.apply_project(
-            project, replace=params.replace, backup=params.backup, unchecked=unchecked, on_progress=on_progress
-        )
+        with caller.control.moving():  # corrections turn servos, and half an import helps nobody
+            result = await board.apply_project(
+                project, replace=params.replace, backup=params.backup, unchecked=unchecked, on_progress=on_progress
+            )
     return _applied(result)
 
 
@@ -175,7 +176,8 @@ async def project_rollback(caller: Caller, params: ProjectRollback, on_progress:
             raise ProjectError(f"there is no backup {params.backup}; project.backups lists them")
         backup = paths[0]
     async with caller.control.alone("a backup is being restored"):
-        result = await board.rollback_project(backup, on_progress=on_progress)
+        with caller.control.moving():
+            result = await board.rollback_project(backup, on_progress=on_progress)
     return _applied(result)
 
 
