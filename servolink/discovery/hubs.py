@@ -21,6 +21,7 @@ from servolink.transports.device_info import ANY_DEVICE, DeviceInfo
 
 _SUFFIX = ".hub"
 _PRIVATE = 0o700
+_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 _TRIES, _PAUSE = 10, 0.01  # of locking a name; the search for boards locks what was left over for a moment
 
 
@@ -101,7 +102,7 @@ def _described(name: str) -> str:
 def _locked(path: Path) -> BinaryIO | None:
     """Return the file, empty and locked, None if another program has it. Raise OSError if it cannot be had at all."""
     for _ in range(_TRIES):
-        number = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
+        number = os.open(path, _FLAGS, 0o600)
         file = os.fdopen(number, "r+b", buffering=0)
         try:
             if lock(file, wait=False) and _is_at(path, file):
