@@ -13,6 +13,8 @@ from servolink.hub.session_state import SessionState
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet, Query
 
+_MOST_EQUAL = 16  # queries of one program that are answered at once: a response can have 64 KiB
+
 
 class ProgramCounters(Struct):
     """What has passed between a program and the hub."""
@@ -67,13 +69,15 @@ class Exchange(Struct, eq=False):
 class ProgramQueue:
     """The unsent requests of one program, in its order."""
 
-    __slots__ = ("blocked_by", "exchanges", "is_listed")
+    __slots__ = ("blocked_by", "exchanges", "is_listed", "is_unread")
 
     def __init__(self) -> None:
         """Start empty."""
         self.exchanges: deque[Exchange] = deque()
         self.blocked_by: Exchange | None = None
         """The request that is being sent, which the next one must not overtake; None if there is none."""
+        self.is_unread = False
+        """Its program does not read the responses that it has: it gets no more until it does."""
         self.is_listed = False
         """Whether it is in the ring of a `RoundRobin`."""
 
@@ -125,11 +129,13 @@ class RoundRobin:
         for queue in self._ring:
             if not self._may_take(queue):
                 continue
-            waiting = queue.exchanges
-            while waiting and waiting[0].packet == packet and means_same(taken, waiting[0]):
+            waiting, is_own = queue.exchanges, queue is taken.program.queue
+            room = _MOST_EQUAL - is_own
+            while room and waiting and waiting[0].packet == packet and means_same(taken, waiting[0]):
                 equal.append(waiting.popleft())
-            if queue is taken.program.queue:
-                equal += self._take_later(queue, packet)
+                room -= 1
+            if is_own:
+                equal += self._take_later(queue, packet, room)
         if equal:
             self._drop_empty()
         return equal
@@ -155,13 +161,15 @@ class RoundRobin:
         return dropped
 
     def _may_take(self, queue: ProgramQueue) -> bool:
-        return queue.blocked_by is None and (self.holder is None or queue is self.holder)
+        if queue.blocked_by is not None or queue.is_unread:
+            return False
+        return self.holder is None or queue is self.holder
 
-    def _take_later(self, queue: ProgramQueue, packet: Packet) -> list[Exchange]:
-        """Return the queries equal to `packet` that stand behind other queries of the same program."""
+    def _take_later(self, queue: ProgramQueue, packet: Packet, most: int) -> list[Exchange]:
+        """Return the first queries equal to `packet` that stand behind other queries of the same program."""
         queries = list[Exchange]()
         for exchange in queue.exchanges:
-            if not isinstance(exchange.packet, Query):
+            if not isinstance(exchange.packet, Query) or len(queries) == most:
                 break
             if exchange.packet == packet:
                 queries.append(exchange)

@@ -163,6 +163,10 @@ class Hub:
             self._keeper.stopped()
         self._upstream.ask_stop(exchange)
 
+    def ask_waiting(self) -> None:
+        """Send the requests of a program that reads again; see `Program`."""
+        self._upstream.send_waiting()
+
     async def stop(self, who: str) -> None:
         """Stop all servos for `who`, ahead of everything (see `Board.stop`)."""
         _logger.info("%s stops the board", escape(who))

@@ -40,6 +40,9 @@ class Exchanger(Protocol):
     def forget(self, program: Program) -> None:
         """Drop all unsent requests of a program that has left."""
 
+    def ask_waiting(self) -> None:
+        """Send the requests that may be sent again."""
+
 
 class Program:
     """One program that uses the board. Its responses leave strictly in the order of its requests."""
@@ -155,6 +158,16 @@ class Program:
             self.state.mode = packet.mode
         exchange.is_silent = False
         self.finish(exchange, TransmissionModeSettingResponse(self.state.mode))
+
+    def pause(self) -> None:
+        """Ask the board for nothing more, stops excepted: the program does not read the responses that it has."""
+        self.queue.is_unread = True
+
+    def resume(self) -> None:
+        """Ask again: the program reads."""
+        self.queue.is_unread = False
+        if not self.has_left:
+            self._hub.ask_waiting()
 
     # --- to the program -----------------------------------------------------------------------------------------
 

@@ -14,12 +14,11 @@ import pytest
 from servolink.client.connect import connect
 from servolink.errors import OpenError
 from servolink.hub.doors import terminal
-from servolink.hub.doors.lines import MOST_UNREAD
 from servolink.hub.doors.terminal import pty_door
 from servolink.hub.hub import Hub
 from servolink.hub.program import Program
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddActionRequest, QueryActionRequest
+from servolink.protocol.editing import AddActionRequest, QueryActionRequest, QueryActionResponse
 from servolink.protocol.records import Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, SetAngleUnitRequest
 from servolink.virtual.board import VirtualBoard
@@ -125,18 +124,43 @@ async def one_program(hub: Hub) -> list[Program]:
     return list(hub.programs.values())
 
 
-def test_a_program_that_never_reads_loses_responses_and_delays_nobody(caplog: pytest.LogCaptureFixture) -> None:
+def big_action() -> AddActionRequest:
+    return AddActionRequest(1, "", tuple(Step(1, 0, 1) for _ in range(12_000)))
+
+
+def test_for_a_program_that_does_not_read_nothing_more_is_asked() -> None:
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with pty_door(hub) as url, pty_door(hub) as other, connect(other) as board:
-            await board.request(AddActionRequest(1, "", tuple(Step(1, 0, 1) for _ in range(12_000))))
+            await board.request(big_action())
+            size = len(Codec().encode(QueryActionResponse(1, "", big_action().steps)))
             with Port(url) as port:
-                for _round in range(MOST_UNREAD // 60_000 + 4):
-                    await port.send(Codec().encode(QueryActionRequest(1)))
+                await port.send(Codec().encode(QueryActionRequest(1)) * 60)
+                await until(lambda: len(hub.programs) == 2)
+                program = list(hub.programs.values())[-1]
+                await until(lambda: program.queue.is_unread)
+                for _round in range(20):
                     assert await board.servo_ids() == (1, 2, 3)
-                await until(lambda: "responses are dropped" in caplog.text)
-                assert await port.until(1000)  # and it can go on
+                assert program.counters.responses <= 32
+                assert len(await port.until(60 * size)) == 60 * size
 
     on_hub(use)
+
+
+def test_what_has_no_room_is_dropped_in_whole_frames(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(terminal, "MOST_UNREAD", 10_000)
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with pty_door(hub) as url, pty_door(hub) as other, connect(other) as board:
+            await board.request(big_action())
+            with Port(url) as port:
+                await port.send(Codec().encode(QueryActionRequest(1)) + LIST)
+                assert await port.until(len(ANSWER)) == ANSWER
+                assert port.is_silent()
+
+    on_hub(use)
+    assert "responses are dropped, as the program does not read them" in caplog.text
 
 
 def test_a_flood_is_answered_in_order() -> None:

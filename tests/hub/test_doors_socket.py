@@ -23,7 +23,7 @@ from servolink.hub.doors import lines, socket_door
 from servolink.hub.hub import Hub
 from servolink.profiles.profile import BoardProfile, BoardSettings, SafetyLimits
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddActionRequest, QueryActionRequest
+from servolink.protocol.editing import AddActionRequest, QueryActionRequest, QueryActionResponse
 from servolink.protocol.records import Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
 from servolink.transports import share
@@ -400,20 +400,49 @@ def test_a_thousand_programs_are_served_at_the_same_time() -> None:
     on_hub(use)
 
 
-def test_a_program_that_never_reads_is_disconnected_and_delays_nobody(caplog: pytest.LogCaptureFixture) -> None:
-    async def use(hub: Hub, virtual: VirtualBoard) -> None:
+def big_action() -> AddActionRequest:
+    return AddActionRequest(1, "", tuple(Step(1, 0, 1) for _ in range(12_000)))
+
+
+def test_a_program_that_never_reads_is_disconnected_and_delays_nobody(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lines, "LONGEST_PAUSE", 0.2)
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
         async with sharing(hub) as url, connect(url) as board:
-            await board.request(AddActionRequest(1, "", tuple(Step(1, 0, 1) for _ in range(10_000))))
+            await board.request(big_action())
             with RawLine(raw_socket()) as line:
-                await line.greet()
+                session = (await line.greet())["session"]
+                program = hub.programs[session]
                 with suppress(ConnectionError):
-                    while True:
-                        await line.send(Codec().encode(QueryActionRequest(1)))
-                        assert await board.servo_ids() == (1, 2, 3)
-            assert len(hub.programs) == 1
+                    await line.send(Codec().encode(QueryActionRequest(1)) * 10_000)
+                while session in hub.programs:
+                    assert await board.servo_ids() == (1, 2, 3)
+                assert program.counters.responses < 40
 
     on_hub(use)
     assert "a test was disconnected: it does not read what it asked for" in caplog.text
+
+
+@pytest.mark.parametrize("depth", [1, 64])
+def test_a_program_that_reads_late_gets_all_it_asked_for(depth: int) -> None:
+    """More than waits for it at any time."""
+    size = len(Codec().encode(QueryActionResponse(1, "", big_action().steps)))
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub) as url, connect(url) as board:
+            await board.request(big_action())
+            with RawLine(raw_socket()) as line:
+                session = (await line.greet())["session"]
+                sending = asyncio.ensure_future(line.send(Codec().encode(QueryActionRequest(1)) * 200))
+                await until(lambda: hub.programs[session].queue.is_unread)
+                for _round in range(20):
+                    assert await board.servo_ids() == (1, 2, 3)
+                assert len(await line.until(200 * size)) == 200 * size
+                await sending
+
+    on_hub(use, depth=depth)
 
 
 def test_garbage_is_counted_and_the_next_frame_is_answered() -> None:
@@ -461,7 +490,3 @@ def test_without_unix_sockets_a_token_opens_the_door(folder: Path, monkeypatch: 
             await connect("share://rex")
 
     on_hub(use)
-
-
-def test_buffers_are_bounded() -> None:
-    assert lines.MOST_UNREAD == 256 * 1024

@@ -12,12 +12,17 @@ from servolink.escaping import escape
 from servolink.hub.program import Program
 from servolink.listeners import accepting
 
-MOST_UNREAD = 256 * 1024
-"""Bytes that may wait for a program to read them; with more it is disconnected."""
+HIGH, LOW = 128 * 1024, 32 * 1024
+"""Bytes that a program has not read, at which nothing more is asked for it, and at which it is again."""
+MOST_UNREAD = 8 * 1024 * 1024
+"""Bytes at which it is disconnected at once; a serial port drops what follows. What is under way brings less."""
+LONGEST_PAUSE = 10.0
+"""Seconds in which it reads nothing, after which it is disconnected."""
 
 _CHUNK = 4096  # bytes that are read at once: hundreds of requests, of which the session takes no more for a while
 _SEND_BUFFER = 64 * 1024  # in the system, which by itself would give MiB to each program that does not read
 _LINGER = 0.5  # seconds for programs to read what they were sent before the hub ended
+_NOT_READ = "it does not read what it asked for"
 _logger = logging.getLogger(__name__)
 
 
@@ -33,6 +38,8 @@ class Line(asyncio.BufferedProtocol):
         self._frames: list[bytes] = []
         self._pipe: asyncio.Transport | None = None
         self._program: Program | None = None
+        self._written = 0
+        self._timer: asyncio.TimerHandle | None = None  # while the program does not read
 
     def end(self) -> None:
         """Close the connection; what was sent may still be read for a moment."""
@@ -93,8 +100,25 @@ class Line(asyncio.BufferedProtocol):
         if self._pipe is None or self._pipe.is_closing():
             return
         self._pipe.write(data)
+        self._written += len(data)
         if self._pipe.get_write_buffer_size() > MOST_UNREAD:
-            self.abort("it does not read what it asked for")
+            self.abort(_NOT_READ)
+
+    def _read_so_far(self) -> int:
+        """Return how many bytes the system has taken for the program."""
+        return self._written - (0 if self._pipe is None else self._pipe.get_write_buffer_size())
+
+    def _look(self, read_before: int) -> None:
+        """Disconnect a program that has read nothing since the last look."""
+        if self._read_so_far() == read_before:
+            self.abort(_NOT_READ)
+        else:
+            self._timer = self._loop.call_later(LONGEST_PAUSE, self._look, self._read_so_far())
+
+    def _stop_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
     # --- called by asyncio --------------------------------------------------------------------------------------
 
@@ -102,6 +126,7 @@ class Line(asyncio.BufferedProtocol):
         """Begin."""
         assert isinstance(transport, asyncio.Transport)  # noqa: S101 - narrows the type
         self._pipe = transport
+        transport.set_write_buffer_limits(HIGH, LOW)
 
     def get_buffer(self, sizehint: int) -> bytearray:
         """Return where to put the next bytes."""
@@ -111,8 +136,21 @@ class Line(asyncio.BufferedProtocol):
         """Take the next bytes."""
         self._receive(bytes(self._buffer[:nbytes]))
 
+    def pause_writing(self) -> None:
+        """Ask for nothing more until the program reads what it has."""
+        if self._program is not None:
+            self._program.pause()
+            self._timer = self._loop.call_later(LONGEST_PAUSE, self._look, self._read_so_far())
+
+    def resume_writing(self) -> None:
+        """Ask again."""
+        if self._program is not None:
+            self._stop_timer()
+            self._program.resume()
+
     def connection_lost(self, exc: Exception | None) -> None:
         """End the session."""
+        self._stop_timer()
         self.gone.set()
         if self._program is not None:
             self._program.leave()

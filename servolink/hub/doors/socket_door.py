@@ -202,11 +202,13 @@ class SocketLine(Line):
 
     def pause_writing(self) -> None:
         """Say that the program does not read."""
+        super().pause_writing()
         if self._channel is not None:
             self._channel.pause()
 
     def resume_writing(self) -> None:
         """Say that it reads again."""
+        super().resume_writing()
         if self._channel is not None:
             self._channel.resume()
 

@@ -17,7 +17,7 @@ from urllib.parse import quote
 
 from servolink.errors import OpenError, TransportUnavailable
 from servolink.files import reason
-from servolink.hub.doors.lines import MOST_UNREAD
+from servolink.hub.doors.lines import HIGH, LOW, MOST_UNREAD
 from servolink.hub.hub import Hub
 from servolink.hub.program import Program
 from servolink.listeners import RareWarning
@@ -147,6 +147,8 @@ class Terminal:
         if not self._unread:
             self._loop.call_soon(self._flush)
         self._unread += frames
+        if len(self._unread) > HIGH and self._program is not None:
+            self._program.pause()
 
     def _flush(self) -> None:
         if self._program is None:
@@ -157,6 +159,8 @@ class Terminal:
             pass
         except OSError:  # closed; the next reading finds out
             self._unread.clear()
+        if self._program.queue.is_unread and len(self._unread) < LOW:
+            self._program.resume()
         if self._unread:
             self._loop.add_writer(self._ours, self._flush)
         else:
