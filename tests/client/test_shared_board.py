@@ -171,6 +171,24 @@ def test_the_end_of_the_hub_ends_the_connection() -> None:
     on_hub(main)
 
 
+def test_a_program_finds_a_hub_that_was_started_again() -> None:
+    async def main(hub: Hub, virtual: object) -> None:
+        async with controlled(hub):
+            board = await connect("share://rex", reconnect=True)
+            states = board.states()
+            await board.move({1: 60}, duration=0.05, wait=True)
+            first = board.connection.hub
+            assert await anext(states) == "connected"
+        assert await anext(states) == "lost"
+        async with controlled(hub):
+            assert await anext(states) == "connected"
+            assert board.connection.hub is not first
+            await board.move({1: 0}, duration=0.05, wait=True)
+            await board.close()
+
+    on_hub(main)
+
+
 def test_the_channel_alone_ends_the_connection_too() -> None:
     async def main(hub: Hub) -> None:
         async with connect("share://rex") as board:
