@@ -29,9 +29,10 @@ EXAMPLE = _FOLDER / "examples/control-interface/watch.mjs"
 _INTRODUCTION = """\
 # Control interface
 
-Programs in any language use a shared board through JSON-RPC 2.0: to see who is connected, to move within the limits
-of the board, to watch servos and buttons, and to change what is stored. This page is made from the declarations in
-`servolink/hub/control/`, as is the [JSON Schema](control-interface.schema.json) of all messages.
+Programs in any language use [a shared board](../how-to/share-a-board.md) through JSON-RPC 2.0: to see who is connected,
+to move within the limits of the board, to watch servos and buttons, and to change what is stored. This page is made
+from the declarations in `servolink/hub/control/`, as is the [JSON Schema](control-interface.schema.json) of all
+messages; [The hub](../design/hub.md#the-control-interface) says why it is built so.
 
 ## Connecting
 

@@ -59,7 +59,7 @@ class ResponseDispatcher:
         self.opening: Opening | None = None
         """The opening that is under way: it gets all responses."""
         self.is_patient = False
-        """Whether silence is no reason to end: a hub goes on without its board, and says so if it ends itself."""
+        """Whether silence ends nothing: a hub goes on without its board, and says so if it ends itself."""
         self.held = ""
         """Why nothing is late now: another program has the board alone. Empty if none has."""
         self.times = ResponseTimes()
