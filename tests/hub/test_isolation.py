@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
+from servolink.client import connect as connecting
 from servolink.client.connect import connect
 from servolink.hub.hub import Hub, share
 from servolink.hub.units import BoardUnits
@@ -41,6 +42,7 @@ from servolink.virtual.board import VirtualBoard
 from servolink.virtual.servo import to_adc
 from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, now, opened
+from tests.client.sockets import Socket
 from tests.hub.raw_program import RawProgram
 from tests.project.pulled import contents_of
 from tests.virtual_time import VirtualTimeLoop, run
@@ -316,6 +318,31 @@ def test_the_check_notices_a_hub_that_mixes_units(mutation: str, monkeypatch: py
     machine.read(0, ALL_SERVOS)
     with pytest.raises(AssertionError):
         machine.teardown()
+
+
+def test_units_are_set_again_on_a_board_that_was_switched_off_and_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        virtual = VirtualBoard(len(SERVOS))
+        for servo in virtual.servos.values():
+            servo.angle = float(HIGH)
+        socket = Socket(virtual)
+        monkeypatch.setattr(connecting, "create", socket.transport)
+        async with connect("virtual://", reconnect=True, angle_unit=None) as board, share(board, name="rex") as hub:
+            programs = [Angler(hub, "ann", "degree"), Angler(hub, "bob", "adc"), Angler(hub, "cid", "degree")]
+            await programs[2].set_unit(2, "adc")
+            for _ in range(3):
+                for program in programs:
+                    await program.read(ALL_SERVOS)
+                socket.pull()
+                virtual.power_cycle(now())
+                await asyncio.sleep(1)
+                socket.plug(virtual)
+                await asyncio.sleep(10)
+            for program in programs:
+                assert program.answered == 3
+                await program.until_done()
+
+    run(main())
 
 
 kinds = st.sampled_from(["query", "state", "write", "motion", "unit", "data"])
