@@ -72,6 +72,12 @@ COMMANDS = {
         "find out why a board does not work, and learn what it does",
         ("doctor", "doctor virtual://"),
     ),
+    "studio": Command(
+        FIRST_STEPS,
+        "studio:configure",
+        "see and move the robot in the browser",
+        ("studio", "studio --demo", "studio --no-browser --port 8765"),
+    ),
     "move": Command(
         MOVE,
         "motion:configure_move",

@@ -31,7 +31,7 @@ ALL: dict[str, Command] = {
 }
 """Commands as they are typed."""
 
-UNTIL_CTRL_C = {"virtual", "share", "teach", "remote"}
+UNTIL_CTRL_C = {"virtual", "share", "studio", "teach", "remote"}
 SLOW = {"demo"}
 EXAMPLES = {example: name for name, command in ALL.items() for example in command.examples}
 

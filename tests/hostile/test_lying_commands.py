@@ -61,6 +61,7 @@ EXEMPT = {
     "completion": "opens nothing",
     "virtual": "is a board",
     "share": "goes on until somebody ends it",
+    "studio": "goes on until somebody ends it",
     "remote": "is refused without a terminal",
     "teach": "goes on until somebody ends it, and then until the servos are held",
 }

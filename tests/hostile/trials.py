@@ -171,6 +171,13 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("decode {name}"),
     ),
     "encode": (Trial("encode {name}"), Trial("encode {{}} {name}")),
+    "studio": (
+        Trial("--url serial:///dev/{place} studio --no-browser"),
+        Trial("--url serial:///dev/{text} studio --no-browser"),
+        Trial("studio --host 0.0.0.0 --no-browser"),
+        Trial("studio --demo --no-browser --port {text}"),
+        Trial("--url share://{text} studio --no-browser"),
+    ),
     "share": (
         Trial("--url serial:///dev/{place} share"),
         Trial("--url serial:///dev/{text} share --tcp 127.0.0.1:0"),

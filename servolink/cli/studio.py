@@ -1,0 +1,90 @@
+"""`servolink studio`: the page on this machine."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from contextlib import AsyncExitStack
+
+from servolink.cli.main import OK, usage_error
+from servolink.cli.output import print_error, print_json, print_text
+from servolink.cli.session import Interruption, run_interruptible
+from servolink.errors import TransportUnavailable
+
+_MOST_PORT = 65535
+_LOOPBACK = "127.0.0.1"
+_NOT_ENCRYPTED = (
+    "the studio is not encrypted: everybody in this network who reads along can do what these addresses allow; "
+    "docs/how-to/studio-in-a-network.md shows a TLS proxy"
+)
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink studio`."""
+    parser.set_defaults(run=run)
+    parser.add_argument("--demo", action="store_true", help="use a new virtual board, whatever is plugged in")
+    parser.add_argument("--port", type=_port, default=0, metavar="N", help="port of the page; 0 takes a free one (0)")
+    parser.add_argument("--no-browser", action="store_true", help="only print the address")
+    group = parser.add_argument_group("for tablets and other machines")
+    group.add_argument("--host", default=_LOOPBACK, metavar="ADDRESS", help="where to listen (127.0.0.1)")
+    group.add_argument(
+        "--allow-host",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="a name or address under which other machines reach this one; may be repeated",
+    )
+
+
+def _port(text: str) -> int:
+    if not text.isascii() or not text.isdecimal() or int(text) > _MOST_PORT:
+        raise argparse.ArgumentTypeError(f"must be a port from 0 to {_MOST_PORT}, not {text!r}")
+    return int(text)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve the studio until Ctrl-C or SIGTERM."""
+    if args.demo and args.url:
+        usage_error(args, "--demo uses a board of its own; leave out --board")
+
+    async def main(interruption: Interruption) -> int:
+        return await _serve(args, interruption)
+
+    try:
+        return run_interruptible(main, "nothing was sent to the board")
+    except ValueError as error:
+        usage_error(args, str(error))
+
+
+async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
+    """Serve until the task is cancelled."""
+    try:
+        from servolink.studio.server import serve_studio
+    except ModuleNotFoundError as error:
+        raise TransportUnavailable("servolink studio needs aiohttp: pip install 'servolink[studio]'") from error
+    from servolink.studio.start import VIRTUAL, check_place, opened_in_browser, studio_for
+
+    check_place(args.host, tuple(args.allow_host))
+    options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
+    async with AsyncExitStack() as stack:
+        studio = await stack.enter_async_context(studio_for(VIRTUAL if args.demo else args.url, **options))
+        gate, port = await stack.enter_async_context(serve_studio(studio, args.host, args.port, args.allow_host))
+        interruption.state, interruption.code = "the board was left as it is", OK
+        address = f"http://{_LOOPBACK}:{port}/#token={gate.new_token('edit')}"
+        _print("studio", address, as_json=args.json)
+        if args.allow_host:
+            print_error(f"servolink: {_NOT_ENCRYPTED}")
+        for host in args.allow_host:
+            _print("drive", f"http://{host}:{port}/#token={gate.new_token('edit')}", as_json=args.json)
+            _print("watch", f"http://{host}:{port}/#token={gate.new_token('watch')}", as_json=args.json)
+        if not args.no_browser:
+            stack.enter_context(opened_in_browser(address))
+        await asyncio.Event().wait()
+    return OK
+
+
+def _print(name: str, address: str, *, as_json: bool) -> None:
+    if as_json:
+        print_json({name: address})
+    else:
+        print_text(f"{name} {address}")

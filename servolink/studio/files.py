@@ -1,0 +1,49 @@
+"""The files of the page, read once: nothing else in the package can be asked for."""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+
+from msgspec import Struct
+
+_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".json": "application/json",
+    ".woff2": "font/woff2",
+    ".svg": "image/svg+xml",
+    ".txt": "text/plain; charset=utf-8",
+}
+"""By the end of a name. Files of other kinds, such as those for the type checker, are not served."""
+_NOT_SERVED = {"tsconfig.json", "vendor.json"}
+
+
+class PageFile(Struct, frozen=True):
+    """One file."""
+
+    content: bytes
+    content_type: str
+    tag: str
+    """Changes with the content."""
+
+
+def page_files() -> dict[str, PageFile]:
+    """Return the files of the page by path, such as `/figure/stage.js`; `/` is the page."""
+    found = dict(_files(files("servolink.studio") / "web", ""))
+    found["/"] = found["/index.html"]
+    return found
+
+
+def _files(folder: Traversable, path: str) -> list[tuple[str, PageFile]]:
+    found: list[tuple[str, PageFile]] = []
+    for entry in folder.iterdir():
+        name, end = f"{path}/{entry.name}", entry.name[entry.name.rfind(".") :]
+        if entry.is_dir():
+            found += _files(entry, name)
+        elif end in _TYPES and entry.name not in _NOT_SERVED:
+            content = entry.read_bytes()
+            found.append((name, PageFile(content, _TYPES[end], sha256(content).hexdigest()[:16])))
+    return found

@@ -1,0 +1,67 @@
+"""Gate: which pages of which browsers may talk to the studio.
+
+A browser sends requests for any site that it shows. What tells our page from others is the name under which it was
+loaded (`Host`), the page that asks (`Origin`), and a secret that no other page can know (the token). All three are
+needed: an attacker's name can resolve to this machine, another program here can serve pages too, and cookies are sent
+to every port.
+"""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+from collections.abc import Iterable
+from typing import TypeAlias
+
+from servolink.transports.share import RoleName
+
+LOOPBACK = ("127.0.0.1", "localhost")
+_TOKEN_BYTES = 24
+
+Token: TypeAlias = str
+
+
+class Gate:
+    """Knows the names under which the studio is reached, and the tokens that open it."""
+
+    def __init__(self, port: int, hosts: Iterable[str] = ()) -> None:
+        """Let pages in that were loaded from this machine at `port`, or as one of `hosts`, such as `robot.local`.
+
+        A host may be behind a proxy that encrypts: then neither its name nor its origin has the port.
+        """
+        self._hosts = {f"{host}:{port}" for host in LOOPBACK}
+        self._origins = {f"http://{host}" for host in self._hosts}
+        for host in hosts:
+            self._hosts |= {host, f"{host}:{port}"}
+            self._origins |= {f"http://{host}:{port}", f"https://{host}", f"https://{host}:{port}"}
+        self._tokens: dict[Token, RoleName] = {}
+
+    def is_ours(self, host: str | None) -> bool:
+        """Return whether a request was sent to a name of the studio."""
+        return host is not None and host.lower() in self._hosts
+
+    def is_our_page(self, origin: str | None) -> bool:
+        """Return whether a request comes from a page of the studio. Programs that are no browsers send no origin."""
+        return origin is not None and origin.lower() in self._origins
+
+    def new_token(self, role: RoleName) -> Token:
+        """Return a new secret that opens the studio for this role."""
+        token = secrets.token_urlsafe(_TOKEN_BYTES)
+        self._tokens[token] = role
+        return token
+
+    def revoke(self, role: RoleName) -> None:
+        """Close the studio for all tokens of this role."""
+        self._tokens = {token: each for token, each in self._tokens.items() if each != role}
+
+    def role_of(self, token: str) -> RoleName | None:
+        """Return the role that a token opens the studio for, None if it opens nothing.
+
+        Takes as long whether or not it is known, or nearly so.
+        """
+        found: RoleName | None = None
+        given = token.encode("utf-8", "surrogatepass")
+        for known, role in self._tokens.items():
+            if hmac.compare_digest(known.encode(), given):
+                found = role
+        return found

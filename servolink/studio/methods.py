@@ -1,0 +1,62 @@
+"""The methods that the studio adds to the control interface of the hub, and the studio that they work on."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from typing import NamedTuple
+
+import msgspec
+from msgspec import Struct
+
+from servolink.hub.control.messages import NoParams
+from servolink.hub.control.rpc import Methods
+from servolink.hub.roles import Role
+from servolink.transports.share import RoleName, Welcome
+
+
+class Studio(Struct):
+    """What all pages have in common."""
+
+    hub: str
+    """The name under which the board is shared."""
+    is_virtual: bool
+    """Whether nothing real moves."""
+
+    def welcome(self, welcome: Welcome) -> Welcomed:
+        """Return what a page is told first, when the hub has let it in."""
+        return Welcomed(
+            welcome.session, welcome.role, welcome.name, welcome.url, self.is_virtual, msgspec.Raw(welcome.profile)
+        )
+
+
+class Welcomed(Struct, frozen=True):
+    """The first message to a page."""
+
+    session: str
+    """Its session with the hub, by which it finds itself in the status."""
+    role: RoleName
+    name: str
+    url: str
+    is_virtual: bool
+    profile: msgspec.Raw
+
+
+class About(Struct, frozen=True):
+    """The studio."""
+
+    version: str
+
+
+class Caller(NamedTuple):
+    """The page that calls a method."""
+
+    studio: Studio
+
+
+METHODS: Methods[Caller] = Methods()
+
+
+@METHODS.add("studio.about", Role.WATCH)
+def about(caller: Caller, params: NoParams) -> About:
+    """Return the version of servolink."""
+    return About(version("servolink"))

@@ -1,0 +1,140 @@
+"""One open page: it shows its token, then it speaks the control interface of the hub, and methods of the studio."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from typing import Annotated
+
+import msgspec
+from aiohttp import WSMsgType, web
+from msgspec import Meta, Struct
+
+from servolink.errors import OpenError
+from servolink.hub.control.rpc import MOST_BYTES, Peer
+from servolink.studio.gate import Gate
+from servolink.studio.methods import METHODS, Caller, Studio
+from servolink.transports.share import ROLES, Greeting, RoleName, Welcome, greet
+
+MOST_MESSAGE = MOST_BYTES
+_TOKEN_LIMIT = 5.0  # seconds for the first message
+_MOST_LINE = 8 * MOST_BYTES  # of the hub
+_BAD_TOKEN, _NO_BOARD = 4401, 4404  # codes with which the socket is closed
+_OWN = "studio."
+
+
+class Hello(Struct, forbid_unknown_fields=True):
+    """The first message of a page."""
+
+    token: Annotated[str, Meta(max_length=200)]
+    who: Annotated[str, Meta(max_length=60)] = ""
+    """What people call this page, such as `Tablet 2`."""
+
+
+class _Named(Struct):
+    """The part of a message by which it is passed on."""
+
+    method: str = ""
+
+
+async def serve_page(studio: Studio, gate: Gate, messages: web.WebSocketResponse) -> None:
+    """Talk with a page until it is closed, or the hub ends."""
+    hello = await _hello(messages)
+    role = None if hello is None else gate.role_of(hello.token)
+    if hello is None or role is None:
+        await messages.close(code=_BAD_TOKEN, message=b"open the address that the studio prints")
+        return
+    try:
+        async with _connected(studio, hello.who, role) as (welcome, reader, writer):
+            await messages.send_str(msgspec.json.encode(studio.welcome(welcome)).decode())
+            await _Page(studio, role, messages, reader, writer).talk()
+    except OpenError as error:
+        await messages.close(code=_NO_BOARD, message=str(error).encode()[:120])
+
+
+async def _hello(messages: web.WebSocketResponse) -> Hello | None:
+    with suppress(TimeoutError, msgspec.MsgspecError, TypeError):
+        return msgspec.json.decode(await messages.receive_str(timeout=_TOKEN_LIMIT), type=Hello)
+    return None
+
+
+@asynccontextmanager
+async def _connected(
+    studio: Studio, who: str, role: RoleName
+) -> AsyncIterator[tuple[Welcome, asyncio.StreamReader, asyncio.StreamWriter]]:
+    """Connect to the control interface of the hub for one page. Raise OpenError if there is no hub."""
+    reader = asyncio.StreamReader(limit=_MOST_LINE)
+    protocol = asyncio.StreamReaderProtocol(reader)
+    greeting = Greeting(wants="rpc", who=f"studio: {who or 'a page'}", role=role)
+    pipe, welcome = await greet(studio.hub, greeting, protocol)
+    protocol.connection_made(pipe)
+    writer = asyncio.StreamWriter(pipe, protocol, reader, asyncio.get_running_loop())
+    pipe.resume_reading()
+    try:
+        yield welcome, reader, writer
+    finally:
+        pipe.abort()  # so that the hub ends the page's lease at once
+
+
+class _Page:
+    """Carries messages between a page and the hub."""
+
+    def __init__(
+        self,
+        studio: Studio,
+        role: RoleName,
+        messages: web.WebSocketResponse,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+    ) -> None:
+        self._messages = messages
+        self._reader = reader
+        self._writer = writer
+        self._responses: asyncio.Queue[bytes] = asyncio.Queue()
+        self._own = Peer(METHODS, Caller(studio), self._responses.put_nowait, self._abort, role=ROLES.index(role))
+
+    async def talk(self) -> None:
+        """Carry messages until one side ends."""
+        tasks = [asyncio.ensure_future(each) for each in (self._from_page(), self._from_hub(), self._from_studio())]
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.wait(tasks)
+            await self._own.close()
+        await self._messages.close()
+
+    async def _from_page(self) -> None:
+        async for message in self._messages:
+            if message.type is not WSMsgType.TEXT:
+                return
+            text: str = message.data
+            if _method(text).startswith(_OWN):
+                self._own.receive(text)
+            else:
+                # One line for each message; a line break in JSON is only between its parts.
+                self._writer.write(text.replace("\n", " ").replace("\r", " ").encode("utf-8", "surrogatepass") + b"\n")
+                await self._writer.drain()
+
+    async def _from_hub(self) -> None:
+        with suppress(ConnectionError, ValueError):  # ValueError: a line that is too long
+            while line := await self._reader.readline():
+                await self._messages.send_str(line.decode())
+
+    async def _from_studio(self) -> None:
+        with suppress(ConnectionError):
+            while True:
+                await self._messages.send_str((await self._responses.get()).decode())
+
+    def _abort(self, _reason: str) -> None:
+        self._writer.transport.abort()
+
+
+def _method(text: str) -> str:
+    """Return the method that a message calls, empty if that cannot be told: the hub says what is wrong with it."""
+    try:
+        return msgspec.json.decode(text, type=_Named).method
+    except (msgspec.MsgspecError, RecursionError):
+        return ""

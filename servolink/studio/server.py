@@ -1,0 +1,100 @@
+"""The studio's server: the files of the page, and a WebSocket for each page that is open."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from contextlib import asynccontextmanager
+
+from aiohttp import web
+
+from servolink.listeners import listening_sockets
+from servolink.studio.files import PageFile, page_files
+from servolink.studio.gate import Gate
+from servolink.studio.methods import Studio
+from servolink.studio.page import MOST_MESSAGE, serve_page
+
+HEADERS = {
+    # Nothing from elsewhere, nothing inline, and no page may show this one in a frame.
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; font-src 'self'; "
+        "connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "Cache-Control": "no-cache",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+_WRONG_HOST = 421
+_Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+@asynccontextmanager
+async def serve_studio(
+    studio: Studio, host: str, port: int, allowed_hosts: Iterable[str] = ()
+) -> AsyncIterator[tuple[Gate, int]]:
+    """Serve `studio` at `host` and `port`, 0 for any free one; yield the gate and the port in use.
+
+    Pages reach it under the names of this machine and as `allowed_hosts`. Raise OpenError if the place cannot be had.
+    """
+    listening = await listening_sockets(host, port)
+    used: int = listening[0].getsockname()[1]
+    gate = Gate(used, allowed_hosts)
+    runner = web.AppRunner(application(studio, gate), access_log=None, handle_signals=False, shutdown_timeout=1.0)
+    try:
+        await runner.setup()
+        for each in listening:
+            await web.SockSite(runner, each).start()
+        yield gate, used
+    finally:
+        await runner.cleanup()
+        for each in listening:
+            each.close()
+
+
+def application(studio: Studio, gate: Gate) -> web.Application:
+    """Return the application that serves the page and its WebSocket."""
+    app = web.Application(middlewares=[_checked(gate)])
+    files = page_files()
+
+    async def talk(request: web.Request) -> web.StreamResponse:
+        if not gate.is_our_page(request.headers.get("Origin")):
+            raise web.HTTPForbidden(text="this is not a page of the studio\n")
+        messages = web.WebSocketResponse(max_msg_size=MOST_MESSAGE, compress=False, heartbeat=15)
+        await messages.prepare(request)
+        await serve_page(studio, gate, messages)
+        return messages
+
+    app.router.add_get("/ws", talk)
+    for path, file in files.items():
+        app.router.add_get(path, _sending(file))
+    return app
+
+
+def _sending(file: PageFile) -> _Handler:
+    async def send(request: web.Request) -> web.StreamResponse:
+        tag = f'"{file.tag}"'
+        if request.headers.get("If-None-Match") == tag:
+            return web.Response(status=304, headers={"ETag": tag})
+        return web.Response(body=file.content, headers={"Content-Type": file.content_type, "ETag": tag})
+
+    return send
+
+
+def _checked(gate: Gate) -> Callable[..., Awaitable[web.StreamResponse]]:
+    @web.middleware
+    async def check(request: web.Request, handler: _Handler) -> web.StreamResponse:
+        if not gate.is_ours(request.headers.get("Host")):
+            return web.Response(status=_WRONG_HOST, text="the studio is not reached under this name\n", headers=HEADERS)
+        try:
+            response = await handler(request)
+        except web.HTTPException as error:
+            error.headers.update(HEADERS)
+            raise
+        if not response.prepared:
+            response.headers.update(HEADERS)
+        return response
+
+    return check

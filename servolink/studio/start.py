@@ -1,0 +1,114 @@
+"""From a board to an open page: finds the hub of the board, or shares the board here, and serves the studio."""
+
+from __future__ import annotations
+
+import asyncio
+import html
+import os
+import webbrowser
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from servolink.discovery import announcements, hubs
+from servolink.discovery.names import resolve_board
+from servolink.discovery.search import boards, search
+from servolink.errors import OpenError
+from servolink.files import user_folder
+from servolink.hub.serving import serve_board
+from servolink.studio.methods import Studio
+from servolink.transports.share import Greeting, greet
+
+VIRTUAL = "virtual://?servos=16"
+_SHARED = "share://"
+
+
+@asynccontextmanager
+async def studio_for(board: str | None, **options: Any) -> AsyncIterator[Studio]:
+    """Yield the studio of `board`: an address, a name, or None for the only one here, else for a virtual one.
+
+    A hub that shares the board is used. Otherwise the board is shared from here, with the `options` of `connect`, so
+    that other programs can use it meanwhile.
+    """
+    address = await _address(board)
+    if address.startswith(_SHARED):
+        name = address.removeprefix(_SHARED).partition("?")[0]
+        await _check_hub(name)
+        yield Studio(name, await asyncio.to_thread(_shares_virtual, name))
+        return
+    async with AsyncExitStack() as stack:
+        hub, _ = await stack.enter_async_context(serve_board(address, name=_name_of(address, board), **options))
+        yield Studio(hub.name, await asyncio.to_thread(_is_virtual, address))
+
+
+async def _check_hub(name: str) -> None:
+    """Raise OpenError, which says what to do, if no hub of this name is running."""
+    greeting = Greeting(wants="rpc", who="studio: looking for the hub", role="watch")
+    pipe, _ = await greet(name, greeting, asyncio.Protocol())
+    pipe.abort()
+
+
+async def _address(board: str | None) -> str:
+    if board is not None:
+        return (await resolve_board(board)).url
+    if not boards(await asyncio.to_thread(search)):
+        return VIRTUAL
+    return (await resolve_board(None)).url
+
+
+def _name_of(address: str, board: str | None) -> str | None:
+    """Return a name for the hub; None for the one that the board has."""
+    if address == VIRTUAL or (board is not None and board.startswith("virtual:")):
+        taken = {hub.url for hub in hubs.candidates()}
+        return "virtual" if f"{_SHARED}virtual" not in taken else f"virtual-{os.getpid()}"
+    return None
+
+
+def _shares_virtual(name: str) -> bool:
+    return any(hub.url == f"{_SHARED}{name}" and _is_virtual(hub.shares) for hub in hubs.candidates())
+
+
+def _is_virtual(address: str) -> bool:
+    """Return whether a board is made of software, as far as this machine knows."""
+    return address.startswith("virtual:") or any(one.url == address for one in announcements.candidates())
+
+
+@contextmanager
+def opened_in_browser(url: str) -> Iterator[None]:
+    """Open `url` in the user's browser.
+
+    Not as an argument of the browser, which every user of this machine could read, but through a private file that
+    leads there.
+    """
+    with _private_page(url) as path:
+        if path is not None:
+            webbrowser.open(path.as_uri())
+        yield
+
+
+@contextmanager
+def _private_page(url: str) -> Iterator[Path | None]:
+    path: Path | None = None
+    try:
+        path = user_folder("runtime") / f"studio-{os.getpid()}.html"
+        number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(number, "w") as file:
+            file.write(f'<!doctype html><meta http-equiv="refresh" content="0;url={html.escape(url)}">\n')
+    except OSError:
+        path = None  # the address was printed, and can be opened by hand
+    try:
+        yield path
+    finally:
+        if path is not None:
+            with suppress(OSError):
+                path.unlink()
+
+
+def check_place(host: str, allowed_hosts: tuple[str, ...]) -> None:
+    """Raise OpenError if the studio would listen in a network without a name under which pages may reach it."""
+    if host not in {"127.0.0.1", "localhost", "::1"} and not allowed_hosts:
+        raise OpenError(
+            f"--host {host} opens the studio to the network: say under which names it is reached, as in "
+            "--allow-host robot.local, or leave --host out"
+        )

@@ -1,0 +1,38 @@
+// Starts the page: takes the token from the address, connects, and draws.
+
+import { html, render } from "./html.js";
+import { Link } from "./link/link.js";
+import { drawFigures } from "./parts/stage.js";
+import { App } from "./shell/app.js";
+import { sayLease } from "./shell/control.js";
+import { listenToKeys } from "./shell/keys.js";
+import { followAddress } from "./shell/rail.js";
+import { loadTemplates } from "./state/figure.js";
+import { Motion } from "./state/motion.js";
+import { follow } from "./state/robot.js";
+import { who } from "./state/settings.js";
+
+const KEY = "servolink.token";
+
+/** Return the token, which stays out of the address so that it is not copied with it. */
+function takeToken() {
+  const given = new URLSearchParams(location.hash.slice(1)).get("token");
+  if (given) {
+    sessionStorage.setItem(KEY, given);
+    window.history.replaceState(null, "", `${location.pathname}#live`);
+  }
+  return given ?? sessionStorage.getItem(KEY) ?? "";
+}
+
+const token = takeToken();
+const scheme = location.protocol === "https:" ? "wss" : "ws";
+const link = new Link(`${scheme}://${location.host}/ws`, token, who.value);
+const motion = new Motion(link);
+
+followAddress();
+follow(link, (notice, wasMine) => sayLease(notice, wasMine, motion));
+listenToKeys({ link, motion });
+await loadTemplates();
+render(html`<${App} link=${link} motion=${motion} />`, /** @type {Element} */ (document.getElementById("app")));
+drawFigures();
+link.open();

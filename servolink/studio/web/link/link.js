@@ -1,0 +1,123 @@
+// The connection to the studio: JSON-RPC 2.0 over a WebSocket that is opened again whenever it is lost.
+
+/** @typedef {"connecting" | "open" | "refused" | "lost"} LinkState */
+/** @typedef {{ code: number, message: string, data?: { kind?: string, remedy?: string } }} ErrorObject */
+/** @typedef {{ session: string, role: "watch" | "run" | "move" | "edit", name: string, url: string, is_virtual: boolean, profile: any }} Welcome */
+
+const FIRST_PAUSE = 250, LONGEST_PAUSE = 4000; // milliseconds
+const BAD_TOKEN = 4401;
+
+/** A request was answered with an error. */
+export class RequestError extends Error {
+  /** @param {ErrorObject} error */
+  constructor(error) {
+    super(error.message);
+    this.code = error.code;
+    this.kind = error.data?.kind ?? "";
+    this.remedy = error.data?.remedy ?? "";
+  }
+}
+
+/** The connection was lost before a response came: what was asked for may have happened or not. */
+export class LinkLost extends Error {}
+
+/** A connection that lasts as long as the page. */
+export class Link {
+  /**
+   * @param {string} url
+   * @param {string} token
+   * @param {string} who
+   */
+  constructor(url, token, who) {
+    this._url = url;
+    this._hello = JSON.stringify({ token, who });
+    /** @type {WebSocket | null} */
+    this._socket = null;
+    /** @type {Map<number, { resolve: (result: any) => void, reject: (error: Error) => void }>} */
+    this._waiting = new Map();
+    /** @type {Map<string, (params: any) => void>} */
+    this._listeners = new Map();
+    this._lastId = 0;
+    this._pause = FIRST_PAUSE;
+    /** @type {(state: LinkState, reason: string) => void} */
+    this.onState = () => {};
+    /** Called with the first message, each time that the connection is open. @type {(welcome: Welcome) => void} */
+    this.onWelcome = () => {};
+  }
+
+  /** Connect, and connect again after each loss. */
+  open() {
+    this.onState("connecting", "");
+    const socket = (this._socket = new WebSocket(this._url));
+    let isWelcome = false;
+    socket.onopen = () => socket.send(this._hello);
+    socket.onmessage = (event) => {
+      const message = JSON.parse(event.data);
+      if (isWelcome) return this._take(message);
+      isWelcome = true;
+      this._pause = FIRST_PAUSE;
+      this.onState("open", "");
+      this.onWelcome(message);
+    };
+    socket.onclose = (event) => this._lost(event);
+  }
+
+  /**
+   * Call a method and return its result. Rejects with RequestError or LinkLost.
+   * @param {string} method
+   * @param {object} [params]
+   * @returns {Promise<any>}
+   */
+  call(method, params = {}) {
+    return new Promise((resolve, reject) => {
+      const id = ++this._lastId;
+      if (!this._send({ jsonrpc: "2.0", method, params, id })) return reject(new LinkLost("not connected"));
+      this._waiting.set(id, { resolve, reject });
+    });
+  }
+
+  /**
+   * Call a method without waiting for a result. Return whether it was sent.
+   * @param {string} method
+   * @param {object} [params]
+   */
+  tell(method, params = {}) {
+    return this._send({ jsonrpc: "2.0", method, params });
+  }
+
+  /**
+   * Call `listener` with the params of each notification of this name.
+   * @param {string} name
+   * @param {(params: any) => void} listener
+   */
+  on(name, listener) {
+    this._listeners.set(name, listener);
+  }
+
+  /** @param {object} message */
+  _send(message) {
+    if (this._socket?.readyState !== WebSocket.OPEN) return false;
+    this._socket.send(JSON.stringify(message));
+    return true;
+  }
+
+  /** @param {any} message */
+  _take(message) {
+    if (message.method !== undefined) return this._listeners.get(message.method)?.(message.params);
+    const waiting = this._waiting.get(message.id);
+    this._waiting.delete(message.id);
+    if (message.error) waiting?.reject(new RequestError(message.error));
+    else waiting?.resolve(message.result);
+  }
+
+  /** @param {CloseEvent} event */
+  _lost(event) {
+    const waiting = [...this._waiting.values()];
+    this._waiting.clear();
+    for (const each of waiting) each.reject(new LinkLost("the connection to the studio was lost"));
+    if (event.code === BAD_TOKEN) return this.onState("refused", event.reason);
+    this.onState("lost", event.reason);
+    setTimeout(() => this.open(), this._pause);
+    this._pause = Math.min(LONGEST_PAUSE, this._pause * 2);
+  }
+}

@@ -1,0 +1,22 @@
+// A dialog over the page. Escape stops the robot as everywhere, and closes it.
+
+import { html, useEffect, useRef } from "../html.js";
+import { t } from "../texts/text.js";
+import { Icon } from "./icon.js";
+
+/** @param {{ title: string, onClose: () => void, children?: any }} props */
+export function Dialog({ title, onClose, children }) {
+  const element = useRef(/** @type {HTMLDialogElement | null} */ (null));
+  useEffect(() => {
+    element.current?.showModal();
+  }, []);
+  return html`<dialog ref=${element} onClose=${onClose} aria-labelledby="dialog-title">
+    <header>
+      <h2 id="dialog-title">${title}</h2>
+      <button class="btn ic ghost" aria-label=${t("app.close")} onClick=${() => element.current?.close()}>
+        <${Icon} name="close" />
+      </button>
+    </header>
+    <div class="body">${children}</div>
+  </dialog>`;
+}

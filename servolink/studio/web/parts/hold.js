@@ -1,0 +1,87 @@
+// A button that does something as long as it is held, by a finger, the mouse, Space, or the key H anywhere.
+
+import { html, useEffect, useRef, useState } from "../html.js";
+import { Icon } from "./icon.js";
+
+/** @typedef {{ label: string, hint?: string, disabled?: boolean, onBegin: () => void, onEnd: () => void }} Props */
+
+const KEY = "h";
+
+/** @param {Props} props */
+export function Hold({ label, hint = "", disabled = false, onBegin, onEnd }) {
+  const [isHeld, setHeld] = useState(false);
+  const held = useRef(false);
+  const begin = () => {
+    if (disabled || held.current) return;
+    held.current = true;
+    setHeld(true);
+    onBegin();
+  };
+  const end = () => {
+    if (!held.current) return;
+    held.current = false;
+    setHeld(false);
+    onEnd();
+  };
+  useHeldKey(begin, end, disabled);
+  useEffect(() => (disabled ? end() : undefined), [disabled]);
+  useEffect(() => end, []);
+  /** @param {PointerEvent} event */
+  const grab = (event) => {
+    if (event.button !== 0) return;
+    /** @type {Element} */ (event.currentTarget).setPointerCapture(event.pointerId);
+    begin();
+  };
+  /** @param {KeyboardEvent} event */
+  const press = (event) => {
+    if (event.key !== " " && event.key !== "Enter") return;
+    event.preventDefault();
+    begin();
+  };
+  return html`<button
+    class=${isHeld ? "hold on" : "hold"}
+    disabled=${disabled}
+    title=${hint}
+    aria-pressed=${String(isHeld)}
+    onPointerDown=${grab}
+    onPointerUp=${end}
+    onPointerCancel=${end}
+    onLostPointerCapture=${end}
+    onKeyDown=${press}
+    onKeyUp=${end}
+    onBlur=${end}
+    onContextMenu=${(/** @type {Event} */ event) => event.preventDefault()}
+  >
+    <${Icon} name="hand" /><span>${label}</span>
+  </button>`;
+}
+
+/**
+ * Call `begin` while H is down outside of text fields, and `end` when it is up or the page is left.
+ * @param {() => void} begin
+ * @param {() => void} end
+ * @param {boolean} disabled
+ */
+function useHeldKey(begin, end, disabled) {
+  useEffect(() => {
+    const ends = new AbortController(), options = { signal: ends.signal };
+    addEventListener("keydown", (event) => {
+      const isPlain = !event.repeat && !event.ctrlKey && !event.metaKey && !event.altKey;
+      if (event.key.toLowerCase() === KEY && isPlain && !isTyping(event.target)) begin();
+    }, options);
+    addEventListener("keyup", (event) => {
+      if (event.key.toLowerCase() === KEY) end();
+    }, options);
+    addEventListener("blur", end, options);
+    document.addEventListener("visibilitychange", end, options);
+    return () => ends.abort();
+  }, [disabled, begin, end]);
+}
+
+/**
+ * Return whether a key goes into a text field.
+ * @param {EventTarget | null} target
+ */
+export function isTyping(target) {
+  return target instanceof Element && target.matches("input:not([type=range]):not([type=checkbox]), select, textarea");
+}

@@ -1,0 +1,18 @@
+// A note: what happened in bold, what it means or what to do in plain, and what can be done at once.
+
+import { html } from "../html.js";
+import { Icon } from "./icon.js";
+
+const ICON_OF = { info: "info", ok: "check", warn: "warn", bad: "warn" };
+
+/** @param {{ kind: "info" | "ok" | "warn" | "bad", title: string, detail?: string, urgent?: boolean, children?: any }} props */
+export function Note({ kind, title, detail = "", urgent = false, children }) {
+  return html`<div class="note ${kind}" role=${urgent ? "alert" : "note"}>
+    <${Icon} name=${ICON_OF[kind]} />
+    <div class="grow">
+      <p><b>${title}</b></p>
+      ${detail && html`<p>${detail}</p>`}
+    </div>
+    ${children && html`<div class="row">${children}</div>`}
+  </div>`;
+}

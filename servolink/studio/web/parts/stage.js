@@ -1,0 +1,52 @@
+// A canvas with the figure, drawn again in each frame of the browser while it can be seen.
+
+import { Stage } from "../figure/stage.js";
+import { html, useEffect, useRef } from "../html.js";
+
+/** @typedef {import("../figure/figure.js").Figure} Figure */
+/** @typedef {import("../figure/stage.js").Scene} Scene */
+/** @typedef {"front" | "side" | "free"} ViewName */
+
+/** @type {Set<Stage>} */
+const stages = new Set();
+
+const TURN = 8; // degrees with each arrow key
+
+/** @type {Record<ViewName, { yaw: number, pitch: number }>} */
+const VIEWS = { front: { yaw: 0, pitch: 6 }, side: { yaw: 90, pitch: 6 }, free: { yaw: 24, pitch: 9 } };
+
+/** Draw all figures in each frame from now on. */
+export function drawFigures() {
+  requestAnimationFrame(drawFigures);
+  if (!document.hidden) for (const stage of stages) stage.draw();
+}
+
+/** @param {{ figure: Figure, scene: Scene, label: string, view?: ViewName }} props */
+export function FigureStage({ figure, scene, label, view = "free" }) {
+  const canvas = useRef(/** @type {HTMLCanvasElement | null} */ (null));
+  const stage = useRef(/** @type {Stage | null} */ (null));
+  useEffect(() => {
+    const made = new Stage(/** @type {HTMLCanvasElement} */ (canvas.current), figure, scene);
+    stage.current = made;
+    made.listen();
+    stages.add(made);
+    return () => {
+      stages.delete(made);
+      made.dispose();
+    };
+  }, [figure]);
+  useEffect(() => {
+    if (stage.current) stage.current.scene = scene;
+  });
+  useEffect(() => {
+    if (stage.current) Object.assign(stage.current.view, VIEWS[view]);
+  }, [view, figure]);
+  /** @param {KeyboardEvent} event */
+  const turn = (event) => {
+    const way = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (way === undefined || stage.current === null || event.shiftKey) return;
+    stage.current.view.yaw += way * TURN;
+    event.preventDefault();
+  };
+  return html`<canvas ref=${canvas} tabindex="0" role="img" aria-label=${label} onKeyDown=${turn} />`;
+}

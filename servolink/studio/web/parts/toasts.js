@@ -1,0 +1,37 @@
+// Short messages: what was done, and how to undo it. Each goes away by itself.
+
+import { html, signal } from "../html.js";
+import { Icon } from "./icon.js";
+
+/** @typedef {{ kind?: "ok" | "bad", icon?: string, title: string, detail?: string, action?: { label: string, run: () => void } }} Message */
+
+const LASTS = 6000; // milliseconds
+const MOST = 4;
+
+const shown = signal(/** @type {(Message & { id: number })[]} */ ([]));
+let lastId = 0;
+
+/**
+ * Show a message for some seconds.
+ * @param {Message} message
+ */
+export function toast(message) {
+  const id = ++lastId;
+  shown.value = [...shown.value, { ...message, id }].slice(-MOST);
+  setTimeout(() => (shown.value = shown.value.filter((each) => each.id !== id)), LASTS);
+}
+
+export function Toasts() {
+  return html`<div class="toasts" role="status" aria-live="polite">
+    ${shown.value.map(
+      (message) => html`<div key=${message.id} class="toast ${message.kind ?? ""}">
+        <${Icon} name=${message.icon ?? (message.kind === "bad" ? "warn" : "check")} />
+        <div class="grow">
+          <b>${message.title}</b>
+          ${message.detail && html`<p class="mut">${message.detail}</p>`}
+        </div>
+        ${message.action && html`<button class="btn s" onClick=${message.action.run}>${message.action.label}</button>`}
+      </div>`,
+    )}
+  </div>`;
+}

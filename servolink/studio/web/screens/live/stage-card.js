@@ -1,0 +1,102 @@
+// The figure of the robot in the middle of the screen, with the draft beside it, pale.
+
+import { html, signal } from "../../html.js";
+import { Hold } from "../../parts/hold.js";
+import { Icon } from "../../parts/icon.js";
+import { safeText } from "../../parts/safe-text.js";
+import { Segments } from "../../parts/segments.js";
+import { FigureStage } from "../../parts/stage.js";
+import { figure } from "../../state/figure.js";
+import { targets } from "../../state/motion.js";
+import { actualPose, isLive, isOthers, lease, mayMove, readAt, servos } from "../../state/robot.js";
+import { chosen, draft, mode } from "../../state/view.js";
+import { t } from "../../texts/text.js";
+import { drag } from "./servo-row.js";
+
+/** @typedef {import("../../shell/app.js").Tools} Tools */
+/** @typedef {import("../../figure/matrix.js").Vector} Vector */
+
+const LIMP = /** @type {Vector} */ ([0.82, 0.41, 0.12]);
+
+const view = signal(/** @type {import("../../parts/stage.js").ViewName} */ ("free"));
+
+/** @param {Tools} tools */
+export function StageCard({ motion }) {
+  return html`<section class="stage" aria-label=${t("live.figure")}>
+    ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${scene(motion)} label=${t("live.figure_aria")} view=${view.value} />`}
+    <div class="tl col">
+      <${Segments} label=${t("live.view")} small value=${view.value} onChoose=${(/** @type {typeof view.value} */ name) => (view.value = name)}
+        choices=${[
+          { value: "front", label: t("live.front") },
+          { value: "side", label: t("live.side") },
+          { value: "free", label: t("live.free") },
+        ]} />
+      <${Draft} />
+    </div>
+    <div class="tr hide-n"><span class="legend">
+      <span><i></i>${t("live.robot")}</span><span><i class="g"></i>${t("live.target")}</span>
+    </span></div>
+    <div class="bar">
+      ${isLive.value ? null : html`<${AsSeen} />`}
+      <${Segments} label=${t("live.robot_mode")} value=${mode.value} onChoose=${choose}
+        choices=${[
+          { value: "preview", label: t("live.preview"), icon: "eye" },
+          { value: "robot", label: t("live.robot_mode"), icon: "live" },
+        ]} />
+      ${mayMove.value && mode.value === "preview" && html`<${HoldToMove} motion=${motion} />`}
+    </div>
+  </section>`;
+}
+
+/** @param {{ motion: import("../../state/motion.js").Motion }} props */
+function HoldToMove({ motion }) {
+  const none = Object.keys(draft.value).length === 0;
+  const label = !isLive.value
+    ? t("live.no_board")
+    : isOthers.value
+      ? t("live.no_control", { who: safeText(lease.value?.who ?? "") })
+      : t("live.hold_to_move");
+  const begin = async () => {
+    if (await motion.begin()) motion.towards(draft.value);
+  };
+  const end = () => motion.end();
+  return html`<${Hold} label=${label} hint=${t("live.hold_hint")} disabled=${none || !isLive.value || isOthers.value} onBegin=${begin} onEnd=${end} />`;
+}
+
+function Draft() {
+  const count = Object.keys(draft.value).length;
+  if (count === 0 || mode.value === "robot") return null;
+  return html`<button class="chip acc plain" onClick=${() => (draft.value = {})}>${t("live.not_sent", { count })}</button>`;
+}
+
+function AsSeen() {
+  const seconds = Math.max(0, Math.round((performance.now() - readAt.value) / 1000));
+  return html`<span class="chip bad"><${Icon} name="clock" />${t("live.as_seen", { seconds })}</span>`;
+}
+
+/** @param {typeof mode.value} chosenMode */
+function choose(chosenMode) {
+  mode.value = chosenMode;
+  draft.value = {};
+}
+
+/**
+ * @param {import("../../state/motion.js").Motion} motion
+ * @returns {import("../../figure/stage.js").Scene}
+ */
+function scene(motion) {
+  const wanted = () => (mode.value === "robot" ? targets.value : draft.value);
+  const canDrag = isLive.value && mayMove.value && !(isOthers.value && mode.value === "robot");
+  return {
+    pose: actualPose,
+    dragPose: () => ({ ...actualPose(), ...wanted() }),
+    target: () => (Object.keys(wanted()).length > 0 ? { ...actualPose(), ...wanted() } : null),
+    chosen: () => chosen.value,
+    hasGizmo: true,
+    tintOf: (joint) => (servos.value.get(joint.servo ?? -1)?.is_hold === false ? { tint: LIMP, amount: 0.7 } : null),
+    onPick: (id) => (chosen.value = id),
+    onDrag: canDrag ? (id, angle) => drag(id, Math.round(angle), motion) : undefined,
+    onGrab: () => mode.value === "robot" && motion.begin(),
+    onRelease: () => mode.value === "robot" && motion.end(),
+  };
+}

@@ -1,0 +1,37 @@
+// The page: header, screens, and what they need of the robot.
+
+import { html } from "../html.js";
+import { LiveScreen } from "../screens/live/index.js";
+import { screen, showsKeys } from "../state/view.js";
+import { Toasts } from "../parts/toasts.js";
+import { t } from "../texts/text.js";
+import { Banner } from "./banner.js";
+import { Header, StopButton } from "./header.js";
+import { KeyList } from "./keys.js";
+import { Notices } from "./notices.js";
+import { Dock, Rail } from "./rail.js";
+
+/** @typedef {import("../state/motion.js").Motion} Motion */
+/** @typedef {import("../link/link.js").Link} Link */
+/** @typedef {{ link: Link, motion: Motion }} Tools */
+
+/** @type {Record<string, (props: Tools) => any>} */
+const SCREENS = { live: LiveScreen };
+
+/** @param {Tools} tools */
+export function App(tools) {
+  const Screen = SCREENS[screen.value] ?? LiveScreen;
+  return html`
+    <a class="skip" href="#main">${t("app.skip")}</a>
+    <${Banner} />
+    <${Header} ...${tools} />
+    <${Rail} />
+    <main id="main" tabindex="-1">
+      <${Notices} ...${tools} />
+      <div class="screen"><${Screen} key=${screen.value} ...${tools} /></div>
+    </main>
+    <${Dock}><${StopButton} ...${tools} /></${Dock}>
+    <${Toasts} />
+    ${showsKeys.value && html`<${KeyList} />`}
+  `;
+}

@@ -1,0 +1,57 @@
+// Who moves the robot: this page, another program, or nobody.
+
+import { html } from "../html.js";
+import { Icon } from "../parts/icon.js";
+import { safeText } from "../parts/safe-text.js";
+import { toast } from "../parts/toasts.js";
+import { isMine, isOthers, lease, linkState, mayMove } from "../state/robot.js";
+import { t } from "../texts/text.js";
+
+/** @typedef {import("./app.js").Tools} Tools */
+
+/** @param {Tools} tools */
+export function Control({ link, motion }) {
+  if (linkState.value !== "open" || !mayMove.value) return null;
+  if (isMine.value) {
+    return html`<button class="btn mine hide-n" title=${t("lease.give")} onClick=${() => motion.leave()}>
+      <${Icon} name="hand" /><span class="hide-t">${t("lease.mine")}</span><span class="only-t">${t("lease.mine_short")}</span>
+    </button>`;
+  }
+  if (!isOthers.value) return null;
+  const who = safeText(lease.value?.who ?? "");
+  return html`<button class="btn hide-n" onClick=${() => ask(link, who)}>
+    <${Icon} name="lock" /><span class="ell">${t("lease.others", { who })}</span><b class="ask hide-t">${t("lease.ask")}</b>
+  </button>`;
+}
+
+/**
+ * @param {import("../link/link.js").Link} link
+ * @param {string} who
+ */
+function ask(link, who) {
+  link.tell("lease.ask");
+  const takeOver = () => link.call("lease.take", { force: true, dead_man: 0.35 }).catch(() => {});
+  toast({
+    icon: "hand",
+    title: t("lease.asked", { who }),
+    detail: t("lease.asked_detail"),
+    action: { label: t("lease.take_over"), run: takeOver },
+  });
+}
+
+/**
+ * Tell the person what happened to the lease, if it concerns them.
+ * @param {{ event: string, by: string | null }} notice
+ * @param {boolean} wasMine
+ * @param {import("../state/motion.js").Motion} motion
+ */
+export function sayLease({ event, by }, wasMine, motion) {
+  if (!wasMine) return;
+  const who = safeText(by ?? "");
+  if (event === "taken over") toast({ kind: "bad", icon: "lock", title: t("lease.taken_over", { who }) });
+  if (event === "beats stopped") toast({ kind: "bad", title: t("lease.beats_stopped") });
+  if (event === "asked for") {
+    const give = { label: t("lease.give"), run: () => motion.leave() };
+    toast({ icon: "hand", title: t("lease.asks", { who }), action: give });
+  }
+}

@@ -1,0 +1,87 @@
+// The header: board, who has control, and STOP at the edge, where nothing else is.
+
+import { html } from "../html.js";
+import { Icon } from "../parts/icon.js";
+import { safeText } from "../parts/safe-text.js";
+import { toast } from "../parts/toasts.js";
+import { boardState, linkState, mayMove, welcome } from "../state/robot.js";
+import { theme } from "../state/settings.js";
+import { showsKeys } from "../state/view.js";
+import { language, t } from "../texts/text.js";
+import { Control } from "./control.js";
+
+/** @typedef {import("./app.js").Tools} Tools */
+
+/** @param {Tools} tools */
+export function Header(tools) {
+  return html`<header class="head">
+    <div class="logo hide-n"><${Logo} /></div>
+    <${BoardName} />
+    <div class="headright">
+      <${Control} ...${tools} />
+      <button class="btn ic ghost hide-n" aria-label=${t("app.language")} title=${t("app.language")} onClick=${changeLanguage}>
+        ${t("app.language_short")}
+      </button>
+      <button class="btn ic ghost" aria-label=${t("app.theme")} onClick=${changeTheme}>
+        <${Icon} name=${theme.value === "dark" ? "sun" : "moon"} />
+      </button>
+      <button class="btn ic ghost hide-n" aria-label=${t("app.keys")} onClick=${() => (showsKeys.value = true)}>
+        <${Icon} name="help" />
+      </button>
+      <${StopButton} ...${tools} />
+    </div>
+  </header>`;
+}
+
+/** @param {Tools} tools */
+export function StopButton({ link, motion }) {
+  return html`<button class="stop" aria-label=${t("stop.aria")} onClick=${() => stop(link, motion)}>
+    <i aria-hidden="true"></i>${t("stop.label")}<kbd class="hide-t hide-n">Esc</kbd>
+  </button>`;
+}
+
+/**
+ * Stop the robot, and say whether that was confirmed.
+ * @param {import("../link/link.js").Link} link
+ * @param {import("../state/motion.js").Motion} motion
+ */
+export async function stop(link, motion) {
+  try {
+    await motion.stop();
+  } catch (error) {
+    toast({ kind: "bad", title: t("stop.failed"), detail: error instanceof Error ? error.message : "" });
+    return;
+  }
+  const start = () => {
+    link.call("servo.set", { servo: "all", start: true, hold: true }).catch((error) => {
+      toast({ kind: "bad", title: error.message });
+    });
+  };
+  const action = mayMove.value ? { label: t("stop.start"), run: start } : undefined;
+  toast({ kind: "ok", title: t("stop.done"), detail: t("stop.done_detail"), action });
+}
+
+function BoardName() {
+  const isLost = linkState.value !== "open" || boardState.value !== "connected";
+  return html`<div class="boardbtn">
+    <span class=${isLost ? "dot lost" : "dot"}></span>
+    <span class="grow"><b class="ell">${safeText(welcome.value?.name ?? t("app.title"))}</b><small class="num ell">${place()}</small></span>
+  </div>`;
+}
+
+function place() {
+  if (linkState.value === "connecting") return t("board.connecting");
+  if (linkState.value !== "open") return t("board.studio_lost");
+  if (boardState.value !== "connected") return t("board.lost");
+  return welcome.value?.is_virtual ? t("board.in_this_computer") : safeText(welcome.value?.url ?? "");
+}
+
+const changeTheme = () => (theme.value = theme.value === "dark" ? "light" : "dark");
+const changeLanguage = () => (language.value = language.value === "zh" ? "en" : "zh");
+
+const Logo = () => html`<svg viewBox="0 0 32 32" aria-hidden="true">
+  <rect class="logo-ground" width="32" height="32" rx="9" />
+  <circle class="logo-line" cx="11" cy="21" r="3.4" />
+  <path class="logo-line" d="M13.6 18.6 21 11.4" />
+  <circle class="logo-glow" cx="22.4" cy="10" r="2.6" />
+</svg>`;

@@ -1,0 +1,49 @@
+// Keys that work on every screen, and the list of all keys.
+
+import { html } from "../html.js";
+import { Dialog } from "../parts/dialog.js";
+import { isTyping } from "../parts/hold.js";
+import { isMine } from "../state/robot.js";
+import { showsKeys } from "../state/view.js";
+import { t } from "../texts/text.js";
+import { stop } from "./header.js";
+import { ENTRIES } from "./rail.js";
+
+/** @typedef {import("./app.js").Tools} Tools */
+/** @typedef {import("../texts/text.js").Key} Key */
+
+/** @type {[Key, [string, Key][]][]} */
+const LIST = [
+  ["keys.everywhere", [["Esc", "keys.stop"], ["?", "keys.list"]]],
+  ["keys.figure", [["← →", "keys.one_degree"], ["Shift ← →", "keys.ten_degrees"], ["↑ ↓", "keys.next_servo"], ["0", "keys.middle"]]],
+  ["keys.robot", [["H", "keys.hold"], ["L", "keys.lease"]]],
+];
+
+export function KeyList() {
+  return html`<${Dialog} title=${t("app.keys")} onClose=${() => (showsKeys.value = false)}>
+    <div class="keys">
+      ${LIST.map(
+        ([title, keys]) => html`<h3>${t(title)}</h3>
+          ${keys.map(([key, does]) => html`<div><span>${t(does)}</span><span>${key.split(" ").map((each) => html`<kbd>${each}</kbd> `)}</span></div>`)}`,
+      )}
+    </div>
+  </${Dialog}>`;
+}
+
+/**
+ * Listen to the keys of every screen. STOP works in text fields and dialogs too.
+ * @param {Tools} tools
+ */
+export function listenToKeys({ link, motion }) {
+  // In the first phase, before anything else can take the key.
+  addEventListener("keydown", (event) => {
+    if (event.key === "Escape" && !event.repeat) stop(link, motion);
+  }, { capture: true });
+  addEventListener("keydown", (event) => {
+    if (isTyping(event.target) || event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
+    const entry = ENTRIES[Number(event.key) - 1];
+    if (event.key === "?") showsKeys.value = true;
+    else if (event.key.toLowerCase() === "l" && isMine.value) motion.leave();
+    else if (entry !== undefined) location.hash = entry.name;
+  });
+}

@@ -1,0 +1,35 @@
+// What everybody must know before they read on: the board is gone, somebody else moves it, this page may only watch.
+
+import { html } from "../html.js";
+import { Note } from "../parts/note.js";
+import { safeText } from "../parts/safe-text.js";
+import { boardState, hold, isOthers, lease, linkReason, linkState, mayMove, welcome } from "../state/robot.js";
+import { t } from "../texts/text.js";
+
+export function Notices() {
+  const note = present();
+  return note && html`<div class="veil"><${Note} ...${note} /></div>`;
+}
+
+function present() {
+  if (linkState.value === "refused") return { kind: "bad", urgent: true, ...both("note.refused") };
+  if (linkState.value === "lost") {
+    const reason = safeText(linkReason.value);
+    return { kind: "bad", urgent: true, title: t("note.studio_lost"), detail: reason || t("note.studio_lost_detail") };
+  }
+  if (linkState.value === "connecting") return null;
+  if (boardState.value !== "connected") return { kind: "bad", urgent: true, ...both("note.board_lost") };
+  if (hold.value !== null && hold.value.session !== welcome.value?.session) {
+    const { who, reason } = hold.value;
+    return { kind: "info", ...both("note.held", { who: safeText(who), reason: safeText(reason) }) };
+  }
+  if (!mayMove.value) return { kind: "info", ...both("note.watching") };
+  if (isOthers.value) return { kind: "info", ...both("note.others", { who: safeText(lease.value?.who ?? "") }) };
+  return null;
+}
+
+/**
+ * @param {"note.refused" | "note.board_lost" | "note.held" | "note.watching" | "note.others"} key
+ * @param {Record<string, string>} [values]
+ */
+const both = (key, values = {}) => ({ title: t(key, values), detail: t(`${key}_detail`) });

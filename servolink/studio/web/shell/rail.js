@@ -1,0 +1,35 @@
+// The screens: a rail at the side, or a bar at the bottom of a phone.
+
+import { html } from "../html.js";
+import { Icon } from "../parts/icon.js";
+import { screen } from "../state/view.js";
+import { t } from "../texts/text.js";
+
+/** @typedef {{ name: string, icon: string, title: import("../texts/text.js").Key }} Entry */
+
+/** In the order of the rail and of the keys 1 to 8. @type {Entry[]} */
+export const ENTRIES = [{ name: "live", icon: "live", title: "screen.live" }];
+
+export function Rail() {
+  return html`<nav class="rail" aria-label=${t("app.screens")}>${ENTRIES.map(link)}</nav>`;
+}
+
+/** @param {{ children?: any }} props */
+export function Dock({ children }) {
+  return html`<nav class="dock" aria-label=${t("app.screens")}>${ENTRIES.map(link)}${children}</nav>`;
+}
+
+/** @param {Entry} entry */
+const link = (entry) => html`<a href="#${entry.name}" aria-current=${entry.name === screen.value ? "page" : undefined}>
+  <${Icon} name=${entry.icon} /><span>${t(entry.title)}</span>
+</a>`;
+
+/** Follow the part of the address behind `#` from now on. */
+export function followAddress() {
+  const read = () => {
+    const name = location.hash.slice(1);
+    if (ENTRIES.some((entry) => entry.name === name)) screen.value = name;
+  };
+  addEventListener("hashchange", read);
+  read();
+}

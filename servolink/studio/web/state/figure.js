@@ -1,0 +1,63 @@
+// Which figure stands for the robot, and what its servos are called.
+
+import { computed, signal } from "../html.js";
+import { Figure } from "../figure/figure.js";
+import { safeText } from "../parts/safe-text.js";
+import { language, t } from "../texts/text.js";
+import { servoIds } from "./robot.js";
+
+const TEMPLATES = ["humanoid-16", "arm-6"];
+
+const templates = signal(/** @type {Figure[]} */ ([]));
+
+/** Captions of servos, as the board has them. */
+export const captions = signal(/** @type {Record<number, string>} */ ({}));
+
+/** The figure of the robot; null if no template has its servos. */
+export const figure = computed(() => {
+  const ids = servoIds.value.join();
+  return templates.value.find((each) => each.servoIds.join() === ids) ?? null;
+});
+
+/** The servos of each limb, those of the robot's right first; servos without a limb come last, as limb "". */
+export const limbs = computed(() => {
+  const found = figure.value, ids = servoIds.value;
+  const known = found === null ? [] : Object.keys(found.data.groups ?? {});
+  const limbOf = (/** @type {number} */ id) => found?.byServo.get(id)?.group ?? "";
+  return [...known, ""]
+    .map((limb) => ({ limb, ids: ids.filter((id) => limbOf(id) === limb) }))
+    .filter(({ ids }) => ids.length > 0);
+});
+
+/** Load the templates that come with the studio. */
+export async function loadTemplates() {
+  const loaded = await Promise.all(
+    TEMPLATES.map(async (name) => new Figure(await (await fetch(`/figures/${name}.figure.json`)).json())),
+  );
+  templates.value = loaded;
+}
+
+/**
+ * Return what a servo is called.
+ * @param {number} id
+ */
+export const nameOf = (id) => safeText(captions.value[id] ?? "") || t("live.servo", { id });
+
+/**
+ * Return what a limb is called.
+ * @param {string} limb
+ */
+export const limbName = (limb) => figure.value?.data.groups?.[limb]?.[language.value] ?? t("live.others");
+
+/**
+ * Return the limb of a servo, which decides on its colour.
+ * @param {number} id
+ */
+export const limbOf = (id) => figure.value?.byServo.get(id)?.group ?? "";
+
+/**
+ * Return lowest and highest angle of a servo, degrees.
+ * @param {number} id
+ * @returns {[number, number]}
+ */
+export const limitsOf = (id) => figure.value?.byServo.get(id)?.limits ?? [-180, 180];

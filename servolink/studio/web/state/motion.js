@@ -1,0 +1,136 @@
+// The only part of the page that moves the robot: while something is held, never otherwise.
+
+import { effect, signal } from "../html.js";
+import { Beats } from "../link/beats.js";
+import { RequestError } from "../link/link.js";
+import { isMine, linkState, servos } from "./robot.js";
+
+/** @typedef {import("../link/link.js").Link} Link */
+/** @typedef {import("../figure/figure.js").Pose} Pose */
+
+const DEAD_MAN = 0.35; // seconds without a beat after which the hub stops the robot
+const PERIOD = 40; // milliseconds between two movements, at least
+const SHORTEST = 0.08; // seconds
+const FREEZE = 0.1; // seconds, of the movement that ends another one where it is
+
+/** What the person wants the servos to do, as far as it was sent or is about to be. */
+export const targets = signal(/** @type {Pose} */ ({}));
+/** Why the latest movement was refused, empty if it was not. */
+export const refusal = signal("");
+/** How fast servos follow what is dragged, degrees per second. */
+export const pace = signal(120);
+
+/** Moves the robot of one connection. */
+export class Motion {
+  /** @param {Link} link */
+  constructor(link) {
+    this._link = link;
+    this._beats = new Beats(() => this._link.tell("lease.beat"));
+    this._isHeld = false;
+    /** @type {Pose | null} */
+    this._wanted = null;
+    this._isSending = false;
+    this._sentAt = 0;
+    effect(() => {
+      if (!isMine.value || linkState.value !== "open") this._letGo(); // somebody took over, or the connection is gone
+    });
+    for (const [target, name] of /** @type {[EventTarget, string][]} */ ([
+      [window, "blur"], [window, "pagehide"], [document, "visibilitychange"],
+    ])) {
+      target.addEventListener(name, () => {
+        if (name !== "visibilitychange" || document.hidden) this.leave();
+      });
+    }
+  }
+
+  /**
+   * Begin to hold. Return whether the robot may be moved now.
+   * @param {{ force?: boolean }} [options]
+   */
+  async begin({ force = false } = {}) {
+    this._isHeld = true;
+    refusal.value = "";
+    try {
+      await this._link.call("lease.take", { dead_man: DEAD_MAN, force });
+    } catch (error) {
+      this._letGo();
+      this._refused(error);
+      return false;
+    }
+    this._beats.start();
+    return this._isHeld; // it may have been let go of meanwhile
+  }
+
+  /**
+   * Move towards a pose while it is held; what was wanted before and was not sent is forgotten.
+   * @param {Pose} pose
+   */
+  towards(pose) {
+    if (!this._isHeld) return;
+    targets.value = { ...targets.value, ...pose };
+    this._wanted = { ...this._wanted, ...pose };
+    if (!this._isSending) this._send();
+  }
+
+  /** Let go: servos that still turn stop where they are. */
+  end() {
+    if (!this._isHeld) return;
+    this._isHeld = false;
+    this._wanted = null;
+    const moving = Object.keys(targets.value).map(Number).filter((id) => Math.abs((servos.value.get(id)?.angle ?? 0) - targets.value[id]) > 2);
+    targets.value = {};
+    if (moving.length === 0 || !isMine.value) return;
+    const here = Object.fromEntries(moving.map((id) => [id, servos.value.get(id)?.angle ?? 0]));
+    this._link.call("move", { targets: here, duration: FREEZE }).catch((error) => this._refused(error));
+  }
+
+  /** Let go, and give the lease back: this page is not looked at any more. */
+  leave() {
+    this.end();
+    if (isMine.value) this._link.tell("lease.give");
+    this._beats.stop();
+  }
+
+  /** Stop all servos at once, whoever moves them. */
+  async stop() {
+    this._letGo();
+    await this._link.call("stop");
+  }
+
+  async _send() {
+    this._isSending = true;
+    while (this._wanted !== null && this._isHeld) {
+      const pause = this._sentAt + PERIOD - performance.now();
+      if (pause > 0) await new Promise((done) => setTimeout(done, pause));
+      const pose = this._wanted;
+      if (pose === null || !this._isHeld) break;
+      this._wanted = null;
+      this._sentAt = performance.now();
+      await this._link.call("move", { targets: pose, duration: durationOf(pose) }).catch((error) => this._refused(error));
+    }
+    this._isSending = false;
+  }
+
+  _letGo() {
+    this._isHeld = false;
+    this._wanted = null;
+    targets.value = {};
+    if (!isMine.peek()) this._beats.stop();
+  }
+
+  /** @param {unknown} error */
+  _refused(error) {
+    if (error instanceof RequestError) refusal.value = error.message;
+    this._isHeld = false;
+    targets.value = {};
+  }
+}
+
+/**
+ * Return the seconds in which servos reach a pose at the pace that was chosen.
+ * @param {Pose} pose
+ */
+function durationOf(pose) {
+  const ways = Object.entries(pose).map(([id, angle]) => Math.abs(angle - (servos.value.get(Number(id))?.angle ?? angle)));
+  return Math.max(SHORTEST, Math.round((Math.max(0, ...ways) / pace.value) * 100) / 100);
+}

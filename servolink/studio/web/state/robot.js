@@ -1,0 +1,102 @@
+// The robot as this page knows it: signals that change when the studio says so.
+
+import { batch, computed, signal } from "../html.js";
+import { History } from "./history.js";
+
+/** @typedef {import("../link/link.js").Link} Link */
+/** @typedef {import("../link/link.js").LinkState} LinkState */
+/** @typedef {import("../link/link.js").Welcome} Welcome */
+/** @typedef {{ servo_id: number, angle: number, current_raw: number, temperature_raw: number, is_start: boolean, is_hold: boolean }} Servo */
+/** @typedef {{ session: string, who: string, since: number, dead_man: number | null }} Lease */
+/** @typedef {{ session: string, who: string, reason: string }} Hold */
+/** @typedef {{ session: string, who: string, door: string, role: string }} Program */
+
+const HZ = 50;
+
+export const linkState = signal(/** @type {LinkState} */ ("connecting"));
+export const linkReason = signal("");
+export const welcome = signal(/** @type {Welcome | null} */ (null));
+/** Whether the hub has the board. */
+export const boardState = signal(/** @type {"connected" | "lost" | "closed"} */ ("connected"));
+export const lease = signal(/** @type {Lease | null} */ (null));
+export const hold = signal(/** @type {Hold | null} */ (null));
+export const programs = signal(/** @type {Program[]} */ ([]));
+/** The latest reading, by servo id. It is replaced as a whole, up to 50 times a second. */
+export const servos = signal(/** @type {Map<number, Servo>} */ (new Map()));
+/** When the latest reading came, milliseconds of `performance.now()`. */
+export const readAt = signal(0);
+export const buttons = signal(/** @type {Map<number, number>} */ (new Map()));
+
+export const history = new History();
+
+/** The ids of the servos; changes only when they do. */
+export const servoIds = signal(/** @type {number[]} */ ([]));
+
+export const isMine = computed(() => lease.value !== null && lease.value.session === welcome.value?.session);
+export const isOthers = computed(() => lease.value !== null && !isMine.value);
+export const isLive = computed(() => linkState.value === "open" && boardState.value === "connected");
+/** Whether this page may move the robot at all. */
+export const mayMove = computed(() => ["move", "edit"].includes(welcome.value?.role ?? "watch"));
+
+/**
+ * Keep the signals up to date from now on, and call `onLease` with each notice of the lease, and whether it was ours.
+ * @param {Link} link
+ * @param {(notice: { event: string, by: string | null }, wasMine: boolean) => void} onLease
+ */
+export function follow(link, onLease) {
+  link.onState = (state, reason) => batch(() => {
+    linkState.value = state;
+    linkReason.value = reason;
+  });
+  link.onWelcome = (first) => begin(link, first);
+  link.on("servos", (frame) => {
+    take(frame);
+    link.tell("servos.ack", { number: frame.number });
+  });
+  link.on("connection", ({ state }) => (boardState.value = state));
+  link.on("lease", (notice) => {
+    const wasMine = isMine.value;
+    lease.value = notice.lease;
+    onLease(notice, wasMine);
+  });
+  link.on("hold", (notice) => (hold.value = notice.hold));
+  link.on("button", ({ button_id, event }) => (buttons.value = new Map(buttons.value).set(button_id, event)));
+  link.on("program", () => refresh(link));
+}
+
+/**
+ * Ask for everything: the connection is new.
+ * @param {Link} link
+ * @param {Welcome} first
+ */
+async function begin(link, first) {
+  welcome.value = first;
+  await refresh(link);
+  await Promise.allSettled([link.call("servos.watch", { hz: HZ }), link.call("buttons.subscribe")]);
+}
+
+/** @param {Link} link */
+async function refresh(link) {
+  const status = await link.call("status").catch(() => null);
+  if (status === null) return; // the connection was lost, and begins again
+  batch(() => {
+    boardState.value = status.state;
+    lease.value = status.lease;
+    hold.value = status.hold;
+    programs.value = status.programs;
+  });
+}
+
+/** @param {{ seconds: number, servos: Servo[] }} frame */
+function take(frame) {
+  history.add(frame.seconds, frame.servos);
+  const ids = frame.servos.map((servo) => servo.servo_id).sort((a, b) => a - b);
+  batch(() => {
+    readAt.value = performance.now();
+    servos.value = new Map(frame.servos.map((servo) => [servo.servo_id, servo]));
+    if (ids.join() !== servoIds.value.join()) servoIds.value = ids;
+  });
+}
+
+/** Return the angles that the servos report now, for drawing. */
+export const actualPose = () => Object.fromEntries([...servos.value.values()].map((servo) => [servo.servo_id, servo.angle]));

@@ -1,0 +1,13 @@
+// The part of uPlot that the page uses.
+export interface Options {
+  width: number;
+  height: number;
+  [option: string]: unknown;
+}
+export default class uPlot {
+  constructor(options: Options, data: ArrayLike<number | null>[], parent: HTMLElement);
+  setData(data: ArrayLike<number | null>[], resetScales?: boolean): void;
+  setSize(size: { width: number; height: number }): void;
+  setScale(key: string, range: { min: number; max: number }): void;
+  destroy(): void;
+}

@@ -1,0 +1,55 @@
+"""The gate lets in pages of the studio, by name, origin and token, and nothing else."""
+
+from __future__ import annotations
+
+import pytest
+
+from servolink.studio.gate import Gate
+
+
+def test_names_of_this_machine_are_known_with_the_port_only() -> None:
+    gate = Gate(8200)
+    assert gate.is_ours("127.0.0.1:8200")
+    assert gate.is_ours("LOCALHOST:8200")
+    for host in (None, "", "127.0.0.1", "localhost:8201", "evil.example:8200", "127.0.0.1:8200.evil.example"):
+        assert not gate.is_ours(host)
+
+
+def test_only_our_own_origins_are_ours() -> None:
+    gate = Gate(8200)
+    assert gate.is_our_page("http://localhost:8200")
+    for origin in (None, "", "null", "http://localhost", "http://localhost:8201", "https://localhost:8200", "file://"):
+        assert not gate.is_our_page(origin)
+
+
+def test_an_allowed_host_may_stand_behind_a_proxy() -> None:
+    gate = Gate(8200, ["robot.local"])
+    assert gate.is_ours("robot.local:8200")
+    assert gate.is_ours("robot.local")
+    assert gate.is_our_page("https://robot.local")
+    assert gate.is_our_page("http://robot.local:8200")
+    assert not gate.is_our_page("http://robot.local")
+    assert not gate.is_ours("other.local:8200")
+
+
+def test_a_token_opens_the_studio_for_its_role_until_it_is_revoked() -> None:
+    gate = Gate(8200)
+    drive, watch = gate.new_token("edit"), gate.new_token("watch")
+    assert gate.role_of(drive) == "edit"
+    assert gate.role_of(watch) == "watch"
+    gate.revoke("watch")
+    assert gate.role_of(watch) is None
+    assert gate.role_of(drive) == "edit"
+
+
+@pytest.mark.parametrize("token", ["", "x", "\udcff", "é" * 100, " "])
+def test_other_texts_open_nothing(token: str) -> None:
+    gate = Gate(8200)
+    known = gate.new_token("edit")
+    assert gate.role_of(token) is None
+    assert gate.role_of(known[:-1]) is None
+
+
+def test_no_two_tokens_are_equal() -> None:
+    gate = Gate(8200)
+    assert len({gate.new_token("watch") for _ in range(100)}) == 100

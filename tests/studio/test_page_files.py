@@ -1,0 +1,74 @@
+"""The files of the page: all there, none of them changed since they were taken, and every text in both languages."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from servolink.studio.files import page_files
+from tests.studio.vendor import VENDOR, sha256
+
+WEB = VENDOR.parent
+MODULES = sorted(path for path in WEB.rglob("*.js") if "vendor" not in path.parts)
+_IMPORT = re.compile(r'(?:from|import)\s*"([^"]+)"')
+_KEY = re.compile(r'^  "([\w.]+)": "(.*)",$', re.MULTILINE)
+_GZIPPED = 250_000
+
+
+def texts(language: str) -> dict[str, str]:
+    return dict(_KEY.findall((WEB / f"texts/{language}.js").read_text(encoding="utf-8")))
+
+
+def test_libraries_are_those_that_were_recorded() -> None:
+    recorded = json.loads((VENDOR / "vendor.json").read_text(encoding="utf-8"))
+    found = {path.name: sha256(path.read_bytes()) for path in VENDOR.iterdir() if path.suffix in {".js", ".css"}}
+    assert found == {name: file["sha256"] for name, file in recorded.items()}
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(WEB)))
+def test_a_module_imports_files_that_are_served(path: Path) -> None:
+    files = page_files()
+    for name in _IMPORT.findall(path.read_text(encoding="utf-8")):
+        imported = (path.parent / name).resolve().relative_to(WEB.resolve())
+        assert f"/{imported.as_posix()}" in files
+
+
+def test_languages_have_the_same_texts_with_the_same_values() -> None:
+    english, chinese = texts("en"), texts("zh")
+    assert len(english) > 50
+    assert english.keys() == chinese.keys()
+    for key, text in english.items():
+        assert set(re.findall(r"\{\w+\}", text)) == set(re.findall(r"\{\w+\}", chinese[key])), key
+
+
+def test_every_text_is_used() -> None:
+    code = "\n".join(path.read_text(encoding="utf-8") for path in MODULES if "texts" not in path.parts)
+    unused = [key for key in texts("en") if f'"{key}"' not in code and not is_made(key, code)]
+    assert unused == []
+
+
+def is_made(key: str, code: str) -> bool:
+    """Return whether a key is put together from a part, as in `${key}_detail` or `live.${state}`."""
+    return f'"{key.removesuffix("_detail")}"' in code or f"`{key.rpartition('.')[0]}.${{" in code
+
+
+def test_nothing_is_inline_and_nothing_comes_from_elsewhere() -> None:
+    page = (WEB / "index.html").read_text(encoding="utf-8")
+    assert not re.search(r"<style|<script(?![^>]* src=)|\son\w+=|style=|https?://", page)
+    for path in MODULES:
+        assert not re.search(r"innerHTML|insertAdjacentHTML|\beval\(|new Function", path.read_text(encoding="utf-8")), (
+            path
+        )
+
+
+def test_files_for_developers_are_not_served() -> None:
+    assert not [path for path in page_files() if path.endswith((".d.ts", "tsconfig.json", "vendor.json"))]
+
+
+def test_the_page_is_small() -> None:
+    import gzip
+
+    assert sum(len(gzip.compress(file.content)) for file in page_files().values()) < _GZIPPED

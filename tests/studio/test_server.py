@@ -1,0 +1,191 @@
+"""The studio lets in pages that were loaded from it and know the token, and carries what they ask to the hub."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType, WSServerHandshakeError
+
+from servolink.studio.gate import Gate
+from servolink.studio.server import HEADERS, serve_studio
+from servolink.studio.start import VIRTUAL, studio_for
+
+LIMIT = 20.0
+
+
+class Place(NamedTuple):
+    """A studio that is served."""
+
+    gate: Gate
+    address: str
+    http: ClientSession
+
+    def page(self, **headers: str) -> Any:
+        """Return a WebSocket as the page opens it, with other `headers`."""
+        return self.http.ws_connect(f"{self.address}/ws", headers={"Origin": self.address} | headers)
+
+
+@pytest.fixture(autouse=True)
+def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "runtime"
+    folder.mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
+
+
+@asynccontextmanager
+async def studio() -> AsyncIterator[Place]:
+    async with (
+        asyncio.timeout(LIMIT),
+        studio_for(VIRTUAL) as served,
+        serve_studio(served, "127.0.0.1", 0) as (gate, port),
+        ClientSession() as http,
+    ):
+        yield Place(gate, f"http://127.0.0.1:{port}", http)
+
+
+def run(test: Callable[[Place], Awaitable[None]]) -> None:
+    async def main() -> None:
+        async with studio() as place:
+            await test(place)
+
+    asyncio.run(main())
+
+
+async def welcomed(page: ClientWebSocketResponse, token: str) -> dict[str, Any]:
+    await page.send_json({"token": token, "who": "Tablet 2"})
+    return dict(json.loads(await page.receive_str()))
+
+
+async def call(page: ClientWebSocketResponse, method: str, **params: Any) -> dict[str, Any]:
+    """Call a method and return the response; notifications before it are passed over."""
+    await page.send_json({"jsonrpc": "2.0", "id": 7, "method": method, "params": params})
+    while "id" not in (message := dict(json.loads(await page.receive_str()))):
+        pass
+    return message
+
+
+def test_the_page_and_its_files_come_with_strict_headers() -> None:
+    async def test(place: Place) -> None:
+        for path in ("/", "/app.js", "/figure/stage.js", "/css/tokens.css", "/nothing"):
+            async with place.http.get(place.address + path) as response:
+                assert response.status == (404 if path == "/nothing" else 200)
+                assert {name: response.headers[name] for name in HEADERS} == HEADERS
+                tag = response.headers.get("ETag", "")
+            async with place.http.get(place.address + path, headers={"If-None-Match": tag}) as response:
+                assert response.status == (404 if path == "/nothing" else 304)
+
+    run(test)
+
+
+@pytest.mark.parametrize("path", ["/%2e%2e/server.py", "/../gate.py", "/vendor/vendor.json", "/tsconfig.json", "/css"])
+def test_other_files_cannot_be_asked_for(path: str) -> None:
+    async def test(place: Place) -> None:
+        async with place.http.get(place.address + path) as response:
+            assert response.status == 404
+
+    run(test)
+
+
+def test_another_name_is_misdirected() -> None:
+    async def test(place: Place) -> None:
+        for path in ("/", "/ws"):
+            async with place.http.get(place.address + path, headers={"Host": "evil.example"}) as response:
+                assert response.status == 421
+
+    run(test)
+
+
+@pytest.mark.parametrize("origin", ["", "null", "http://127.0.0.1:1", "https://evil.example"])
+def test_other_pages_get_no_socket(origin: str) -> None:
+    async def test(place: Place) -> None:
+        with pytest.raises(WSServerHandshakeError) as refused:
+            async with place.page(Origin=origin):
+                pass
+        assert refused.value.status == 403
+
+    run(test)
+
+
+@pytest.mark.parametrize("first", ["{}", '{"token": "wrong"}', '{"token": 1}', "[", "\ufeff", "[" * 100_000])
+def test_without_the_token_the_socket_is_closed(first: str) -> None:
+    async def test(place: Place) -> None:
+        place.gate.new_token("edit")
+        async with place.page() as page:
+            await page.send_str(first)
+            message = await page.receive()
+            assert message.type is WSMsgType.CLOSE
+            assert message.data == 4401
+
+    run(test)
+
+
+def test_a_page_speaks_with_the_hub() -> None:
+    async def test(place: Place) -> None:
+        async with place.page() as page:
+            welcome = await welcomed(page, place.gate.new_token("edit"))
+            assert (welcome["role"], welcome["name"], welcome["is_virtual"]) == ("edit", "virtual", True)
+            status = (await call(page, "status"))["result"]
+            assert [each["who"] for each in status["programs"] if each["session"] == welcome["session"]] == [
+                "studio: Tablet 2"
+            ]
+            moved = await call(page, "move", targets={"1": 20}, duration=0.1, wait=True)
+            assert moved["result"] == {"seconds": 0.1}
+            servos = (await call(page, "servos.list"))["result"]["servos"]
+            assert abs(servos[0]["angle"] - 20) <= 2
+
+    run(test)
+
+
+def test_a_page_that_may_only_watch_moves_nothing_and_stops_everything() -> None:
+    async def test(place: Place) -> None:
+        async with place.page() as page:
+            await welcomed(page, place.gate.new_token("watch"))
+            assert "needs the role" in (await call(page, "move", targets={"1": 20}, duration=0.1))["error"]["message"]
+            assert (await call(page, "stop"))["result"] == {}
+            servos = (await call(page, "servos.list"))["result"]["servos"]
+            assert not any(servo["is_start"] for servo in servos)
+
+    run(test)
+
+
+def test_the_studio_has_methods_of_its_own() -> None:
+    async def test(place: Place) -> None:
+        async with place.page() as page:
+            await welcomed(page, place.gate.new_token("edit"))
+            assert (await call(page, "studio.about"))["result"]["version"]
+            assert (await call(page, "studio.nothing"))["error"]["code"] == -32601
+
+    run(test)
+
+
+def test_a_page_that_goes_while_it_moves_the_robot_stops_it() -> None:
+    async def test(place: Place) -> None:
+        token = place.gate.new_token("edit")
+        async with place.page() as other:
+            await welcomed(other, token)
+            async with place.page() as page:
+                await welcomed(page, token)
+                await call(page, "lease.take", dead_man=5.0)
+                await call(page, "move", targets={"1": 90}, duration=10)
+            while any(servo["is_start"] for servo in (await call(other, "servos.list"))["result"]["servos"]):
+                pass
+            assert (await call(other, "board.state"))["result"]["lease"] is None
+
+    run(test)
+
+
+def test_what_is_not_json_is_answered_by_the_hub() -> None:
+    async def test(place: Place) -> None:
+        async with place.page() as page:
+            await welcomed(page, place.gate.new_token("edit"))
+            for text in ("{", '{"jsonrpc":\n"2.0"}', "\x00", "[" * 100_000, '"\\ud800"'):
+                await page.send_str(text)
+                assert json.loads(await page.receive_str())["error"]["code"] in {-32700, -32600}
+
+    run(test)
