@@ -1,23 +1,15 @@
-"""Programs of a hub: order, turns, joined queries, ends, and what belongs to each of them."""
+"""Programs of a hub: the order of their responses, their turns, joined queries, and what belongs to each of them."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
-from typing import Any
 
 from servolink.client.connect import connect
 from servolink.hub.hub import Hub, share
 from servolink.hub.local import LocalTransport
-from servolink.hub.notices import HoldChanged, Notice, Refused
 from servolink.hub.program import MOST_WAITING
-from servolink.hub.roles import Role
 from servolink.protocol.editing import (
-    QueryActionListRequest,
-    QueryActionListResponse,
     QueryActionRequest,
-    QueryActionResponse,
     QueryProjectIDRequest,
     QueryProjectIDResponse,
     WriteProjectIDRequest,
@@ -25,21 +17,13 @@ from servolink.protocol.editing import (
 )
 from servolink.protocol.frame import encode_frame
 from servolink.protocol.joystick import SubscribeButtonEventRequest, SubscribeButtonEventResponse
-from servolink.protocol.packet import Packet
-from servolink.protocol.records import Step
 from servolink.protocol.servos import (
-    ALL_SERVOS,
-    ExecuteActionRequest,
     QueryServoListRequest,
     QueryServoListResponse,
     QueryServoRequest,
     SetAngleUnitRequest,
-    SetServoParameterRequest,
-    SetServoParameterResponse,
 )
 from servolink.protocol.settings import (
-    ClearAllDataRequest,
-    ClearAllDataResponse,
     QueryMemorySizeRequest,
     QueryMemorySizeResponse,
     QueryRemainPowerRequest,
@@ -48,36 +32,10 @@ from servolink.protocol.settings import (
     TransmissionModeSettingRequest,
     TransmissionModeSettingResponse,
 )
-from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, late, opened
+from tests.client.fake_board import SWALLOWED, FakeBoard
+from tests.hub.fake_hub import MOVE, kinds, on_hub, shared
 from tests.hub.raw_program import RawProgram
 from tests.virtual_time import run
-
-STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
-START = SetServoParameterRequest(ALL_SERVOS, 1, 1)
-MOVE = ExecuteActionRequest((Step(1, 30, 100),))
-
-
-@asynccontextmanager
-async def shared(fake: FakeBoard, **options: Any) -> AsyncIterator[Hub]:
-    """Share a fake board."""
-    async with opened(fake, angle_unit=None, **options) as board, share(board, name="rex") as hub:
-        yield hub
-
-
-def on_hub(use: Callable[[Hub, FakeBoard], Awaitable[None]], **options: Any) -> None:
-    """Run `use` with a hub and its board."""
-
-    async def main() -> None:
-        fake = FakeBoard()
-        async with shared(fake, **options) as hub:
-            await use(hub, fake)
-
-    run(main())
-
-
-def kinds(packets: list[Packet]) -> list[type[Packet]]:
-    return [type(packet) for packet in packets]
-
 
 # --- order --------------------------------------------------------------------------------------------------------
 
@@ -132,7 +90,7 @@ def test_packets_without_a_response_keep_their_place() -> None:
     on_hub(use)
 
 
-# --- turns and joined queries ---------------------------------------------------------------------------------------
+# --- turns and joined queries -------------------------------------------------------------------------------------
 
 
 def test_a_program_that_floods_waits_in_its_own_queue() -> None:
@@ -197,7 +155,7 @@ def test_equal_queries_of_one_program_are_all_answered() -> None:
     on_hub(use)
 
 
-# --- what belongs to one program --------------------------------------------------------------------------------------
+# --- what belongs to one program ----------------------------------------------------------------------------------
 
 
 def test_a_program_in_mode_0_hears_nothing_until_it_leaves_it() -> None:
@@ -211,16 +169,6 @@ def test_a_program_in_mode_0_hears_nothing_until_it_leaves_it() -> None:
         assert await program.ask(TransmissionModeSettingRequest(1)) == TransmissionModeSettingResponse(1)
         assert await program.ask(QueryServoListRequest()) is not None
         assert fake.executed_of(TransmissionModeSettingRequest) == []
-
-    on_hub(use)
-
-
-def test_a_program_in_mode_0_can_stop_the_board_all_the_same() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
-        program = RawProgram(hub)
-        program.send(TransmissionModeSettingRequest(0))
-        assert await program.ask(STOP, seconds=2) is None
-        assert fake.executed_of(SetServoParameterRequest) == [STOP]
 
     on_hub(use)
 
@@ -271,73 +219,6 @@ def test_button_events_go_to_those_who_asked() -> None:
     run(main())
 
 
-# --- motion -----------------------------------------------------------------------------------------------------------
-
-
-def test_motion_of_all_programs_that_waits_is_not_sent_after_a_stop() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
-        one, other, notices = RawProgram(hub), RawProgram(hub), list[Notice]()
-        hub.listen(notices.append)
-        for number in range(3):
-            one.send(QueryActionRequest(number))
-        one.send(MOVE)
-        one.send(QueryServoListRequest())
-        assert await other.ask(STOP) == SetServoParameterResponse(ALL_SERVOS, 0, 1)
-        await asyncio.sleep(1)
-        assert fake.executed_of(ExecuteActionRequest) == []
-        assert kinds(one.heard) == [*[QueryActionResponse] * 3, QueryServoListResponse]
-        refused = [notice for notice in notices if isinstance(notice, Refused)]
-        assert [(notice.packet, notice.reason) for notice in refused] == [("ExecuteActionRequest", "a stop came first")]
-
-    on_hub(use)
-
-
-def test_a_motion_that_waits_for_its_unit_is_not_sent_after_a_stop() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
-        one, other = RawProgram(hub), RawProgram(hub)
-        one.send(MOVE)  # first its unit is set
-        await asyncio.sleep(0.001)
-        assert len(fake.executed_of(SetAngleUnitRequest)) == 1
-        await other.ask(STOP)
-        await asyncio.sleep(1)
-        assert fake.executed_of(ExecuteActionRequest) == []
-
-    on_hub(use)
-
-
-def test_a_stop_of_one_servo_says_what_the_servo_reports() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
-        program = RawProgram(hub, role=Role.WATCH)
-        one = SetServoParameterRequest(2, 0, 1)
-        assert await program.ask(one) == SetServoParameterResponse(2, 0, 1)
-        assert await program.ask(SetServoParameterRequest(99, 0, 1)) == SetServoParameterResponse(0, 1, 0)
-        fake.plan(SetServoParameterRequest, LOST)
-        await program.ask(START)
-        assert await program.ask(one) == SetServoParameterResponse(2, 0, 1)
-
-    on_hub(use)
-
-
-def test_a_program_without_the_lease_or_the_role_moves_nothing() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
-        one, other, watcher = RawProgram(hub, "one"), RawProgram(hub, "other"), RawProgram(hub, role=Role.WATCH)
-        await one.ask(START)
-        assert hub.lease is not None
-        assert hub.lease.who == "one"
-        assert await other.ask(SetServoParameterRequest(1, 0, 0)) == SetServoParameterResponse(1, 1, 1)
-        other.send(MOVE)
-        assert await watcher.ask(WriteProjectIDRequest(3)) == WriteProjectIDResponse(0)
-        await asyncio.sleep(0.1)
-        assert fake.executed_of(ExecuteActionRequest) == []
-        assert [program.session.counters.refused for program in (one, other, watcher)] == [0, 2, 1]
-        one.session.leave()
-        other.send(MOVE)
-        await asyncio.sleep(0.1)
-        assert fake.executed_of(ExecuteActionRequest) == [MOVE]
-
-    on_hub(use)
-
-
 def test_each_program_gets_angles_in_its_own_unit() -> None:
     async def main() -> None:
         async with (
@@ -356,105 +237,6 @@ def test_each_program_gets_angles_in_its_own_unit() -> None:
     run(main())
 
 
-# --- exclusive use, loss and end --------------------------------------------------------------------------------------
-
-
-def test_while_a_program_holds_the_board_others_wait() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
-        one, other = RawProgram(hub, "one"), RawProgram(hub)
-        assert hub.hold(one.session.session_id, "an import")
-        assert not hub.hold(other.session.session_id, "an import")
-        other.send(QueryServoListRequest())
-        assert await one.ask(QueryProjectIDRequest()) is not None
-        assert await other.ask(STOP) is None  # done, and behind the query that waits
-        assert fake.executed_of(SetServoParameterRequest) == [STOP]
-        assert fake.executed_of(QueryServoListRequest) == []
-        one.session.leave()
-        await asyncio.sleep(0.1)
-        assert kinds(other.heard) == [QueryServoListResponse, SetServoParameterResponse]
-
-    on_hub(use)
-
-
-def test_a_lost_board_answers_nobody_until_it_is_back() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
-        program = RawProgram(hub)
-        fake.vanish()
-        assert await program.ask(QueryServoListRequest(), seconds=1) is None
-        assert hub.status().state == "lost"
-        assert program.session.waiting == 0
-
-    on_hub(use)
-
-
-def test_who_leaves_disturbs_nobody() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
-        one, other = RawProgram(hub), RawProgram(hub)
-        for number in range(5):
-            one.send(QueryActionRequest(number))
-        other.send(QueryActionListRequest())
-        one.session.leave()
-        one.session.leave()
-        one.send(QueryServoListRequest())
-        await asyncio.sleep(1)
-        assert one.heard == []
-        assert kinds(other.heard) == [QueryActionListResponse]
-        assert len(fake.executed) <= 2
-        assert [program.who for program in hub.status().programs] == [other.session.who]
-
-    on_hub(use)
-
-
-def test_the_end_of_the_hub_ends_the_sessions_and_leaves_the_board() -> None:
-    async def main() -> None:
-        ended = asyncio.Event()
-        async with connect("virtual://", angle_unit=None) as upstream:
-            async with share(upstream, name="rex") as hub:
-                program = RawProgram(hub)
-                program.session.on_end = ended.set
-                program.send(QueryServoListRequest())
-            assert ended.is_set()
-            program.send(QueryServoListRequest())
-            assert len(await upstream.servo_ids()) == 16
-        assert program.heard == []
-
-    run(main())
-
-
-def test_while_everything_is_deleted_others_wait_and_are_told() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
-        one, other, notices = RawProgram(hub, "one"), RawProgram(hub), list[Notice]()
-        hub.listen(notices.append)
-        fake.plan(ClearAllDataRequest, late(10))
-        one.send(ClearAllDataRequest())
-        await asyncio.sleep(1)
-        assert hub.held_by is not None
-        assert (hub.held_by.who, hub.held_by.reason) == ("one", "it sends ClearAllDataRequest")
-        other.send(QueryActionListRequest())
-        await asyncio.sleep(8)
-        assert fake.executed_of(QueryActionListRequest) == []
-        await asyncio.sleep(2)
-        assert one.heard == [ClearAllDataResponse(1)]
-        assert kinds(other.heard) == [QueryActionListResponse]
-        assert [notice.who for notice in notices if isinstance(notice, HoldChanged)] == ["one", None]
-
-    on_hub(use)
-
-
-def test_a_motion_of_a_program_that_has_left_is_not_sent() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
-        program = RawProgram(hub)
-        program.send(MOVE)  # first its unit is set
-        await asyncio.sleep(0.001)
-        assert len(fake.executed_of(SetAngleUnitRequest)) == 1
-        program.session.leave()
-        await asyncio.sleep(1)
-        assert fake.executed_of(ExecuteActionRequest) == []
-        assert hub.lease is None
-
-    on_hub(use)
-
-
 def test_captions_keep_bytes_that_no_encoding_knows() -> None:
     async def use(hub: Hub, fake: FakeBoard) -> None:
         contents, program = list[bytes](), RawProgram(hub)
@@ -465,49 +247,5 @@ def test_captions_keep_bytes_that_no_encoding_knows() -> None:
         program.send(QueryActionRequest(7))
         await asyncio.sleep(0.1)
         assert caption in contents[0]
-
-    on_hub(use)
-
-
-def test_many_stops_at_once_cost_the_board_few() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
-        programs = [RawProgram(hub, role=Role.WATCH) for _ in range(20)]
-        responses = await asyncio.gather(*(program.ask(STOP) for program in programs for _ in range(10)))
-        assert responses == [SetServoParameterResponse(ALL_SERVOS, 0, 1)] * 200
-        assert fake.executed_of(SetServoParameterRequest) == [STOP]
-
-    on_hub(use)
-
-
-def test_a_stop_behind_a_motion_is_sent_although_another_one_is_under_way() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
-        one, other = RawProgram(hub), RawProgram(hub)
-        one.send(MOVE)
-        await asyncio.sleep(0.1)
-        fake.plan(QueryServoRequest, late(1))  # the stop is not confirmed for so long
-        one.send(STOP)
-        one.send(MOVE)
-        await asyncio.sleep(0.1)
-        other.send(STOP)
-        await asyncio.sleep(5)
-        sent = [packet for _, packet in fake.sent if packet in (STOP, MOVE)]
-        assert sent[:4] == [MOVE, STOP, MOVE, STOP]
-        assert [len(program.heard) for program in (one, other)] == [1, 1]
-
-    on_hub(use, depth=4)
-
-
-def test_a_door_with_a_defect_costs_only_its_own_program() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
-        broken, other = RawProgram(hub), RawProgram(hub)
-
-        def sink(data: bytes) -> None:
-            raise OSError("the door is broken")
-
-        broken.session._sink = sink
-        broken.send(QueryServoListRequest())
-        assert await other.ask(QueryServoListRequest()) is not None
-        assert [program.session for program in hub.status().programs] == [other.session.session_id]
-        assert hub.state == "connected"
 
     on_hub(use)
