@@ -13,7 +13,7 @@ from servolink.client.readers import Reader, SharedIterator, Source
 from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
 from servolink.connection.explain import same
-from servolink.errors import ConnectionLost, OutcomeUnknown, ServolinkError
+from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, ServolinkError
 from servolink.escaping import quote
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 
@@ -91,6 +91,7 @@ class ServoWatch(Source[_RatedReader]):
         self._began_at = 0.0
         self._ticks = 0  # periods since then
         self._is_late = False  # whether there was no room for the latest one
+        self._has_read = False  # whether there was a reading
         self._ended = False
         session.end_with(self._end)
 
@@ -186,7 +187,10 @@ class ServoWatch(Source[_RatedReader]):
         except ConnectionLost:
             self._resume_later()
         except ServolinkError as error:
-            self._fail(error)
+            if isinstance(error, RequestTimeout) and self._has_read and self._session.connection.answers.is_patient:
+                self._loop.call_soon(self._fill)  # the hub has lost its board, which may come back
+            else:
+                self._fail(error)
         finally:  # at once, or whoever begins to read now would take it for a query under way
             self._queries.discard(cast("asyncio.Task[None]", asyncio.current_task()))
 
@@ -195,6 +199,7 @@ class ServoWatch(Source[_RatedReader]):
         if self._period is None:
             self._loop.call_soon(self._fill)  # when this one is on its way, or waits
         servos = await self._servos.servos()
+        self._has_read = True
         reading = ServoReading(self._loop.time(), servos)
         stopping = [reader for reader in self._readers if reader.offer(due, reading)]
         if stopping and self._stopping is None:
@@ -236,7 +241,8 @@ class ServoReadings(SharedIterator[ServoReading, _RatedReader]):
     """Readings of all servos as an async iterator; `async with`, or simply `async for`, begins and ends reading.
 
     It ends when the board is closed and raises ConnectionLost when the connection is lost for good; any other error of
-    a reading ends it too. A program that is too slow gets the latest reading, and `missed` counts the others.
+    a reading ends it too, but while a hub has lost its board, it waits. A program that is too slow gets the latest
+    reading, and `missed` counts the others.
 
     Alarms are compared with every reading, also with those that a slow program misses. An alarm that stops the servos
     does so at once, and reading goes on; if the stop cannot be confirmed, the iterator raises OutcomeUnknown.

@@ -41,13 +41,18 @@ class HubClaim:
         return f"share://{self.name}"
 
     def announce(self, url: str) -> None:
-        """Make the search find this hub, which shares the board at `url`. Raise OpenError if another one shares it.
+        """Make the search find this hub, which shares the board at `url`.
 
-        Blocks for some milliseconds. To be called when programs can connect.
+        Blocks for some milliseconds. To be called when programs can connect. Raise OpenError if another hub shares the
+        board, or if the file cannot be written.
         """
         identity = identity_of(url) or ANY_DEVICE
         product = f"shared by a hub (pid {os.getpid()})"
-        write(DeviceInfo(self.url, product, identity, shares=url), self._file)
+        try:
+            write(DeviceInfo(self.url, product, identity, shares=url), self._file)
+        except OSError as error:
+            where = self.folder / f"{self.name}{_SUFFIX}"
+            raise OpenError(f"{self.url}: programs could not find it: {where}: {reason(error)}") from error
         # After it was written: of two hubs that begin at the same time at least one finds the other.
         if (other := hub_of(url, but=self.url)) is not None:
             raise OpenError(f"{url} is {other.product} already: use {other.url}, or end that one first")

@@ -8,10 +8,12 @@ from typing import Any
 import pytest
 
 from servolink.client.connect import connect
+from servolink.errors import RequestTimeout
 from servolink.hub.hub import share
 from servolink.hub.local import LocalTransport
 from servolink.protocol.codec import Codec
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import now
 from tests.client.test_board import CHAPTERS
@@ -52,5 +54,52 @@ def test_a_button_press_on_the_board_arrives_at_those_who_asked() -> None:
             assert (event.button_id, event.kind) == (4, "press")
             await asyncio.sleep(1)
             assert other.stats.events_received == 0
+
+    run(main())
+
+
+class DeafLine(VirtualTransport):
+    """Loses what is sent to the board, at times."""
+
+    is_deaf = False
+
+    def _send(self, data: bytes) -> None:
+        if not self.is_deaf:
+            super()._send(data)
+
+
+def test_readings_go_on_when_the_board_is_back() -> None:
+    async def main() -> None:
+        line = DeafLine(VirtualBoard(2))
+        async with (
+            asyncio.timeout(100),
+            connect(line, angle_unit=None, patience=60) as upstream,  # or the hub would lose it for good
+            share(upstream, name="rex") as hub,
+            connect(LocalTransport(hub)) as board,
+            board.watch(hz=10) as readings,
+        ):
+            board.connection.answers.is_patient = True  # as on share://
+            first = await anext(readings)
+            line.is_deaf = True
+            await asyncio.sleep(5)  # longer than a program waits for a response
+            line.is_deaf = False
+            async for reading in readings:
+                if reading.seconds > first.seconds + 5:
+                    break
+
+    run(main())
+
+
+def test_readings_that_never_come_are_an_error() -> None:
+    async def main() -> None:
+        virtual = VirtualBoard(2, kind=BoardKind(unsupported=("QueryServo",)))
+        async with (
+            connect(VirtualTransport(virtual), angle_unit=None) as upstream,
+            share(upstream, name="rex") as hub,
+            connect(LocalTransport(hub)) as board,
+            board.watch(hz=10) as readings,
+        ):
+            with pytest.raises(RequestTimeout):
+                await anext(readings)
 
     run(main())
