@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import os
 import signal
 import sys
@@ -20,6 +21,11 @@ from tests.processes import sessions
 settings.register_profile("here", deadline=None, max_examples=50)
 settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("ci" if os.environ.get("CI") else "here")
+
+
+def pytest_collection_finish() -> None:
+    """Keep the garbage collector from going through ten thousand tests again and again, which never are garbage."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
