@@ -19,6 +19,7 @@ from servolink.protocol.servos import QueryServoListRequest
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import serve
 from tests.hub.door_hub import RawLine, on_hub
+from tests.processes import start_async
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 LIST = Codec().encode(QueryServoListRequest())
@@ -99,9 +100,7 @@ async def _visit(page: str, folder: Path) -> None:
     options = ("--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", f"--user-data-dir={folder}")
     async with listen(converse, "127.0.0.1", 0) as place:
         silent = asyncio.subprocess.DEVNULL
-        browser = await asyncio.create_subprocess_exec(
-            CHROMIUM, *options, f"http://{place}/", stdout=silent, stderr=silent
-        )
+        browser = await start_async(CHROMIUM, *options, f"http://{place}/", stdout=silent, stderr=silent)
         try:
             await done.wait()
         finally:
