@@ -131,7 +131,7 @@ class HubLink:
             elif method == "refused":
                 refused = msgspec.json.decode(params, type=_Refused)
                 _logger.warning("%s was not sent to the board: %s", escape(refused.packet), escape(refused.reason))
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             _logger.warning("a notification of the hub cannot be read: %s", escape(str(error)))
 
     def _learn(self, state: _State, *, lease: bool, hold: bool) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from servolink.client import hub_link, rpc_channel
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.client.rpc_channel import error_of, open_channel
@@ -211,6 +212,51 @@ def test_a_hub_without_control_interface_shares_its_board_all_the_same() -> None
     on_hub(main)
 
 
+class Deaf:
+    """A control interface that does not answer, or ends at once."""
+
+    def __init__(self, abort: Callable[[str], None] | None) -> None:
+        self._abort = abort
+
+    def receive(self, message: bytes) -> None:
+        if self._abort is not None:
+            self._abort("as the test wants it")
+
+    def pause(self) -> None:
+        """Do nothing."""
+
+    resume = pause
+
+    async def close(self) -> None:
+        """Do nothing."""
+
+
+@pytest.mark.parametrize(("ends", "error"), [(True, "the hub of rex is gone"), (False, "has not answered board.state")])
+def test_a_control_interface_that_does_not_work_is_an_error(
+    ends: bool, error: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hub_link, "_LIMIT", 0.05)
+
+    async def main(hub: Hub, virtual: object) -> None:
+        async with sharing(hub, lambda *given: Deaf(given[-1] if ends else None)):
+            with pytest.raises(OpenError, match=error):
+                await connect("share://rex")
+            await until(lambda: not hub.programs)
+
+    on_hub(main)
+
+
+def test_an_endless_message_ends_the_channel(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rpc_channel, "_MOST_BYTES", 1000)
+
+    async def main(hub: Hub) -> None:
+        channel, _ = await open_channel("rex", Greeting(wants="rpc", who="tablet"))
+        channel.data_received(b"x" * 1001)
+        await until(lambda: channel.ended)
+
+    with_hub(main)
+
+
 def test_a_refusal_for_other_reasons_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     async def main(hub: Hub) -> None:
         async with connect("share://rex?role=watch") as board:
@@ -248,9 +294,10 @@ def test_messages_that_are_not_from_a_hub_are_logged_and_change_nothing(caplog: 
             for line in (b"", b"nonsense", b'"\xff"', b"[" * 5000, b'{"id": 99, "result": 1}', b'{"id": "x"}'):
                 channel.data_received(line + b"\n")
             channel.data_received(b'{"method": "hold", "params": {"hold": 3}}\n{"method": "new", "params": {}}\n')
+            channel.data_received(b'{"method": "lease", "params": {"by": "\xff"}}\n')
             channel.data_received(b'{"method": "ho')
             channel.data_received(b'ld", "params": {"hold": null}}\n')
-            assert len(caplog.records) == 6
+            assert len(caplog.records) == 7
             await board.servos()
 
     with_hub(main)

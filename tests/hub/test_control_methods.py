@@ -254,6 +254,25 @@ def test_a_program_that_has_a_board_uses_its_lease_and_hold_and_nothing_more() -
     run(main())
 
 
+def test_the_end_of_one_connection_frees_the_board_and_the_end_of_both_ends_the_session() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("tablet") as tablet:
+            board = await connect(LocalTransport(here.hub, session_id="s", who="script"))
+            async with here.program("script", session="s") as script:
+                await script.call("board.hold")
+            assert here.hub.held_by is None
+            async with here.program("script", session="s") as script:
+                await script.call("lease.take")
+                await board.close()
+                assert (await tablet.call("board.state"))["lease"] is None
+                for method in ("lease.take", "board.hold"):
+                    with pytest.raises(RpcFailed, match="the session has ended") as failed:
+                        await script.call(method)
+                    assert failed.value.kind == "ConnectionLost"
+
+    run(main())
+
+
 def test_who_has_the_board_alone_makes_the_others_wait() -> None:
     async def main() -> None:
         async with shared() as here, here.program("studio") as studio, here.program("tablet") as tablet:

@@ -10,7 +10,7 @@ from typing import TypeAlias, TypeVar
 from servolink.client.board import Board
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
-from servolink.errors import MotionRefused, RequestTimeout
+from servolink.errors import ConnectionLost, MotionRefused, RequestTimeout
 from servolink.hub.control.faults import Code, RpcError
 from servolink.hub.hub import Hub
 from servolink.hub.local import LocalTransport
@@ -77,7 +77,8 @@ class Control:
         self._hold_changed = asyncio.Event()
 
     async def close(self) -> None:
-        """Leave the hub, which ends the lease and the hold."""
+        """Leave the hub, which ends the lease and the hold; with a board of its own, the hold alone."""
+        self.hub.release_hold(self.session)
         if self._board is not None:
             await self._board.close()
         elif self._transport is not None:
@@ -133,6 +134,7 @@ class Control:
 
         `dead_man` is that of the greeting unless it is given.
         """
+        self._check_joined()
         dead_man = self._dead_man if dead_man is None else dead_man
         if not self.hub.take_lease(self.session, force=force, dead_man=dead_man):
             raise LeaseRefused(f"nothing was moved: {self.hub.lease_reason(self.session)}")
@@ -176,8 +178,14 @@ class Control:
 
     async def hold(self, reason: str) -> None:
         """Hold the board alone, as soon as no other program does."""
+        self._check_joined()
         while not self.hub.hold(self.session, reason):
             await self.until_free()
+
+    def _check_joined(self) -> None:
+        """Raise ConnectionLost if the session has ended: its board was disconnected, or the hub has ended."""
+        if self.session not in self.hub.programs:
+            raise ConnectionLost("the session has ended; connect again")
 
     def _guard(self, board: Board) -> None:
         """Take the lease before each motion, so that a refused one is an error with a reason."""
