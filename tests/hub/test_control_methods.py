@@ -306,7 +306,9 @@ def test_the_hold_and_the_lease_end_with_their_program() -> None:
                 await studio.call("lease.take")
                 moving = tablet.begin("move", targets={"1": 10}, duration=0.1)
             await moving
-            assert tablet.of("program")[-1] == {"event": "left", "session": "session of studio", "who": "studio"}
+            joined, left = tablet.of("program")
+            assert (joined["event"], joined["who"], joined["door"]) == ("joined", "studio", "share")
+            assert (left["event"], left["who"], left["session"]) == ("left", "studio", "session of studio")
 
     run(main())
 

@@ -361,6 +361,8 @@ class ProgramNotice(Struct, frozen=True):
     event: Literal["joined", "left"]
     session: str
     who: str
+    door: Annotated[str | None, _about("where it joined: share, tcp, pty or local; null if it left")] = None
+    role: Annotated[str | None, _about("null if it left")] = None
 
 
 class ProgressNotice(Struct, frozen=True):

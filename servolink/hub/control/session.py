@@ -118,7 +118,7 @@ class ControlSession:
             case ProgramJoined() | ProgramLeft() if not self.control.wants_programs:
                 pass
             case ProgramJoined():
-                self._notify("program", ProgramNotice("joined", notice.session, notice.who))
+                self._notify("program", ProgramNotice("joined", notice.session, notice.who, notice.door, notice.role))
             case ProgramLeft():
                 self._notify("program", ProgramNotice("left", notice.session, notice.who))
             case ConnectionChanged():
