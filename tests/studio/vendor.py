@@ -10,10 +10,11 @@ import hashlib
 import json
 import re
 import shutil
-import subprocess
 import tarfile
 import tempfile
 from pathlib import Path
+
+from tests import processes
 
 VENDOR = Path(__file__).parents[2] / "servolink/studio/web/vendor"
 
@@ -72,9 +73,7 @@ def main() -> None:
 
 def _unpacked(package: str, version: str, folder: Path) -> dict[str, bytes]:
     name = f"{package}@{version}" if version else package
-    packed = subprocess.run(
-        [_NPM, "pack", "--silent", name], cwd=folder, check=True, capture_output=True, text=True
-    ).stdout.split()
+    packed = processes.run([_NPM, "pack", "--silent", name], cwd=folder, check=True).stdout.split()
     with tarfile.open(folder / packed[-1]) as archive:
         return {
             member.name.partition("/")[2]: file.read()
