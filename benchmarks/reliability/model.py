@@ -18,10 +18,9 @@ import sys
 import time
 from collections import deque
 from collections.abc import Iterator
+from copy import copy as copy_of
 from dataclasses import dataclass, field
 from typing import Any
-
-from msgspec.structs import replace
 
 from benchmarks.measuring import Result, table
 from servolink.connection.call import Slot
@@ -323,7 +322,8 @@ def _copy(slots: Slots) -> Slots:
     twins: dict[int, Slot] = {}
     copy.lanes = {}
     for response_id, lane in slots.lanes.items():
-        copy.lanes[response_id] = replace(lane, slots=deque(), kept=lane.kept.copy())
+        copy.lanes[response_id] = one = copy_of(lane)
+        one.slots, one.kept = deque(), lane.kept.copy()
 
     def twin(slot: Slot) -> Slot:
         if (known := twins.get(id(slot))) is None:

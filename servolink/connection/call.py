@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-from msgspec import Struct, field
+from msgspec import Struct
 
 from servolink.errors import DecodeError, ServolinkError
 from servolink.protocol.packet import Command, Request, Response
@@ -20,23 +20,26 @@ UNKNOWN_SIZE = 1 << 40
 """Bytes of a response of a kind that was never heard: a list can be long, so nothing is sent beside the first one."""
 
 
-class Lane(Struct, eq=False):
+class Lane:
     """One response id: its open slots in the order sent, and the responses that are kept."""
 
-    response_id: int
-    slots: deque[Slot] = field(default_factory=deque)
     equal: bool = True
     """All its slots have the same repeatable request: the usual case, in which nothing has to be searched."""
     overdue: int = 0
     """How many of its slots are overdue."""
-    kept: list[Content] = field(default_factory=list)
-    """Responses that may belong to several slots, in their order."""
     stopped: bool = False
     """A stop was sent on this lane and is not settled: no response on the lane can be assigned to a slot."""
     request_size: int = 0
     """Bytes of the latest frame that was sent."""
     response_size: int = UNKNOWN_SIZE
     """Bytes that a response may have: those of a recent long one."""
+
+    def __init__(self, response_id: int) -> None:
+        """Start without slots."""
+        self.response_id = response_id
+        self.slots: deque[Slot] = deque()
+        self.kept: list[Content] = []
+        """Responses that may belong to several slots, in their order."""
 
     @property
     def size(self) -> int:

@@ -10,8 +10,6 @@ This file knows no clock, no event loop and no bytes.
 
 from __future__ import annotations
 
-from msgspec import Struct
-
 LEAST_RESPONSES = 32
 """An epoch has at least so many responses, and at least four times the depth."""
 RISE = 1.1
@@ -27,13 +25,16 @@ _MOST_EPOCHS = 4  # in one trial that is decided by losses: in 32 requests they 
 _HOPELESS_LOSSES, _HOPELESS_LOSS = 4, 0.25  # so many, and so much more than before, end a trial at once
 
 
-class Epoch(Struct, eq=False):
+class Epoch:
     """A measurement at one depth."""
 
-    depth: int
     responses: int = 0
     lost: int = 0
     seconds: float = 0.0
+
+    def __init__(self, depth: int) -> None:
+        """Start without responses."""
+        self.depth = depth
 
     @property
     def length(self) -> int:

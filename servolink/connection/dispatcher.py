@@ -7,6 +7,8 @@ import logging
 from collections import deque
 from collections.abc import Callable
 
+from msgspec import Struct
+
 from servolink.connection.call import Call, Content, Settled, Slot
 from servolink.connection.deadlines import DeadlineTimer, ResponseTimes
 from servolink.connection.explain import lost, overtaken, same
@@ -33,6 +35,15 @@ _MOST_OVERDUE = 2 * FENCES_ONLY
 _SILENT_SENDINGS = 5
 _SILENT_PATIENCES = 2
 """A board that sends nothing at all for so long, although it was asked so often, is gone."""
+
+
+class _Arrival(Struct):
+    """A frame that has arrived in part when the oldest slot was due."""
+
+    received: int = 0
+    """Bytes of it at the last look."""
+    pauses: int = 0
+    paused_until: float = 0.0
 
 
 class ResponseDispatcher:
@@ -79,9 +90,7 @@ class ResponseDispatcher:
         self._now = now
         self._heard_at = 0.0  # when the latest bytes came
         self._restarted_at = 0.0  # from when the time of the oldest slot counts
-        self._pauses = 0
-        self._paused_until = 0.0
-        self._arrived = 0  # bytes of the oldest slot's response at the last look
+        self._arrival: _Arrival | None = None  # since then
         self._silent_since: float | None = None
         self._silent_sendings = 0
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -282,8 +291,7 @@ class ResponseDispatcher:
     def _restart(self, now: float) -> None:
         """Count the time of the oldest slot from now: nothing older delays its response any more."""
         self._restarted_at = now
-        self._paused_until = 0.0
-        self._pauses = self._arrived = 0
+        self._arrival = None
 
     def _look(self, now: float) -> None:
         """Find the oldest slot overdue, if it is; a stalled event loop has read everything by now."""
@@ -303,7 +311,8 @@ class ResponseDispatcher:
         return self._due(self._slots.live[0]) if self._slots.live else None
 
     def _due(self, slot: Slot) -> float:
-        return max(max(self._restarted_at, slot.sent_at) + slot.timeout, self._paused_until)
+        due = max(self._restarted_at, slot.sent_at) + slot.timeout
+        return due if self._arrival is None else max(due, self._arrival.paused_until)
 
     def _mark_overdue(self, slot: Slot) -> None:
         if not slot.overdue:
@@ -346,16 +355,17 @@ class ResponseDispatcher:
     def _await_partial_frame(self, slot: Slot, now: float) -> None:
         """Put the deadline off while its response, or anything else, is arriving; else give a false start up."""
         while self._parser.partial_frame:
+            arrival = self._arrival = self._arrival or _Arrival()
             packet_id, received, wanted = self._parser.partial_frame
             lane = self._slots.lanes.get(packet_id)
             # By its rate, as tries can be short: at 115200 baud the longest list takes 6 s.
             least = wanted * (now - self._restarted_at) / _LONGEST_ARRIVAL
-            if lane is not None and lane.slots and received - self._arrived >= least:
-                self._restarted_at, self._arrived = now, received
+            if lane is not None and lane.slots and received - arrival.received >= least:
+                self._restarted_at, arrival.received = now, received
                 return
-            if now < self._heard_at + _PAUSE and self._pauses < _MOST_PAUSES:
-                self._pauses += 1
-                self._paused_until = self._heard_at + _PAUSE
+            if now < self._heard_at + _PAUSE and arrival.pauses < _MOST_PAUSES:
+                arrival.pauses += 1
+                arrival.paused_until = self._heard_at + _PAUSE
                 return
             for frame in self._parser.abandon_frame():
                 self._take(frame)

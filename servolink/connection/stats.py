@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
-from msgspec import Struct, field
-
 from servolink.protocol.parser import REASONS
 
 
-class Stats(Struct):
+class Stats:
     """Counters since the connection was opened."""
 
     bytes_sent: int = 0
     bytes_received: int = 0
     frames_sent: int = 0
     frames_received: int = 0
-    skipped: dict[str, int] = field(default_factory=lambda: dict.fromkeys(REASONS, 0))
+    skipped: dict[str, int]
     """Bytes outside any frame, by reason (see `servolink.protocol.parser`)."""
     undecodable: int = 0
     """Intact frames whose content contradicts itself."""
@@ -41,8 +39,13 @@ class Stats(Struct):
     events_received: int = 0
     events_dropped: int = 0
     """Button events lost because their reader was too slow."""
-    round_trips: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
+    round_trips: deque[float]
     """The latest 4096 times from request to response, in seconds."""
+
+    def __init__(self) -> None:
+        """Start at 0."""
+        self.skipped = dict.fromkeys(REASONS, 0)
+        self.round_trips = deque(maxlen=4096)
 
     def round_trip(self, percent: float) -> float | None:
         """Return a percentile (0..100) of the latest round trips in seconds, None before the first."""
@@ -64,7 +67,7 @@ class Stats(Struct):
     def as_dict(self) -> dict[str, Any]:
         """Return all counters as plain numbers, and percentiles of the round trips in milliseconds."""
         counters = {
-            name: getattr(self, name) for name in self.__struct_fields__ if name not in ("skipped", "round_trips")
+            name: getattr(self, name) for name in Stats.__annotations__ if name not in ("skipped", "round_trips")
         }
         percentiles = {f"p{percent}": self.round_trip(percent) for percent in (50, 90, 99)}
         return {

@@ -216,7 +216,7 @@ def work_at(board: Board, depth: int) -> None:
 def forget(board: Board) -> None:
     """Set the counters of `board` back to 0."""
     fresh = Stats()
-    for name in Stats.__struct_fields__:
+    for name in Stats.__annotations__:
         if name != "skipped":  # the parser has that one
             setattr(board.stats, name, getattr(fresh, name))
 

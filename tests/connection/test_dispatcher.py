@@ -357,3 +357,13 @@ def test_what_comes_after_the_end_changes_nothing() -> None:
             assert len(ends) == 1
 
     run(main())
+
+
+def test_it_has_few_enough_attributes_to_be_fast() -> None:
+    async def main() -> None:
+        async with connected(FakeBoard()) as connection:
+            await connection.request(QueryServoListRequest())
+            # CPython finds those of an object with more than 30 of them in twice the time.
+            assert len(vars(connection.answers)) <= 30
+
+    run(main())

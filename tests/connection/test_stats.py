@@ -48,7 +48,8 @@ def test_as_dict_has_plain_numbers_under_names_that_programs_rely_on() -> None:
 
 
 def test_printing_stats_shows_what_happened_and_a_summary_of_the_round_trips() -> None:
-    stats = Stats(frames_sent=200, timeouts=1)
+    stats = Stats()
+    stats.frames_sent, stats.timeouts = 200, 1
     stats.skipped.update(noise=3)
     stats.round_trips.extend(number / 1000 for number in range(1, 201))
     assert (
