@@ -191,6 +191,16 @@ class HubChecker:
         """Count a request that was not answered."""
         self.counts["no response"] += 1
 
+    def unasked(self, program: str, response: Packet) -> None:
+        """Judge a response that fits nothing a program asks: a wrong one to what it asked before, at best."""
+        if self._repeating:
+            self.counts["of a repeated response"] += 1
+        elif response in self._false:
+            self.counts["damage accepted"] += 1
+        else:
+            self.counts["wrong"] += 1
+            self.fault(f"{program} got {response}, which it had not asked for")
+
     def hung(self, asked: Asked) -> None:
         """Judge a request that neither ends nor fails."""
         self.counts["hung"] += 1

@@ -148,7 +148,7 @@ class RawProgram(SharingProgram):
             return
         fitting = (at for at, asked in enumerate(self._waiting) if _fits(asked.request, response))
         if (at := next(fitting, None)) is None:
-            self._checker.fault(f"{self.name} got {response}, which it had not asked for")
+            self._checker.unasked(self.name, response)
             return
         self._give_up(at)
         self._checker.answered(self._waiting.popleft(), cast("Response", response))
