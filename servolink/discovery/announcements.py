@@ -9,7 +9,6 @@ import errno
 import json
 import os
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
@@ -94,6 +93,8 @@ def write(board: DeviceInfo, file: BinaryIO) -> None:
 
 def _write(board: DeviceInfo, folder: Path, stack: ExitStack) -> None:
     """Write an announcement that `stack` removes."""
+    import tempfile  # late, as it takes long to load: the search for boards does not need it
+
     number, name = tempfile.mkstemp(_SUFFIX, dir=folder)
     stack.callback(Path(name).unlink, missing_ok=True)
     file = stack.enter_context(os.fdopen(number, "wb", buffering=0))

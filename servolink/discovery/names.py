@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import msgspec
 
-from servolink.discovery import hubs
 from servolink.discovery.search import is_same_place, only, search
 from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
 from servolink.files import MIB, is_name, read_file, reason, user_folder, write_atomically
@@ -136,6 +135,8 @@ async def resolve_url(board: str | None, *, through_hub: bool = True) -> str:
 
 
 def _resolve_alone(board: str | None) -> Resolved:
+    from servolink.discovery import hubs  # late, as below: most programs give an address
+
     found = _resolve(board)
     if (hub := _at(found.url) or hubs.hub_of(found.url)) is not None:
         raise OpenError(f"{hub.shares} is {hub.product}: use {hub.url}, or end that hub to have the board alone")
@@ -160,11 +161,15 @@ def _resolve(board: str | None) -> Resolved:
 
 def _at(url: str) -> DeviceInfo | None:
     """Return the hub at an address."""
+    from servolink.discovery import hubs
+
     return next((hub for hub in hubs.candidates() if hub.url == url), None)
 
 
 def _hub_for(name: str, alias: Alias | None) -> DeviceInfo | None:
     """Return the hub of the board called `name`: the one that shares it or, if nothing has this name, is called so."""
+    from servolink.discovery import hubs
+
     if alias is None:
         return _at(f"share://{name}")
     for hub in hubs.candidates():
