@@ -35,7 +35,7 @@ class Found(NamedTuple):
 
 
 async def discover() -> list[DeviceInfo]:
-    """Return the devices that may be boards, and the virtual boards served on this machine.
+    """Return the devices that may be boards, and the virtual and shared boards on this machine.
 
     Nothing is opened. A device that cannot be opened is included; its `problem` says why and what to do. One that is
     reached in several ways is included once for each. A missing library or a broken plug-in hides the devices that
