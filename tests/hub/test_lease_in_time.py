@@ -9,7 +9,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from servolink.hub.hub import share
+from servolink.hub.hub import Hub, share
 from servolink.hub.lease import LeaseChange, MotionLease
 from servolink.hub.notices import LeaseChanged, Notice
 from servolink.hub.roles import Role, is_motion, is_stop
@@ -30,6 +30,10 @@ STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
 
 class Leases(RuleBasedStateMachine):
     """Three programs and a watcher. `MotionLease`, which has a test of its own, says who should have the lease."""
+
+    hub: Hub
+    watcher: RawProgram
+    is_busy: bool
 
     def __init__(self) -> None:
         super().__init__()
