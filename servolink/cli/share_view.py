@@ -86,7 +86,7 @@ def status_line(status: HubStatus, rate: float, width: int) -> str:
         status.name if status.state == "connected" else f"{status.name} ({status.state})",
         counted(len(status.programs), "program"),
         f"{rate:.0f} responses/s",
-        f"noise {counted(status.noise, 'byte')}",
+        f"noise {status.noise} B",
         f"lease: {'free' if status.lease is None else status.lease.who}",
     ]
     if status.hold is not None:

@@ -338,7 +338,7 @@ class Hub:
 
 
 @asynccontextmanager
-async def share(board: Board, *, name: str, lease_seconds: float = SECONDS_AFTER) -> AsyncIterator[Hub]:
+async def share(board: Board, *, name: str = "board", lease_seconds: float = SECONDS_AFTER) -> AsyncIterator[Hub]:
     """Share `board`, which should be opened with `reconnect=True, angle_unit=None`, until the block ends.
 
     The motion lease of a program lasts `lease_seconds` after the end of its last motion. The board stays open. Nothing

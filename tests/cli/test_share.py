@@ -186,7 +186,7 @@ def test_the_line_that_stays_fits() -> None:
     busy = HubStatus("rex", "x", "lost", 1.0, (PROGRAM, PROGRAM), LEASE, HoldStatus("s", "ann\x1b", "apply"), 9, 2)
     line = status_line(busy, 12.4, 200)
     assert line == (
-        "rex (lost)  used alone by ann\\x1b  2 programs  12 responses/s  noise 2 bytes  lease: servolink move (pid 7)"
+        "rex (lost)  used alone by ann\\x1b  2 programs  12 responses/s  noise 2 B  lease: servolink move (pid 7)"
     )
     assert status_line(busy, 12.4, 20) == line[:20]
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from servolink import hub as hub_package
 from servolink.client.connect import connect
 from servolink.errors import RequestTimeout
 from servolink.hub.hub import share
@@ -103,3 +104,11 @@ def test_readings_that_never_come_are_an_error() -> None:
                 await anext(readings)
 
     run(main())
+
+
+def test_what_programs_need_is_found_in_the_package() -> None:
+    assert hub_package.share is share
+    assert hub_package.LocalTransport is LocalTransport
+    assert all(getattr(hub_package, name) for name in vars(hub_package)["__all__"])
+    with pytest.raises(AttributeError, match=r"'servolink\.hub' has no attribute 'shares'"):
+        getattr(hub_package, "shares")  # noqa: B009 - a type checker knows that it is not there
