@@ -62,12 +62,12 @@ async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
         from servolink.studio.server import serve_studio
     except ModuleNotFoundError as error:
         raise TransportUnavailable("servolink studio needs aiohttp: pip install 'servolink[studio]'") from error
-    from servolink.studio.start import VIRTUAL, check_place, opened_in_browser, studio_for
+    from servolink.studio.start import check_place, opened_in_browser, studio_for
 
     check_place(args.host, tuple(args.allow_host))
     options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
     async with AsyncExitStack() as stack:
-        studio = await stack.enter_async_context(studio_for(VIRTUAL if args.demo else args.url, **options))
+        studio = await stack.enter_async_context(studio_for(args.url, demo=args.demo, **options))
         gate, port = await stack.enter_async_context(serve_studio(studio, args.host, args.port, args.allow_host))
         interruption.state, interruption.code = "the board was left as it is", OK
         address = f"http://{_LOOPBACK}:{port}/#token={gate.new_token('edit')}"

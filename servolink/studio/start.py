@@ -8,15 +8,19 @@ import os
 import webbrowser
 from collections.abc import AsyncIterator, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from servolink.client.board import Board
 from servolink.discovery import announcements, hubs
 from servolink.discovery.names import resolve_board
 from servolink.discovery.search import boards, search
 from servolink.errors import OpenError
 from servolink.files import user_folder
 from servolink.hub.serving import serve_board
+from servolink.project.project_file import parse_project
+from servolink.protocol.record_types import RECORD_TYPES
 from servolink.studio.methods import Studio
 from servolink.transports.share import Greeting, greet
 
@@ -25,13 +29,14 @@ _SHARED = "share://"
 
 
 @asynccontextmanager
-async def studio_for(board: str | None, **options: Any) -> AsyncIterator[Studio]:
+async def studio_for(board: str | None, *, demo: bool = False, **options: Any) -> AsyncIterator[Studio]:
     """Yield the studio of `board`: an address, a name, or None for the only one here, else for a virtual one.
 
     A hub that shares the board is used. Otherwise the board is shared from here, with the `options` of `connect`, so
-    that other programs can use it meanwhile.
+    that other programs can use it meanwhile. With `demo`, or if no board is here, it is a new virtual board that holds
+    some actions and macros.
     """
-    address = await _address(board)
+    address = VIRTUAL if demo else await _address(board)
     if address.startswith(_SHARED):
         name = address.removeprefix(_SHARED).partition("?")[0]
         await _check_hub(name)
@@ -39,6 +44,8 @@ async def studio_for(board: str | None, **options: Any) -> AsyncIterator[Studio]
         return
     async with AsyncExitStack() as stack:
         hub, _ = await stack.enter_async_context(serve_board(address, name=_name_of(address, board), **options))
+        if address == VIRTUAL:
+            await _store_demo(hub.board)
         yield Studio(hub.name, await asyncio.to_thread(_is_virtual, address))
 
 
@@ -55,6 +62,16 @@ async def _address(board: str | None) -> str:
     if not boards(await asyncio.to_thread(search)):
         return VIRTUAL
     return (await resolve_board(None)).url
+
+
+async def _store_demo(board: Board) -> None:
+    """Store the demo on a new virtual board."""
+    demo = parse_project((files("servolink.studio") / "demo.servolink.json").read_bytes())
+    for kind in RECORD_TYPES:
+        for record in getattr(demo, kind.field):
+            await board.request(kind.add(record))
+    await board.add_servo_parameters(demo.servo_parameters)
+    await board.set_active_joystick_table(1)
 
 
 def _name_of(address: str, board: str | None) -> str | None:

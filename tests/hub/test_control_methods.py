@@ -15,6 +15,7 @@ from servolink.hub.hub import share
 from servolink.hub.local import LocalTransport
 from servolink.hub.notices import Problem
 from servolink.hub.roles import Role
+from servolink.protocol.records import ServoParameter
 from servolink.virtual.board import VirtualBoard
 from tests.client.fake_board import now
 from tests.client.sockets import Socket
@@ -64,6 +65,19 @@ def test_servos_move_by_id_and_by_caption() -> None:
             with pytest.raises(RpcFailed, match="no servo 'hip'") as failed:
                 await studio.call("move", targets={"hip": 1}, duration=1)
             assert (failed.value.kind, failed.value.code) == ("NotFound", 303)
+
+    run(main())
+
+
+def test_what_the_board_says_of_itself_can_be_read() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("tablet", "watch") as tablet:
+            assert (await tablet.call("servos.parameters"))["servos"] == []
+            await here.hub.board.add_servo_parameters([ServoParameter(1, -2, "hip")])
+            assert (await tablet.call("servos.parameters"))["servos"] == [
+                {"servo_id": 1, "adjusted_degree": -2, "servo_caption": "hip"}
+            ]
+            assert 0 < (await tablet.call("battery"))["percent"] <= 100
 
     run(main())
 

@@ -19,6 +19,7 @@ from servolink.project.project_file import file_type
 from servolink.project.transfer.results import Phase
 from servolink.protocol.json_form import json_type
 from servolink.protocol.record_types import RECORD_TYPES
+from servolink.protocol.records import ServoParameter
 
 MOST_HZ = 200.0
 CREDIT = 2
@@ -123,6 +124,18 @@ class ServoList(Struct, frozen=True):
     """All servos."""
 
     servos: tuple[ServoNow, ...]
+
+
+class ServoParameters(Struct, frozen=True):
+    """What is stored for the servos."""
+
+    servos: tuple[ServoParameter, ...]
+
+
+class Battery(Struct, frozen=True):
+    """The charge of the battery."""
+
+    percent: Annotated[float, _about("to 0.1")]
 
 
 class Move(Struct, forbid_unknown_fields=True):

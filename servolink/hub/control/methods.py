@@ -8,6 +8,7 @@ from servolink.client.board import Board
 from servolink.hub.control.context import Control
 from servolink.hub.control.feeds import ButtonsFeed, ServosFeed, servos_now
 from servolink.hub.control.messages import (
+    Battery,
     BoardState,
     Done,
     Hold,
@@ -21,6 +22,7 @@ from servolink.hub.control.messages import (
     Release,
     Run,
     ServoList,
+    ServoParameters,
     ServosAck,
     ServoSet,
     ServosWatch,
@@ -130,6 +132,18 @@ async def servos_list(caller: Caller, params: NoParams) -> ServoList:
     """Return the state of all servos."""
     servos = await caller.control.read(Board.servos, caller.control.readings)
     return ServoList(servos_now(servos))
+
+
+@METHODS.add("servos.parameters", Role.WATCH)
+async def servos_parameters(caller: Caller, params: NoParams) -> ServoParameters:
+    """Return caption and angle correction of each servo, as stored on the board."""
+    return ServoParameters(await caller.control.read(Board.servo_parameters, caller.control.readings))
+
+
+@METHODS.add("battery", Role.WATCH)
+async def battery(caller: Caller, params: NoParams) -> Battery:
+    """Return the charge of the battery. RequestTimeout if the board does not know it."""
+    return Battery(await caller.control.read(Board.battery, caller.control.readings))
 
 
 @METHODS.add("servos.watch", Role.WATCH)

@@ -1,6 +1,6 @@
 // A canvas with the figure, drawn again in each frame of the browser while it can be seen.
 
-import { Stage } from "../figure/stage.js";
+import { Stage, drawFlatOnly } from "../figure/stage.js";
 import { html, useEffect, useRef } from "../html.js";
 
 /** @typedef {import("../figure/figure.js").Figure} Figure */
@@ -15,10 +15,24 @@ const TURN = 8; // degrees with each arrow key
 /** @type {Record<ViewName, { yaw: number, pitch: number }>} */
 const VIEWS = { front: { yaw: 0, pitch: 6 }, side: { yaw: 90, pitch: 6 }, free: { yaw: 24, pitch: 9 } };
 
+const SLOW = 120; // milliseconds from one frame to the next
+const MOST_SLOW = 4; // such frames in a row, behind which WebGL is given up
+
 /** Draw all figures in each frame from now on. */
 export function drawFigures() {
-  requestAnimationFrame(drawFigures);
-  if (!document.hidden) for (const stage of stages) stage.draw();
+  let drewAt = 0, slow = 0;
+  /** @param {number} now */
+  const frame = (now) => {
+    requestAnimationFrame(frame);
+    if (document.hidden) return;
+    // Without a graphics card the browser calculates each pixel itself. Flat figures keep the page alive, and with it
+    // the beats without which the robot is stopped.
+    if (drewAt > 0) slow = now - drewAt > SLOW ? slow + 1 : 0;
+    if (slow >= MOST_SLOW) drawFlatOnly();
+    const drew = [...stages].map((stage) => stage.draw());
+    drewAt = drew.includes(true) ? now : 0;
+  };
+  requestAnimationFrame(frame);
 }
 
 /** @param {{ figure: Figure, scene: Scene, label: string, view?: ViewName }} props */

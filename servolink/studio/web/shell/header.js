@@ -4,7 +4,7 @@ import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { safeText } from "../parts/safe-text.js";
 import { toast } from "../parts/toasts.js";
-import { boardState, linkState, mayMove, welcome } from "../state/robot.js";
+import { battery, boardState, linkState, mayMove, welcome } from "../state/robot.js";
 import { theme } from "../state/settings.js";
 import { showsKeys } from "../state/view.js";
 import { language, t } from "../texts/text.js";
@@ -12,12 +12,15 @@ import { Control } from "./control.js";
 
 /** @typedef {import("./app.js").Tools} Tools */
 
+const LOW = 20; // percent
+
 /** @param {Tools} tools */
 export function Header(tools) {
   return html`<header class="head">
     <div class="logo hide-n"><${Logo} /></div>
     <${BoardName} />
     <div class="headright">
+      <${BatteryChip} />
       <${Control} ...${tools} />
       <button class="btn ic ghost hide-n" aria-label=${t("app.language")} title=${t("app.language")} onClick=${changeLanguage}>
         ${t("app.language_short")}
@@ -67,6 +70,14 @@ function BoardName() {
     <span class=${isLost ? "dot lost" : "dot"}></span>
     <span class="grow"><b class="ell">${safeText(welcome.value?.name ?? t("app.title"))}</b><small class="num ell">${place()}</small></span>
   </div>`;
+}
+
+function BatteryChip() {
+  if (battery.value === null) return null;
+  const percent = Math.round(battery.value);
+  return html`<span class=${percent < LOW ? "chip num bad" : "chip num"} title=${t("board.battery")}>
+    <${Icon} name="battery" />${percent} %
+  </span>`;
 }
 
 function place() {

@@ -4,14 +4,11 @@ import { computed, signal } from "../html.js";
 import { Figure } from "../figure/figure.js";
 import { safeText } from "../parts/safe-text.js";
 import { language, t } from "../texts/text.js";
-import { servoIds } from "./robot.js";
+import { captions, servoIds } from "./robot.js";
 
 const TEMPLATES = ["humanoid-16", "arm-6"];
 
 const templates = signal(/** @type {Figure[]} */ ([]));
-
-/** Captions of servos, as the board has them. */
-export const captions = signal(/** @type {Record<number, string>} */ ({}));
 
 /** The figure of the robot; null if no template has its servos. */
 export const figure = computed(() => {

@@ -12,6 +12,7 @@ import { History } from "./history.js";
 /** @typedef {{ session: string, who: string, door: string, role: string }} Program */
 
 const HZ = 50;
+const BATTERY_EVERY = 30_000; // milliseconds
 
 export const linkState = signal(/** @type {LinkState} */ ("connecting"));
 export const linkReason = signal("");
@@ -25,6 +26,10 @@ export const programs = signal(/** @type {Program[]} */ ([]));
 export const servos = signal(/** @type {Map<number, Servo>} */ (new Map()));
 /** When the latest reading came, milliseconds of `performance.now()`. */
 export const readAt = signal(0);
+/** Percent; null where the board does not know it. */
+export const battery = signal(/** @type {number | null} */ (null));
+/** Captions of servos, as the board has them. */
+export const captions = signal(/** @type {Record<number, string>} */ ({}));
 export const buttons = signal(/** @type {Map<number, number>} */ (new Map()));
 
 export const history = new History();
@@ -72,7 +77,28 @@ export function follow(link, onLease) {
 async function begin(link, first) {
   welcome.value = first;
   await refresh(link);
-  await Promise.allSettled([link.call("servos.watch", { hz: HZ }), link.call("buttons.subscribe")]);
+  await Promise.allSettled([link.call("servos.watch", { hz: HZ }), link.call("buttons.subscribe"), readStored(link)]);
+}
+
+/**
+ * Read what the board says of itself, and changes seldom.
+ * @param {Link} link
+ */
+async function readStored(link) {
+  const { servos: stored } = await link.call("servos.parameters");
+  captions.value = Object.fromEntries(stored.map((/** @type {any} */ one) => [one.servo_id, one.servo_caption]));
+  clearInterval(batteryTimer);
+  batteryTimer = setInterval(() => readBattery(link), BATTERY_EVERY);
+  await readBattery(link);
+}
+
+let batteryTimer = 0;
+
+/** @param {Link} link */
+async function readBattery(link) {
+  const found = await link.call("battery").catch(() => null);
+  battery.value = found === null ? null : found.percent;
+  if (found === null) clearInterval(batteryTimer); // this board does not know, or the connection begins again
 }
 
 /** @param {Link} link */

@@ -19,6 +19,7 @@ export const en = {
   "board.in_this_computer": "in this computer",
   "board.connecting": "connecting …",
   "board.lost": "lost, looking for it …",
+  "board.battery": "Battery",
   "board.studio_lost": "the studio does not answer …",
 
   "lease.mine": "You have control",

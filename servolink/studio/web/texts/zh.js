@@ -19,6 +19,7 @@ export const zh = {
   "board.in_this_computer": "本机",
   "board.connecting": "正在连接…",
   "board.lost": "断开，正在重连…",
+  "board.battery": "电量",
   "board.studio_lost": "工作室没有应答…",
 
   "lease.mine": "你在控制",
