@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
@@ -28,7 +30,7 @@ from servolink.protocol.records import Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
 from servolink.transports import share
 from servolink.transports.registry import create
-from servolink.transports.share import MOST_GREETING, hub_folder, socket_path
+from servolink.transports.share import MOST_GREETING, Greeting, hub_folder, socket_path
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from tests.hub.door_hub import RawLine, on_hub, raw_socket, sharing, until
@@ -284,6 +286,19 @@ def test_a_wrong_greeting_is_refused_with_the_reason(greeting: bytes, why: str) 
             assert not hub.programs
 
     on_hub(use)
+
+
+@given(
+    st.binary(max_size=MOST_GREETING)
+    | st.dictionaries(
+        st.sampled_from([*Greeting.__struct_fields__, "x"]),
+        st.sampled_from([1, "frames", "rpc", "edit", "big", "\ud800", None, 0.3, 1e400, [], {}]),
+    ).map(lambda value: json.dumps({"servolink": 1, "wants": "frames", "who": "x"} | value).encode())
+)
+def test_a_greeting_is_read_or_refused(line: bytes) -> None:
+    for token in ("", "secret"):
+        with suppress(ValueError):
+            assert socket_door._read_greeting(line, token).servolink == 1
 
 
 def test_half_a_greeting_has_a_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
