@@ -23,23 +23,22 @@ UNKNOWN_SIZE = 1 << 40
 class Lane:
     """One response id: its open slots in the order sent, and the responses that are kept."""
 
-    equal: bool = True
-    """All its slots have the same repeatable request: the usual case, in which nothing has to be searched."""
-    overdue: int = 0
-    """How many of its slots are overdue."""
-    stopped: bool = False
-    """A stop was sent on this lane and is not settled: no response on the lane can be assigned to a slot."""
-    request_size: int = 0
-    """Bytes of the latest frame that was sent."""
-    response_size: int = UNKNOWN_SIZE
-    """Bytes that a response may have: those of a recent long one."""
-
     def __init__(self, response_id: int) -> None:
         """Start without slots."""
         self.response_id = response_id
         self.slots: deque[Slot] = deque()
+        self.equal = True
+        """All its slots have the same repeatable request: the usual case, in which nothing has to be searched."""
+        self.overdue = 0
+        """How many of its slots are overdue."""
         self.kept: list[Content] = []
         """Responses that may belong to several slots, in their order."""
+        self.stopped = False
+        """A stop was sent on this lane and is not settled: no response on the lane can be assigned to a slot."""
+        self.request_size = 0
+        """Bytes of the latest frame that was sent."""
+        self.response_size = UNKNOWN_SIZE
+        """Bytes that a response may have: those of a recent long one."""
 
     @property
     def size(self) -> int:

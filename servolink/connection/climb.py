@@ -28,13 +28,11 @@ _HOPELESS_LOSSES, _HOPELESS_LOSS = 4, 0.25  # so many, and so much more than bef
 class Epoch:
     """A measurement at one depth."""
 
-    responses: int = 0
-    lost: int = 0
-    seconds: float = 0.0
-
     def __init__(self, depth: int) -> None:
         """Start without responses."""
         self.depth = depth
+        self.responses = self.lost = 0
+        self.seconds = 0.0
 
     @property
     def length(self) -> int:

@@ -81,7 +81,6 @@ class ResponseDispatcher:
         self._codec = codec
         self._slots = slots
         self._scheduler = scheduler
-        self._window = scheduler.window
         self._load: Load | None = None  # when the present chunk came
         self.later: deque[Callable[[], None]] = deque()
         """What is called once a chunk is read: it may send, for which all slots must be as they are to be."""
@@ -181,7 +180,7 @@ class ResponseDispatcher:
             self.frame_log.received(frame)
         packet_id, content = frame
         lane = self._slots.lanes.get(packet_id)
-        if self._window.learns and lane is not None:
+        if self._scheduler.window.learns and lane is not None:
             lane.heard(len(content) + OVERHEAD)
         if lane is not None and lane.slots and self.opening is None:
             self._settle(packet_id, content)
@@ -203,7 +202,7 @@ class ResponseDispatcher:
         except DecodeError as error:
             self.stats.undecodable += 1
             decoded = error
-        learns = self._window.learns
+        learns = self._scheduler.window.learns
         if learns and self._load is None:
             self._load = self._scheduler.load()
         settled = self._slots.settle(packet_id, decoded)
@@ -257,7 +256,7 @@ class ResponseDispatcher:
     def _learn(self, load: Load, settled: list[Settled], size: int, asked_at: float) -> None:
         """Learn from slots that are over with a response of `size` bytes; the one before it came at `asked_at`."""
         if settled[-1][0].sent_at < asked_at and not self._expired:
-            self._window.heard(size, self._heard_at - asked_at)
+            self._scheduler.window.heard(size, self._heard_at - asked_at)
         self._expired = False
         for slot, content in settled:
             if content is not None and not slot.is_fence:
@@ -329,7 +328,7 @@ class ResponseDispatcher:
         self.answered_in_a_row = 0
         self._mark_overdue(slot)
         self._restart(now)
-        if self._window.learns:
+        if self._scheduler.window.learns:
             self._expired = True
             self._scheduler.load().climb.lost()
         call = slot.call

@@ -11,39 +11,41 @@ from servolink.protocol.parser import REASONS
 class Stats:
     """Counters since the connection was opened."""
 
-    bytes_sent: int = 0
-    bytes_received: int = 0
-    frames_sent: int = 0
-    frames_received: int = 0
+    bytes_sent: int
+    bytes_received: int
+    frames_sent: int
+    frames_received: int
     skipped: dict[str, int]
     """Bytes outside any frame, by reason (see `servolink.protocol.parser`)."""
-    undecodable: int = 0
+    undecodable: int
     """Intact frames whose content contradicts itself."""
-    hidden: int = 0
+    hidden: int
     """Frames inside another one, such as in a caption, which were rejected."""
-    unsolicited: int = 0
+    unsolicited: int
     """Frames that no request asked for."""
-    mismatched: int = 0
+    mismatched: int
     """Responses about another servo, action, macro or table than the one asked for."""
-    late_responses: int = 0
+    late_responses: int
     """Responses that came after their request had ended, and were not taken for that of the next one."""
-    timeouts: int = 0
+    timeouts: int
     """Sendings not answered in time."""
-    retries: int = 0
+    retries: int
     """Requests sent again."""
-    reopenings: int = 0
+    reopenings: int
     """Openings because of a response that nobody had asked for."""
-    reconnects: int = 0
-    fences: int = 0
+    reconnects: int
+    fences: int
     """Queries sent to prove that nothing older is still to be answered."""
-    events_received: int = 0
-    events_dropped: int = 0
+    events_received: int
+    events_dropped: int
     """Button events lost because their reader was too slow."""
     round_trips: deque[float]
     """The latest 4096 times from request to response, in seconds."""
 
     def __init__(self) -> None:
         """Start at 0."""
+        for name in Stats.__annotations__:
+            setattr(self, name, 0)
         self.skipped = dict.fromkeys(REASONS, 0)
         self.round_trips = deque(maxlen=4096)
 
