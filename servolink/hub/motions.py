@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
+from contextvars import ContextVar
 from typing import Any, NamedTuple
 
 from servolink.client.board import Board
 from servolink.client.collect import collect
-from servolink.errors import EncodeError, OutcomeUnknown, RequestError, RequestTimeout, ServolinkError
+from servolink.connection.connection import Connection
+from servolink.errors import EncodeError, MotionRefused, OutcomeUnknown, RequestError, RequestTimeout, ServolinkError
 from servolink.hub.motion_gate import refused_response
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.protocol.editing import ExecuteMacroRequest
@@ -25,6 +28,9 @@ _PAUSE = 0.5  # seconds between two readings of servos that may move
 _RESTING = 4  # readings in a row between which no servo turns
 _JITTER = {"degree": 1, "adc": 12, None: 1}  # by how much the reading of a resting servo may differ
 
+_WHY_NOT: ContextVar[Callable[[], str]] = ContextVar("_WHY_NOT", default=str)
+"""Of the motion that this task sends: why it must not be sent any more."""
+
 
 class Outcome(NamedTuple):
     """What became of a motion."""
@@ -41,13 +47,17 @@ class Motions:
     def __init__(self, board: Board) -> None:
         """Send to `board`, whose units are set as the program means them whenever a motion is sent."""
         self._board = board
+        self._guarded: Connection | None = None
 
-    async def send(self, packet: Packet) -> Outcome:
+    async def send(self, packet: Packet, why_not: Callable[[], str] = str) -> Outcome:
         """Send a motion, unless it exceeds the limits of the board or they cannot be compared with it.
 
-        With limits, a stored record and all that it runs is read and checked first. Raise RequestTimeout or
-        OutcomeUnknown if the board does not answer.
+        With limits, a stored record and all that it runs is read and checked first, and a soft start takes seconds. So
+        `why_not` is asked again when something is sent: it returns why that must not be any more, empty if it may.
+        Raise RequestTimeout or OutcomeUnknown if the board does not answer.
         """
+        self._guard(self._board.connection)
+        token = _WHY_NOT.set(why_not)
         try:
             if isinstance(packet, Request):
                 return Outcome(await self._board.request(packet, unchecked=True))
@@ -59,6 +69,8 @@ class Motions:
             raise
         except (EncodeError, RequestError) as error:
             return Outcome(await self.refused(packet), str(error))
+        finally:
+            _WHY_NOT.reset(token)
 
     async def refused(self, packet: Packet) -> Response | None:
         """Return what a program gets for a packet that was not sent. The state of servos is read for it."""
@@ -101,6 +113,20 @@ class Motions:
                 count += 1
             else:
                 first, count = here, 1
+
+    def _guard(self, connection: Connection) -> None:
+        """Ask the `why_not` of the motion that is being sent whenever a packet of it is sent on `connection`."""
+        if connection is self._guarded:
+            return
+        self._guarded, inner = connection, connection.guard
+
+        async def pass_packet(packet: Packet) -> None:
+            if inner is not None:
+                await inner(packet)
+            if reason := _WHY_NOT.get()():
+                raise MotionRefused(reason)
+
+        connection.guard = pass_packet
 
     @property
     def _interval_unit(self) -> float:

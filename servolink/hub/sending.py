@@ -160,11 +160,15 @@ class PacketSender:
 
     async def _move(self, exchange: Exchange) -> Packet | None:
         """Send a motion, unless a stop or another holder came while something was awaited, or it exceeds a limit."""
-        if reason := STOPPED if exchange.stops != self.stops else self._keeper.admit(exchange):
+
+        def why_not() -> str:
+            return STOPPED if exchange.stops != self.stops else self._keeper.admit(exchange)
+
+        if reason := why_not():
             return await self.refused(exchange, reason)
         self.motions += 1
         try:
-            outcome = await self._motions.send(exchange.packet)
+            outcome = await self._motions.send(exchange.packet, why_not)
         except (OutcomeUnknown, ConnectionLost):
             self._keeper.moved(exchange)  # it may have been carried out
             raise

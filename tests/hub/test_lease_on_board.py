@@ -259,6 +259,35 @@ def test_a_motion_is_not_sent_if_the_lease_is_lost_while_it_waits_for_its_units(
     on_hub(use, depth=4)
 
 
+@pytest.mark.parametrize(
+    ("packet", "limits", "seconds"),
+    [
+        (MOVE, SafetyLimits(speed_cap=60), 0.2),  # while the servos are read
+        (ExecuteMacroRequest(1), SafetyLimits(speed_cap=60), 0.2),
+        (ExecuteActionExRequest(1), SafetyLimits(soft_start=10), 4.0),  # while they go softly to the first pose
+    ],
+)
+def test_a_motion_is_not_sent_if_the_lease_is_lost_while_it_is_checked(
+    packet: Packet, limits: SafetyLimits, seconds: float
+) -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("ann"), there.join("bob")
+        there.fake.usual_of[QueryServoRequest] = late(0.4)
+        ann.send(packet)
+        await asyncio.sleep(seconds)
+        before = len(there.motions)
+        there.hub.take_lease(bob.session.session_id, force=True)
+        await asyncio.sleep(20)
+        assert len(there.motions) == before
+        assert ["moved by bob" in one.reason for one in there.of(Refused)] == [True]
+        there.hub.give_lease(bob.session.session_id)
+        ann.send(packet)
+        await asyncio.sleep(20)
+        assert isinstance(there.motions[-1], type(packet))
+
+    on_hub(use, limits)
+
+
 # --- units of a running macro -----------------------------------------------------------------------------------------
 
 
