@@ -106,6 +106,7 @@ def facts(status: HubStatus) -> Table:
             ("hub", f"share://{status.name}"),
             ("board", f"{status.url} ({status.state})"),
             ("shared for", _duration(status.since)),
+            *(("door", url) for url in status.doors[1:]),
             ("lease", _lease(status.lease)),
             ("used alone by", "nobody" if hold is None else f"{hold.who}: {hold.reason}"),
             ("responses", f"{status.responses:,}"),

@@ -53,6 +53,8 @@ class Hub:
         self.name = name
         self.programs: dict[str, Program] = {}
         """By session id, in the order in which they joined."""
+        self.doors: tuple[str, ...] = ()
+        """The addresses at which it is served, for its status."""
         self._buttons = ButtonRelay(board, self._deliver)
         motions, units = Motions(board), UnitSwitch(board)
         self._keeper = LeaseKeeper(
@@ -317,6 +319,7 @@ class Hub:
             self._hold,
             self._responses_to_left + sum(program.counters.responses for program in self.programs.values()),
             sum(stats.skipped.values()),
+            self.doors,
         )
 
     def _status_of(self, program: Program, now: float) -> ProgramStatus:

@@ -134,3 +134,5 @@ class HubStatus(Struct, frozen=True):
     """Responses and button events sent to programs, of those that have left too."""
     noise: int
     """Bytes from the board that belong to no frame."""
+    doors: tuple[str, ...] = ()
+    """The addresses at which programs reach it."""

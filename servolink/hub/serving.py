@@ -64,6 +64,7 @@ async def serve_board(
         if pty is not None:
             doors.append(pty_door(hub, link=pty or None, unit=unit))
         urls = [await stack.enter_async_context(door) for door in doors]
+        hub.doors = tuple(urls)
         await asyncio.to_thread(claim.announce, address)
         yield hub, urls
 

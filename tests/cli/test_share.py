@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from msgspec import structs
 
 from servolink.cli.output import plain_lines
 from servolink.cli.share_view import Rate, facts, is_for_the_log, programs, status_line, text_of
@@ -60,6 +61,7 @@ def test_it_prints_its_doors_and_ends_by_a_signal(number: signal.Signals) -> Non
     hub = started("share", "--board", "virtual://", "--tcp", "127.0.0.1:0", "--watch-tcp", "127.0.0.1:0", "--pty")
     first, *tcp, pty = lines_of(hub, 4)
     assert first == "listening share://virtual"
+    assert program("share", "--status", "--json").json["doors"] == [line.split()[1] for line in (first, *tcp, pty)]
     assert all(line.startswith("listening tcp://127.0.0.1:") for line in tcp)
     assert pty.startswith("listening serial:///dev/")
     watcher = started("watch", "--board", "virtual", "--seconds", "100", "--json")
@@ -112,6 +114,9 @@ def test_a_second_hub_is_told_of_the_first(shared: subprocess.Popen[str]) -> Non
     said = program("share", "--board", "virtual://", "--name", "rex")
     assert said.code == 3
     assert "shared by a hub" in said.err
+    said = program("share", "--board", "share://rex", "--name", "max")
+    assert said.code == 3
+    assert "is shared by a hub" in said.err
 
 
 @pytest.mark.parametrize(
@@ -220,7 +225,8 @@ def test_the_facts_name_lease_and_hold() -> None:
     assert told["lease"] == "servolink move (pid 7) for 1 min 5 s"
     watched = LeaseStatus("s", "studio", 2.0, 0.35)
     held = HubStatus("rex", "x", "connected", 1.0, (), watched, HoldStatus("s", "ann", "apply"), 9, 2)
-    told = told_of(held)
+    told = told_of(structs.replace(held, doors=("share://rex", "tcp://127.0.0.1:9")))
+    assert told["door"] == "tcp://127.0.0.1:9"
     assert told["lease"] == "studio for 2 s, and must report every 0.35 s"
     assert told["used alone by"] == "ann: apply"
 
