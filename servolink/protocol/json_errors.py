@@ -152,7 +152,10 @@ def _wrong_text(info: inspect.StrType, value: Any) -> str:
     if not isinstance(value, str):
         return f"must be text, not {quote_json(value)}"
     if info.max_length is not None and len(value) > info.max_length:
-        return f"{quote_json(value)} has {len(value)} characters; a caption has at most {info.max_length} bytes"
+        most = (
+            f"at most {info.max_length}" if info.pattern is None else f"a caption has at most {info.max_length} bytes"
+        )
+        return f"{quote_json(value)} has {len(value)} characters; {most}"
     return f"{quote_json(value)} holds control characters; captions are plain text"
 
 

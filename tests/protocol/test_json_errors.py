@@ -24,6 +24,7 @@ class Outer(Struct, forbid_unknown_fields=True):
     which: Annotated[int | str, Meta(description="an id, or a caption")] = 1
     kind: Literal["action", "macro"] | None = None
     inner: Inner = Inner()
+    reason: Annotated[str, Meta(max_length=5)] = ""
 
 
 @pytest.mark.parametrize(
@@ -44,6 +45,7 @@ class Outer(Struct, forbid_unknown_fields=True):
         ({"which": None}, "which: must be an integer or text, not null"),
         ({"kind": "table"}, "kind: must be one of action, macro, not 'table'"),
         ({"kind": []}, "kind: must be action, macro or null, not []"),
+        ({"reason": "too long"}, "reason: 'too long' has 8 characters; at most 5"),
         ({"kinds": 1}, "'kinds' is not a field; the fields are speed, small"),
     ],
 )

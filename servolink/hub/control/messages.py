@@ -61,7 +61,7 @@ class LeaseTake(Struct, forbid_unknown_fields=True):
 class Hold(Struct, forbid_unknown_fields=True):
     """Why the board is needed alone."""
 
-    reason: Annotated[str, _about("for the people whose programs wait")] = ""
+    reason: Annotated[str, Meta(max_length=200, description="for the people whose programs wait")] = ""
 
 
 class LeaseNow(Struct, frozen=True):
