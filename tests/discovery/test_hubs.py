@@ -101,6 +101,19 @@ def test_a_file_that_is_replaced_while_it_is_locked_is_not_taken_for_the_name(
     assert len(files) == 2
 
 
+def test_a_failing_disk_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with claimed_hub("rex") as claim, monkeypatch.context() as patch:
+        patch.setattr(hubs, "write", fail)
+        with pytest.raises(OpenError, match=r"programs could not find it: .*rex\.hub: No space left"):
+            claim.announce(TCP)
+    monkeypatch.setattr(hubs, "lock", fail)
+    with pytest.raises(OpenError, match="no hub can run here: No space left"):
+        claimed_hub("rex").__enter__()
+
+
 @pytest.mark.parametrize("name", ["", "../x", "a/b", "x" * 65, "COM3", "a b", "-x", "é", "a.b"])
 def test_a_name_is_letters_digits_and_dashes(name: str) -> None:
     with pytest.raises(OpenError, match="cannot be the name of a hub"):

@@ -30,7 +30,7 @@ from servolink.protocol.records import Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
 from servolink.transports import share
 from servolink.transports.registry import create
-from servolink.transports.share import MOST_GREETING, Greeting, hub_folder, socket_path
+from servolink.transports.share import MOST_GREETING, Greeting, hub_folder, socket_path, this_program
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from tests.hub.door_hub import RawLine, on_hub, raw_socket, sharing, until
@@ -172,6 +172,8 @@ def test_who_is_at_the_other_end_is_asked_of_the_system(monkeypatch: pytest.Monk
         monkeypatch.setattr(share, "_ROOT", -1)
         monkeypatch.setattr(os, "geteuid", lambda: 4711)
         assert not share.is_allowed(one)
+        monkeypatch.delattr(socket, "SO_PEERCRED")  # as on macOS, where the folder alone keeps others out
+        assert share.is_allowed(one)
 
 
 def _as_link(folder: Path, other: Path) -> None:
@@ -364,6 +366,25 @@ def test_what_a_hub_says_is_not_believed(answer: bytes, why: str, folder: Path) 
     asyncio.run(main())
 
 
+def test_a_cancelled_greeting_leaves_nothing(folder: Path) -> None:
+    async def main() -> None:
+        folder.mkdir(mode=0o700)
+        with hub_folder() as short, socket.socket(socket.AF_UNIX) as listening:
+            listening.bind(socket_path(short, "rex"))
+            listening.listen()
+            listening.settimeout(0)
+            opening = asyncio.ensure_future(connect("share://rex").open())
+            other, _ = await asyncio.get_running_loop().sock_accept(listening)
+            with RawLine(other) as line:
+                assert await line.read()
+                opening.cancel()
+                assert await line.read() == b""
+            with pytest.raises(asyncio.CancelledError):
+                await opening
+
+    asyncio.run(main())
+
+
 def test_a_hub_that_says_nothing_is_given_up(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(share, "_WELCOME_LIMIT", 0.1)
 
@@ -396,6 +417,22 @@ def test_the_control_interface_has_the_session_of_its_program() -> None:
         await interface.close()
 
     on_hub(use)
+
+
+@pytest.mark.parametrize(
+    ("words", "who"),
+    [
+        (["/usr/bin/servolink", "--board", "rex", "watch", "--csv"], "servolink watch"),
+        (["/x/servolink/__main__.py", "-v", "stop"], "servolink stop"),
+        (["/home/me/walk\x1b.py", "watch"], "walk\\x1b.py"),
+        (["servolink"], "servolink"),
+        ([""], "python"),
+        ([], "python"),
+    ],
+)
+def test_a_program_says_who_it_is(words: list[str], who: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", words)
+    assert this_program() == f"{who} (pid {os.getpid()})"
 
 
 # --- survival ---------------------------------------------------------------------------------------------------

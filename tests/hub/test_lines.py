@@ -1,0 +1,126 @@
+"""A line to a program that is slow, stuck or gone."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from servolink.client.connect import connect
+from servolink.errors import ConnectionLost
+from servolink.hub.doors import lines
+from servolink.hub.doors.lines import LONGEST_PAUSE, Line
+from servolink.hub.hub import Hub
+from servolink.protocol.editing import AddActionRequest
+from servolink.protocol.records import Step
+from servolink.virtual.board import VirtualBoard
+from tests.hub.door_hub import RawLine, on_hub, raw_socket, sharing
+from tests.virtual_time import run
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+
+
+class Pipe(asyncio.Transport):
+    """A connection on which a test says how much is not read yet."""
+
+    unread = 0
+    is_closed = False
+
+    def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None:
+        """Do nothing: the test pauses and resumes."""
+
+    def get_write_buffer_size(self) -> int:
+        return self.unread
+
+    def is_closing(self) -> bool:
+        return self.is_closed
+
+    def write(self, data: Any) -> None:
+        self.unread += len(data)
+
+    def abort(self) -> None:
+        self.is_closed = True
+
+
+class Program:
+    """A session that counts how often it is paused and resumed."""
+
+    who = "a program"
+    waiting = 0
+    pauses = resumes = 0
+
+    def pause(self) -> None:
+        self.pauses += 1
+
+    def resume(self) -> None:
+        self.resumes += 1
+
+    def leave(self) -> None:
+        """Do nothing."""
+
+
+def test_who_reads_slowly_is_kept_and_who_reads_nothing_is_not() -> None:
+    async def main() -> None:
+        line, pipe, program = Line(), Pipe(), Program()
+        line.connection_made(pipe)
+        line._joined(program)  # type: ignore[arg-type]
+        line.send(bytes(200_000))
+        line.pause_writing()
+        for _ in range(5):
+            await asyncio.sleep(LONGEST_PAUSE - 1)
+            pipe.unread -= 1
+        assert not pipe.is_closing()
+        pipe.unread = 0
+        line.resume_writing()
+        await asyncio.sleep(3 * LONGEST_PAUSE)
+        assert not pipe.is_closing()
+        assert (program.pauses, program.resumes) == (1, 1)
+        line.send(bytes(200_000))
+        line.pause_writing()
+        await asyncio.sleep(LONGEST_PAUSE + 1)
+        assert pipe.is_closing()
+        line.send(b"more")
+        line.connection_lost(None)
+        assert pipe.unread == 200_000
+
+    run(main())
+
+
+def test_a_response_beyond_all_bounds_ends_the_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lines, "MOST_UNREAD", 10_000)
+    monkeypatch.setattr(lines, "_SEND_BUFFER", 4096)
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub) as url, connect(url) as board:
+            await board.request(AddActionRequest(1, "", tuple(Step(1, 0, 1) for _ in range(12_000))))
+            with pytest.raises(ConnectionLost):
+                await board.action(1)
+
+    on_hub(use)
+
+
+def test_a_program_that_is_gone_before_it_is_served_harms_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        loop = asyncio.get_running_loop()
+        serve = loop.connect_accepted_socket
+        gone = [True]
+
+        async def fail_once(*args: Any, **options: Any) -> Any:
+            if gone:
+                gone.clear()
+                raise OSError("it is gone")
+            return await serve(*args, **options)
+
+        monkeypatch.setattr(loop, "connect_accepted_socket", fail_once)
+        async with sharing(hub) as url:
+            with RawLine(raw_socket()) as line:
+                assert await line.until_end() == b""
+            async with connect(url) as board:
+                assert await board.servo_ids() == (1, 2, 3)
+
+    on_hub(use)
