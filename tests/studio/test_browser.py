@@ -1,0 +1,230 @@
+"""The studio in a real browser, checked on the board: `pytest -m browser`."""
+
+from __future__ import annotations
+
+import functools
+import http.server
+import shutil
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from servolink import sync
+from tests.processes import finish, start
+
+playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+
+pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")]
+
+SIZES = {"desktop": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
+_OPTIONS = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-gpu"]
+# Without a graphics card the browser calculates every pixel of WebGL: too slow for the beats of a busy machine.
+_FLAT = """HTMLCanvasElement.prototype.getContext = (original => function (kind, ...more) {
+  return kind === "webgl2" ? null : original.call(this, kind, ...more);
+})(HTMLCanvasElement.prototype.getContext)"""
+
+
+class Studio(NamedTuple):
+    """A studio that runs."""
+
+    url: str
+    """With the token that lets a page do everything."""
+    board: sync.Board
+    """What other programs see of its board."""
+
+    @property
+    def origin(self) -> str:
+        """The address of the page without the token."""
+        return self.url.partition("/#")[0]
+
+    def angle(self, servo_id: int) -> int:
+        """Return where a servo is."""
+        return int(self.board.servo(servo_id).angle)
+
+
+@pytest.fixture
+def studio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Studio]:
+    runtime = tmp_path / "runtime"
+    runtime.mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
+    program = start([sys.executable, "-m", "servolink", "studio", "--demo", "--no-browser"])
+    assert program.stdout is not None
+    line = program.stdout.readline()
+    assert line.startswith("studio http"), finish(program)
+    with sync.connect("share://virtual") as board:
+        yield Studio(line.split()[1], board)
+    program.terminate()
+    assert finish(program)
+
+
+@pytest.fixture
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as driver:
+        found = driver.chromium.launch(executable_path=CHROMIUM, args=_OPTIONS)
+        yield found
+        found.close()
+
+
+@contextmanager
+def opened(browser: Any, url: str, size: str = "desktop") -> Iterator[Any]:
+    """Open a page of the studio; it must report no error."""
+    width, height = SIZES[size]
+    page = browser.new_page(viewport={"width": width, "height": height}, locale="en-GB")
+    page.add_init_script(_FLAT)
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    page.goto(url)
+    yield page
+    page.close()
+    assert errors == []
+
+
+def until(is_so: Callable[[], bool]) -> None:
+    """Return when something is so; the time limit of the tests ends the wait."""
+    while not is_so():
+        pass
+
+
+def grab(page: Any, servo_id: int) -> tuple[float, float]:
+    """Press the mouse on the slider of a servo, where it stands, and return the place."""
+    slider = page.get_by_label(f"Target of servo {servo_id},")
+    place = slider.bounding_box()
+    low, high = (float(slider.get_attribute(name)) for name in ("min", "max"))
+    value = float(slider.input_value())
+    x = place["x"] + (value - low) / (high - low) * place["width"]
+    y = place["y"] + place["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    return x, y
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_page_shows_every_servo_and_the_banner(studio: Studio, browser: Any, size: str) -> None:
+    with opened(browser, studio.url, size) as page:
+        page.get_by_text("VIRTUAL BOARD").wait_for()
+        playwright.expect(page.locator(".sv")).to_have_count(16)
+        playwright.expect(page.locator("[data-part=angle]").first).to_contain_text("°")
+        stop = page.get_by_label("STOP the robot").locator("visible=true")
+        playwright.expect(stop).to_be_in_viewport(ratio=1)
+        assert "token" not in page.url
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_the_robot_moves_while_a_slider_is_held_and_not_longer(studio: Studio, browser: Any) -> None:
+    with opened(browser, studio.url) as page:
+        page.locator(".stage .seg").get_by_text("Robot").click()
+        before = studio.angle(2)
+        x, y = grab(page, 2)
+        for step in range(60):
+            page.mouse.move(x + step, y)
+        until(lambda: studio.angle(2) > before + 20)
+        page.mouse.up()
+        playwright.expect(page.get_by_text("You have control")).to_be_visible()
+        states = studio.board.servos()
+        assert all(servo.is_start for servo in states)
+
+
+def test_a_preview_moves_nothing_until_it_is_held(studio: Studio, browser: Any) -> None:
+    with opened(browser, studio.url) as page:
+        before = studio.angle(2)
+        x, y = grab(page, 2)
+        page.mouse.move(x + 60, y, steps=10)
+        page.mouse.up()
+        hold = page.get_by_role("button", name="Hold to move")
+        playwright.expect(page.get_by_text("1 not sent")).to_be_visible()
+        assert studio.angle(2) == before
+        hold.hover()
+        page.mouse.down()
+        until(lambda: studio.angle(2) > before + 20)
+        page.mouse.up()
+
+
+def test_escape_stops_all_servos(studio: Studio, browser: Any) -> None:
+    with opened(browser, studio.url) as page:
+        playwright.expect(page.locator(".sv")).to_have_count(16)
+        page.keyboard.press("Escape")
+        playwright.expect(page.get_by_text("Stopped", exact=True)).to_be_visible()
+        assert not any(servo.is_start for servo in studio.board.servos())
+        page.get_by_role("button", name="Start all servos").click()
+        until(lambda: all(servo.is_start for servo in studio.board.servos()))
+
+
+def test_a_page_that_is_closed_while_it_moves_the_robot_stops_it(studio: Studio, browser: Any) -> None:
+    with opened(browser, studio.url) as page:
+        page.locator(".stage .seg").get_by_text("Robot").click()
+        before = studio.angle(2)
+        x, y = grab(page, 2)
+        for step in range(30):
+            page.mouse.move(x + step, y)
+        until(lambda: studio.angle(2) > before + 5)
+        page.evaluate("() => { const end = performance.now() + 1500; while (performance.now() < end); }")  # frozen
+        until(lambda: not any(servo.is_start for servo in studio.board.servos()))
+
+
+def test_a_hostile_caption_is_shown_as_text(studio: Studio, browser: Any) -> None:
+    from servolink import ServoParameter
+
+    studio.board.add_servo_parameters([ServoParameter(2, 0, "<img src=x>\u202egnp")])
+    with opened(browser, studio.url) as page:
+        playwright.expect(page.get_by_role("button", name="<img src=x>\\u202egnp")).to_be_visible()
+
+
+# --- attacks ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def other_site(tmp_path: Path) -> Iterator[str]:
+    """Serve an empty page on another port of this machine."""
+    (tmp_path / "index.html").write_text("<!doctype html><title>other</title>")
+    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(tmp_path))
+    handler.log_message = lambda *_: None  # type: ignore[attr-defined]
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_address[1]}"
+        server.shutdown()
+        thread.join()
+
+
+_OPEN_SOCKET = """url => new Promise(resolve => {
+  const socket = new WebSocket(url);
+  socket.onopen = () => resolve("open");
+  socket.onerror = () => resolve("refused");
+})"""
+
+
+def test_a_page_of_another_port_gets_no_socket(studio: Studio, browser: Any, other_site: str) -> None:
+    page = browser.new_page()
+    page.goto(other_site)
+    assert page.evaluate(_OPEN_SOCKET, studio.origin.replace("http", "ws") + "/ws") == "refused"
+
+
+def test_a_name_that_leads_here_is_misdirected(studio: Studio) -> None:
+    port = studio.origin.rpartition(":")[2]
+    with playwright.sync_playwright() as driver:
+        rebound = driver.chromium.launch(
+            executable_path=CHROMIUM, args=[*_OPTIONS, "--host-resolver-rules=MAP evil.example 127.0.0.1"]
+        )
+        page = rebound.new_page()
+        response = page.goto(f"http://evil.example:{port}/")
+        assert response.status == 421
+        assert page.evaluate(_OPEN_SOCKET, f"ws://evil.example:{port}/ws") == "refused"
+        rebound.close()
+
+
+def test_no_page_shows_the_studio_in_a_frame(studio: Studio, browser: Any, other_site: str) -> None:
+    page = browser.new_page()
+    page.goto(other_site)
+    page.evaluate(
+        "url => new Promise(done => { const frame = document.createElement('iframe'); frame.onload = done;"
+        " frame.src = url; document.body.append(frame) })",
+        studio.url,
+    )
+    assert not any(frame.url.startswith(studio.origin) and frame.query_selector("#app") for frame in page.frames)
