@@ -146,6 +146,26 @@ def test_for_a_program_that_does_not_read_nothing_more_is_asked() -> None:
     on_hub(use)
 
 
+def test_the_end_of_a_program_that_has_read_nothing_is_noticed() -> None:
+    """It has asked for so much that it is not even listened to any more."""
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with pty_door(hub) as url, pty_door(hub) as other:
+            async with connect(other) as board:
+                await board.request(big_action())
+            await until(lambda: not hub.programs)
+            with Port(url) as port:
+                await port.send(Codec().encode(QueryActionRequest(1)) * 200)
+                (program,) = await one_program(hub)
+                await until(lambda: program.queue.is_unread and program.is_full)
+            await until(lambda: not hub.programs)
+            with Port(url) as port:
+                await port.send(LIST)
+                assert await port.until(len(ANSWER)) == ANSWER
+
+    on_hub(use)
+
+
 def test_what_has_no_room_is_dropped_in_whole_frames(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -128,6 +128,13 @@ class Terminal:
                 raise
             return None
 
+    def _is_closed(self) -> bool:
+        import select
+
+        poll = select.poll()
+        poll.register(self._ours, 0)
+        return any(event & select.POLLHUP for _, event in poll.poll(0))
+
     def _readable(self) -> None:
         data = self._read()
         if data is None or self._program is None:
@@ -156,7 +163,9 @@ class Terminal:
         try:
             del self._unread[: os.write(self._ours, self._unread)]
         except BlockingIOError:
-            pass
+            if self._is_closed():  # found out here only if the program is not read, as it is full
+                self._hang_up()
+                return
         except OSError:  # closed; the next reading finds out
             self._unread.clear()
         if self._program.queue.is_unread and len(self._unread) < LOW:
