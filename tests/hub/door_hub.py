@@ -14,6 +14,7 @@ from servolink.discovery.hubs import claimed_hub
 from servolink.files import user_folder
 from servolink.hub.doors.socket_door import OpenChannel, socket_door
 from servolink.hub.hub import Hub, share
+from servolink.listeners import host_and_port
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import DEFAULT_KIND, BoardKind
 from servolink.virtual.transport import VirtualTransport
@@ -54,6 +55,14 @@ def raw_socket(name: str = "rex") -> socket.socket:
     line.settimeout(0)
     line.connect(str(user_folder("runtime") / f"{name}.sock"))
     return line
+
+
+async def raw_tcp(url: str) -> RawLine:
+    """Connect to a TCP door."""
+    line = socket.socket()
+    line.settimeout(0)
+    await asyncio.get_running_loop().sock_connect(line, host_and_port(url.removeprefix("tcp://")))
+    return RawLine(line)
 
 
 class RawLine:

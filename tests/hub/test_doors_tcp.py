@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import socket
 
@@ -13,7 +12,6 @@ from servolink.errors import OpenError, TransportUnavailable
 from servolink.hub.doors.network import tcp_door
 from servolink.hub.hub import Hub
 from servolink.hub.roles import Role
-from servolink.listeners import host_and_port
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import MAGIC
 from servolink.protocol.records import Step
@@ -25,25 +23,18 @@ from servolink.protocol.servos import (
     SetServoParameterRequest,
 )
 from servolink.virtual.board import VirtualBoard
-from tests.hub.door_hub import RawLine, on_hub, until
+from tests.hub.door_hub import on_hub, raw_tcp, until
 
 ANYWHERE = "127.0.0.1:0"
 LIST = Codec().encode(QueryServoListRequest())
 ANSWER = Codec().encode(QueryServoListResponse((1, 2, 3)))
 
 
-async def raw(url: str) -> RawLine:
-    line = socket.socket()
-    line.settimeout(0)
-    await asyncio.get_running_loop().sock_connect(line, host_and_port(url.removeprefix("tcp://")))
-    return RawLine(line)
-
-
 def test_a_program_needs_to_know_nothing_of_hubs() -> None:
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with tcp_door(hub, ANYWHERE) as url, connect(url) as board:
             assert await board.servo_ids() == (1, 2, 3)
-            with await raw(url) as line:
+            with await raw_tcp(url) as line:
                 await line.send(LIST[:5])
                 await line.send(LIST[5:] + LIST)
                 assert await line.until(2 * len(ANSWER)) == 2 * ANSWER
@@ -83,7 +74,7 @@ def test_what_does_not_begin_with_a_frame_is_closed_before_it_is_parsed(
         before = hub.board.stats.frames_sent
         async with tcp_door(hub, ANYWHERE) as url:
             for _attempt in range(3):
-                with await raw(url) as line:
+                with await raw_tcp(url) as line:
                     await line.send(first)
                     assert await line.until_end() == b""
         assert not hub.programs
@@ -96,7 +87,7 @@ def test_what_does_not_begin_with_a_frame_is_closed_before_it_is_parsed(
 def test_the_first_wrong_byte_closes_it() -> None:
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with tcp_door(hub, ANYWHERE) as url:
-            with await raw(url) as line:
+            with await raw_tcp(url) as line:
                 await line.send(MAGIC[:2] + b"x")
                 assert await line.until_end() == b""
 
@@ -106,7 +97,7 @@ def test_the_first_wrong_byte_closes_it() -> None:
 def test_who_only_connects_is_not_a_program_and_harms_nobody() -> None:
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with tcp_door(hub, ANYWHERE) as url:
-            silent = [await raw(url) for _ in range(300)]
+            silent = [await raw_tcp(url) for _ in range(300)]
             async with connect(url) as board:
                 assert await board.servo_ids() == (1, 2, 3)
                 assert len(hub.programs) == 1
@@ -119,7 +110,7 @@ def test_who_only_connects_is_not_a_program_and_harms_nobody() -> None:
 def test_garbage_behind_the_magic_is_counted() -> None:
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with tcp_door(hub, ANYWHERE) as url:
-            with await raw(url) as line:
+            with await raw_tcp(url) as line:
                 await line.send(LIST + os.urandom(300_000).replace(b"\x13", b"") + LIST)
                 assert await line.until(2 * len(ANSWER)) == 2 * ANSWER
                 (program,) = hub.programs.values()
@@ -157,7 +148,7 @@ def test_a_place_that_cannot_be_had_is_an_error() -> None:
 def test_a_door_that_closes_ends_its_programs() -> None:
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with tcp_door(hub, ANYWHERE) as url:
-            line = await raw(url)
+            line = await raw_tcp(url)
             await line.send(LIST)
             assert await line.until(len(ANSWER)) == ANSWER
         with line:

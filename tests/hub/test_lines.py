@@ -12,11 +12,13 @@ from servolink.client.connect import connect
 from servolink.errors import ConnectionLost
 from servolink.hub.doors import lines
 from servolink.hub.doors.lines import LONGEST_PAUSE, Line
+from servolink.hub.doors.network import tcp_door
 from servolink.hub.hub import Hub
-from servolink.protocol.editing import AddActionRequest
+from servolink.protocol.codec import Codec
+from servolink.protocol.editing import AddActionRequest, QueryActionRequest
 from servolink.protocol.records import Step
 from servolink.virtual.board import VirtualBoard
-from tests.hub.door_hub import RawLine, on_hub, raw_socket, sharing
+from tests.hub.door_hub import RawLine, on_hub, raw_socket, raw_tcp, sharing, until
 from tests.virtual_time import run
 
 
@@ -100,6 +102,27 @@ def test_a_response_beyond_all_bounds_ends_the_connection(monkeypatch: pytest.Mo
             await board.request(AddActionRequest(1, "", tuple(Step(1, 0, 1) for _ in range(12_000))))
             with pytest.raises(ConnectionLost):
                 await board.action(1)
+
+    on_hub(use)
+
+
+@pytest.mark.parametrize("is_tcp", [False, True])
+def test_the_end_of_a_program_that_has_read_nothing_is_noticed(is_tcp: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has asked for so much that it is not even listened to any more."""
+    monkeypatch.setattr(lines, "LONGEST_PAUSE", 1e6)
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub) as url, tcp_door(hub, "127.0.0.1:0") as tcp, connect(url) as board:
+            await board.request(AddActionRequest(1, "", tuple(Step(1, 0, 1) for _ in range(12_000))))
+            with await raw_tcp(tcp) if is_tcp else RawLine(raw_socket()) as line:
+                if not is_tcp:
+                    await line.greet()
+                await line.send(Codec().encode(QueryActionRequest(1)) * 200)
+                await until(lambda: len(hub.programs) == 2)
+                program = list(hub.programs.values())[-1]
+                await until(lambda: program.queue.is_unread and program.is_full)
+            await until(lambda: len(hub.programs) == 1)
+            assert await board.servo_ids() == (1, 2, 3)
 
     on_hub(use)
 

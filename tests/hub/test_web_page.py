@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import shutil
-import socket
 from contextlib import suppress
 from pathlib import Path
 
@@ -13,12 +12,12 @@ import pytest
 
 from servolink.hub.doors.network import tcp_door
 from servolink.hub.hub import Hub
-from servolink.listeners import host_and_port, listen
+from servolink.listeners import listen
 from servolink.protocol.codec import Codec
 from servolink.protocol.servos import QueryServoListRequest
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import serve
-from tests.hub.door_hub import RawLine, on_hub
+from tests.hub.door_hub import on_hub, raw_tcp
 from tests.processes import start_async
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -51,10 +50,7 @@ def test_a_post_with_a_frame_in_it_reaches_no_virtual_board() -> None:
                 LIST[:3] + b"x" + LIST,
                 b"\x00",
             ):
-                line = socket.socket()
-                line.settimeout(0)
-                await asyncio.get_running_loop().sock_connect(line, host_and_port(url.removeprefix("tcp://")))
-                with RawLine(line) as program:
+                with await raw_tcp(url) as program:
                     await program.send(post)
                     assert await program.until_end() == b""
 
