@@ -16,7 +16,6 @@ from servolink.client.rpc_channel import RpcChannel, open_channel
 from servolink.discovery.hubs import candidates
 from servolink.discovery.names import resolve_url
 from servolink.errors import OpenError
-from servolink.escaping import escape
 from servolink.hub.control.messages import LeaseNow
 from servolink.hub.notices import HubStatus
 from servolink.transports.share import Greeting, RoleName, this_program
@@ -52,7 +51,7 @@ async def _chosen(args: argparse.Namespace) -> str:
         url = args.url if args.url is not None else f"{_SCHEME}{args.name}"
         url = url if url.startswith(_SCHEME) else await resolve_url(url)
         if not url.startswith(_SCHEME):
-            raise OpenError(f"{url} is not shared; `servolink share --board {escape(args.url)}` shares it")
+            raise OpenError(f"{url} is not shared; `servolink share --board {args.url}` shares it")
         return url.removeprefix(_SCHEME).partition("?")[0]
     names = [hub.url.removeprefix(_SCHEME) for hub in await asyncio.to_thread(candidates)]
     if not names:
