@@ -15,7 +15,7 @@ _MOST_PORT = 65535
 _LOOPBACK = "127.0.0.1"
 _NOT_ENCRYPTED = (
     "the studio is not encrypted: everybody in this network who reads along can do what these addresses allow; "
-    "docs/how-to/studio-in-a-network.md shows a TLS proxy"
+    "put it behind a proxy that speaks TLS"
 )
 
 
