@@ -39,6 +39,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--unit", choices=("degree", "adc"), default="degree", help="angle unit of programs that set none (degree)"
     )
     parser.add_argument(
+        "--door-byte-order",
+        choices=("little", "big"),
+        help="byte order of programs behind --tcp and --pty (that of the board)",
+    )
+    parser.add_argument(
         "--lease-seconds",
         type=number(0.0, _MOST_SECONDS, "seconds"),
         default=10.0,
@@ -99,6 +104,7 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
         watch_tcp=args.watch_tcp,
         pty=args.pty,
         unit=args.unit,
+        door_byte_order=args.door_byte_order,
         lease_seconds=args.lease_seconds,
         byte_order=args.byte_order,
         caption_encoding=args.caption_encoding,

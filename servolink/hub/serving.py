@@ -21,6 +21,8 @@ from servolink.hub.hub import Hub, share
 from servolink.hub.lease import SECONDS_AFTER
 from servolink.hub.roles import Role
 from servolink.motion.angles import AngleUnit
+from servolink.protocol.codec import Codec
+from servolink.protocol.frame import ByteOrder
 
 _LONGEST_NAME = 32
 
@@ -34,6 +36,7 @@ async def serve_board(
     watch_tcp: str | None = None,
     pty: str | None = None,
     unit: AngleUnit = "degree",
+    door_byte_order: ByteOrder | None = None,
     lease_seconds: float = SECONDS_AFTER,
     **options: Any,
 ) -> AsyncIterator[tuple[Hub, list[str]]]:
@@ -41,8 +44,9 @@ async def serve_board(
 
     `url` and `options` are those of `connect`. `name` is that of the board unless given. `tcp` and `watch_tcp` are
     HOST:PORT, for programs in any language and for those that may only read; everybody who reaches them may use them.
-    `pty` serves a pseudo-terminal and links to it at this path, unless that is empty. Programs that set no angle unit
-    have `unit`; see `share` for `lease_seconds`.
+    `pty` serves a pseudo-terminal and links to it at this path, unless that is empty. Programs behind these
+    doors that set no angle unit have `unit`, and their byte order is `door_byte_order`, that of the board unless given.
+    See `share` for `lease_seconds`.
 
     Raise OpenError, which names the other hub, if the name is in use or the board is shared already.
     """
@@ -54,15 +58,16 @@ async def serve_board(
         claim = stack.enter_context(claimed_hub(chosen))
         board = await stack.enter_async_context(connect(address, reconnect=True, angle_unit=None, **options))
         hub = await stack.enter_async_context(share(board, name=chosen, lease_seconds=lease_seconds))
+        codec = Codec(door_byte_order or board.codec.byte_order, board.codec.caption_encoding)
         control = ControlInterface(hub)
         stack.push_async_callback(control.close)
         doors = [socket_door(hub, claim, control.open_channel)]
         if tcp is not None:
-            doors.append(tcp_door(hub, tcp, unit=unit))
+            doors.append(tcp_door(hub, tcp, codec=codec, unit=unit))
         if watch_tcp is not None:
-            doors.append(tcp_door(hub, watch_tcp, role=Role.WATCH, unit=unit))
+            doors.append(tcp_door(hub, watch_tcp, role=Role.WATCH, codec=codec, unit=unit))
         if pty is not None:
-            doors.append(pty_door(hub, link=pty or None, unit=unit))
+            doors.append(pty_door(hub, link=pty or None, codec=codec, unit=unit))
         urls = [await stack.enter_async_context(door) for door in doors]
         hub.doors = tuple(urls)
         await asyncio.to_thread(claim.announce, address)

@@ -81,6 +81,15 @@ def test_in_json_each_door_is_an_object() -> None:
     assert finished(hub, signal.SIGTERM).out == ""
 
 
+def test_programs_behind_doors_have_a_byte_order_of_their_own() -> None:
+    board = ("--board", "virtual://?servos=2&byte_order=big")
+    hub = started("share", *board, "--name", "rex", "--tcp", "127.0.0.1:0", "--door-byte-order", "little")
+    _, tcp = (line.split()[1] for line in lines_of(hub, 2))
+    for arguments in (("--board", tcp), ("--board", "rex"), ("--board", "rex", "--byte-order", "big")):
+        assert len(program("servos", "--json", *arguments).json["servos"]) == 2
+    finished(hub, signal.SIGTERM)
+
+
 def test_commands_find_it_and_it_tells_who_is_there(shared: subprocess.Popen[str]) -> None:
     assert "shared by a hub" in program("list").out
     assert program("servos", "--json", "--board", "rex").json["servos"][1]["servo_id"] == 2

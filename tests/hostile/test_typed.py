@@ -112,6 +112,7 @@ TYPED = (
     "share --tcp {}",
     "share --watch-tcp {}:1",
     "share --unit {}",
+    "share --door-byte-order {}",
     "share --lease-seconds {}",
     "share --take {}",
     "share --give {}",
