@@ -16,6 +16,7 @@ from typing import BinaryIO
 from servolink.discovery.announcements import lock, private_folder, read_all, write
 from servolink.discovery.search import identity_of, is_same_place
 from servolink.errors import OpenError
+from servolink.escaping import quote
 from servolink.files import is_name, reason
 from servolink.transports.device_info import ANY_DEVICE, DeviceInfo
 
@@ -62,13 +63,14 @@ class HubClaim:
 def claimed_hub(name: str) -> Iterator[HubClaim]:
     """Have the name of a hub for oneself within this context. Raise OpenError, which names the hub that has it."""
     if not is_name(name):
-        raise OpenError(f"{name!r} cannot be the name of a hub: use up to 64 letters, digits, - and _")
+        raise OpenError(f"{quote(name)} cannot be the name of a hub: use up to 64 letters, digits, - and _")
     try:
         folder = private_folder()
         folder.chmod(_PRIVATE)  # made by an earlier version or by another program, perhaps for others to read
         file = _locked(folder / f"{name}{_SUFFIX}")
     except OSError as error:
-        raise OpenError(f"share://{name}: no hub can run here: {reason(error)} ({error.filename})") from error
+        where = f"{error.filename}: " if error.filename else ""
+        raise OpenError(f"share://{name}: no hub can run here: {where}{reason(error)}") from error
     if file is None:
         raise OpenError(f"share://{name} is {_described(name)} already: use it, or choose another name with --name")
     with file:

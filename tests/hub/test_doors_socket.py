@@ -207,12 +207,13 @@ def test_programs_do_not_follow_others_to_a_hub(
 
 def test_a_long_folder_is_no_obstacle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     long = tmp_path / ("x" * 120)
-    long.mkdir()
+    long.mkdir(mode=0o700)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(long))
 
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with sharing(hub) as url, connect(url) as board:
             assert await board.servo_ids() == (1, 2, 3)
+            assert (long / "servolink/rex.sock").exists()
 
     if sys.platform == "linux":
         on_hub(use)

@@ -11,7 +11,6 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 
 import pytest
 
@@ -27,9 +26,8 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Unix sockets an
 
 @pytest.fixture(autouse=True)
 def _folders(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Have folders of one's own, in one that everybody may enter."""
+    """Have folders of one's own, whose parents let everybody in."""
     with tempfile.TemporaryDirectory() as folder:
-        Path(folder).chmod(0o755)
         for name in ("XDG_RUNTIME_DIR", "XDG_CONFIG_HOME"):
             monkeypatch.setenv(name, folder)
         yield
@@ -104,6 +102,7 @@ def test_two_hubs_share_neither_a_name_nor_a_board(port: str) -> None:
 def test_another_user_does_not_get_in(port: str) -> None:
     with process("share", "--board", port, "--name", "rex"), socket.socket(socket.AF_UNIX) as line:
         folder = user_folder("runtime")
+        folder.parent.chmod(0o755)
         with not_root():
             assert folder.parent.stat()  # the folder above lets everybody in
             with pytest.raises(PermissionError):
