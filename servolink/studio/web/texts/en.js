@@ -74,7 +74,7 @@ export const en = {
   "live.not_sent": "{count} not sent · clear",
   "live.hold_to_move": "Hold to move",
   "live.hold_hint": "or hold the key H",
-  "live.no_control": "{who} has control",
+  "live.no_control": "Somebody else has control",
   "live.no_board": "No board",
   "live.others": "Other servos",
   "live.plot": "Plot of all servos",

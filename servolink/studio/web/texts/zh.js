@@ -74,7 +74,7 @@ export const zh = {
   "live.not_sent": "{count} 个未发送 · 清除",
   "live.hold_to_move": "按住移动",
   "live.hold_hint": "或按住 H 键",
-  "live.no_control": "{who} 在控制",
+  "live.no_control": "其他人在控制",
   "live.no_board": "未连接",
   "live.others": "其他舵机",
   "live.plot": "所有舵机的曲线",

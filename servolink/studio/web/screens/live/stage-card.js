@@ -3,12 +3,11 @@
 import { html, signal } from "../../html.js";
 import { Hold } from "../../parts/hold.js";
 import { Icon } from "../../parts/icon.js";
-import { safeText } from "../../parts/safe-text.js";
 import { Segments } from "../../parts/segments.js";
 import { FigureStage } from "../../parts/stage.js";
 import { figure } from "../../state/figure.js";
 import { targets } from "../../state/motion.js";
-import { actualPose, isLive, isOthers, lease, mayMove, readAt, servos } from "../../state/robot.js";
+import { actualPose, isLive, isOthers, mayMove, readAt, servos } from "../../state/robot.js";
 import { chosen, draft, mode } from "../../state/view.js";
 import { t } from "../../texts/text.js";
 import { drag } from "./servo-row.js";
@@ -54,7 +53,7 @@ function HoldToMove({ motion }) {
   const label = !isLive.value
     ? t("live.no_board")
     : isOthers.value
-      ? t("live.no_control", { who: safeText(lease.value?.who ?? "") })
+      ? t("live.no_control")
       : t("live.hold_to_move");
   const begin = async () => {
     if (await motion.begin()) motion.towards(draft.value);
