@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib.metadata import version
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import msgspec
 from msgspec import Struct
@@ -11,16 +12,23 @@ from msgspec import Struct
 from servolink.hub.control.messages import NoParams
 from servolink.hub.control.rpc import Methods
 from servolink.hub.roles import Role
+from servolink.studio.drafts import Drafts
 from servolink.transports.share import RoleName, Welcome
 
+Notify: TypeAlias = Callable[[str, Struct], None]
+"""Sends a notification to a page."""
 
-class Studio(Struct):
+
+class Studio:
     """What all pages have in common."""
 
-    hub: str
-    """The name under which the board is shared."""
-    is_virtual: bool
-    """Whether nothing real moves."""
+    def __init__(self, hub: str, *, is_virtual: bool) -> None:
+        """Serve the board that is shared as `hub`; nothing real moves if it `is_virtual`."""
+        self.hub = hub
+        self.is_virtual = is_virtual
+        self.drafts = Drafts(hub)
+        self.pages: set[Notify] = set()
+        """The pages that are open."""
 
     def welcome(self, welcome: Welcome) -> Welcomed:
         """Return what a page is told first, when the hub has let it in."""
@@ -51,6 +59,9 @@ class Caller(NamedTuple):
     """The page that calls a method."""
 
     studio: Studio
+    who: str
+    """What people call the page."""
+    notify: Notify
 
 
 METHODS: Methods[Caller] = Methods()

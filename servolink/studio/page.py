@@ -13,9 +13,13 @@ from msgspec import Meta, Struct
 
 from servolink.errors import OpenError
 from servolink.hub.control.rpc import MOST_BYTES, Peer
+from servolink.hub.roles import Role
+from servolink.studio import draft_methods  # adds its methods
 from servolink.studio.gate import Gate
 from servolink.studio.methods import METHODS, Caller, Studio
-from servolink.transports.share import ROLES, Greeting, RoleName, Welcome, greet
+from servolink.transports.share import Greeting, RoleName, Welcome, greet
+
+__all__ = ["MOST_MESSAGE", "draft_methods", "serve_page"]
 
 MOST_MESSAGE = MOST_BYTES
 _TOKEN_LIMIT = 5.0  # seconds for the first message
@@ -48,7 +52,7 @@ async def serve_page(studio: Studio, gate: Gate, messages: web.WebSocketResponse
     try:
         async with _connected(studio, hello.who, role) as (welcome, reader, writer):
             await messages.send_str(msgspec.json.encode(studio.welcome(welcome)).decode())
-            await _Page(studio, role, messages, reader, writer).talk()
+            await _Page(studio, role, hello.who, messages, reader, writer).talk()
     except OpenError as error:
         await messages.close(code=_NO_BOARD, message=str(error).encode()[:120])
 
@@ -84,6 +88,7 @@ class _Page:
         self,
         studio: Studio,
         role: RoleName,
+        who: str,
         messages: web.WebSocketResponse,
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
@@ -92,14 +97,18 @@ class _Page:
         self._reader = reader
         self._writer = writer
         self._responses: asyncio.Queue[bytes] = asyncio.Queue()
-        self._own = Peer(METHODS, Caller(studio), self._responses.put_nowait, self._abort, role=ROLES.index(role))
+        self._studio = studio
+        caller = Caller(studio, who, self._notify)
+        self._own = Peer(METHODS, caller, self._responses.put_nowait, self._abort, role=Role[role.upper()])
 
     async def talk(self) -> None:
         """Carry messages until one side ends."""
         tasks = [asyncio.ensure_future(each) for each in (self._from_page(), self._from_hub(), self._from_studio())]
+        self._studio.pages.add(self._notify)
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
+            self._studio.pages.discard(self._notify)
             for task in tasks:
                 task.cancel()
             await asyncio.wait(tasks)
@@ -127,6 +136,9 @@ class _Page:
         with suppress(ConnectionError):
             while True:
                 await self._messages.send_str((await self._responses.get()).decode())
+
+    def _notify(self, name: str, params: Struct) -> None:
+        self._own.notify(name, params)
 
     def _abort(self, _reason: str) -> None:
         self._writer.transport.abort()

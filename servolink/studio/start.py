@@ -40,13 +40,13 @@ async def studio_for(board: str | None, *, demo: bool = False, **options: Any) -
     if address.startswith(_SHARED):
         name = address.removeprefix(_SHARED).partition("?")[0]
         await _check_hub(name)
-        yield Studio(name, await asyncio.to_thread(_shares_virtual, name))
+        yield Studio(name, is_virtual=await asyncio.to_thread(_shares_virtual, name))
         return
     async with AsyncExitStack() as stack:
         hub, _ = await stack.enter_async_context(serve_board(address, name=_name_of(address, board), **options))
         if address == VIRTUAL:
             await _store_demo(hub.board)
-        yield Studio(hub.name, await asyncio.to_thread(_is_virtual, address))
+        yield Studio(hub.name, is_virtual=await asyncio.to_thread(_is_virtual, address))
 
 
 async def _check_hub(name: str) -> None:

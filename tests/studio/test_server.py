@@ -36,6 +36,7 @@ def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "runtime"
     folder.mkdir(mode=0o700)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
 
 
 @asynccontextmanager
@@ -187,5 +188,33 @@ def test_what_is_not_json_is_answered_by_the_hub() -> None:
             for text in ("{", '{"jsonrpc":\n"2.0"}', "\x00", "[" * 100_000, '"\\ud800"'):
                 await page.send_str(text)
                 assert json.loads(await page.receive_str())["error"]["code"] in {-32700, -32600}
+
+    run(test)
+
+
+def test_pages_share_a_draft_and_tell_each_other_of_their_edits() -> None:
+    async def test(place: Place) -> None:
+        token = place.gate.new_token("edit")
+        edit = {"kind": "active_joystick_table", "id": 0, "known": 0, "base": 1, "record": 2}
+        async with place.page() as one, place.page() as other:
+            await welcomed(one, token)
+            await welcomed(other, token)
+            assert (await call(other, "studio.draft.get"))["result"] == {"records": []}
+            (saved,) = (await call(one, "studio.draft.save", edits=[edit]))["result"]["saved"]
+            assert (saved["who"], saved["record"]) == ("Tablet 2", 2)
+            told = json.loads(await other.receive_str())
+            assert (told["method"], told["params"]) == ("studio.draft", {"records": [saved]})
+            answer = (await call(other, "studio.draft.save", edits=[edit | {"record": 3}]))["result"]
+            assert answer == {"saved": [], "conflicts": [saved]}
+
+    run(test)
+
+
+def test_a_page_that_may_only_watch_edits_no_draft() -> None:
+    async def test(place: Place) -> None:
+        async with place.page() as page:
+            await welcomed(page, place.gate.new_token("watch"))
+            assert (await call(page, "studio.draft.get"))["result"] == {"records": []}
+            assert "needs the role" in (await call(page, "studio.draft.save", edits=[]))["error"]["message"]
 
     run(test)

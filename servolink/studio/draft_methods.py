@@ -1,0 +1,48 @@
+"""The methods for drafts, which all pages of a studio share."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from servolink.hub.control.messages import NoParams
+from servolink.hub.roles import Role
+from servolink.studio.drafts import MOST_RECORDS, Edit, Kept
+from servolink.studio.methods import METHODS, Caller
+
+
+class DraftNow(Struct, frozen=True):
+    """The draft; also the notification `studio.draft`, with the records that another page has edited."""
+
+    records: tuple[Kept, ...]
+
+
+class DraftSave(Struct, forbid_unknown_fields=True):
+    """What was edited."""
+
+    edits: Annotated[list[Edit], Meta(max_length=MOST_RECORDS)]
+
+
+class DraftSaved(Struct, frozen=True):
+    """What became of it."""
+
+    saved: tuple[Kept, ...]
+    conflicts: tuple[Kept, ...]
+    """What is kept instead, of the records that somebody else edited meanwhile. They were not saved."""
+
+
+@METHODS.add("studio.draft.get", Role.WATCH)
+async def draft_get(caller: Caller, params: NoParams) -> DraftNow:
+    """Return what is edited and not written. From now on, `studio.draft` tells of the edits of other pages."""
+    return DraftNow(await caller.studio.drafts.kept())
+
+
+@METHODS.add("studio.draft.save", Role.EDIT, in_order=True)
+async def draft_save(caller: Caller, params: DraftSave) -> DraftSaved:
+    """Keep edits, each unless another page has edited the same record since the revision that this page knows."""
+    saved, conflicts = await caller.studio.drafts.save(params.edits, caller.who)
+    for notify in caller.studio.pages - {caller.notify}:
+        if saved:
+            notify("studio.draft", DraftNow(saved))
+    return DraftSaved(saved, conflicts)

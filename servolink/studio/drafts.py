@@ -1,0 +1,174 @@
+"""Drafts: what people have edited of a board's content and not written yet, kept on this computer record by record.
+
+Several pages may edit one draft. Each record has a revision: a save that names an older one is a conflict, and is
+refused with the version that is kept. Every save is on the disk before it is confirmed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias, cast
+
+import msgspec
+from msgspec import Meta, Struct
+
+from servolink.errors import EncodeError, ProjectError
+from servolink.escaping import escape
+from servolink.files import is_name, read_file, reason, user_folder, write_atomically
+from servolink.json_text import MAX_SIZE
+from servolink.protocol.json_errors import convert
+from servolink.protocol.json_form import json_type
+from servolink.protocol.record_types import STORED_TYPES
+
+MOST_RECORDS = 4096
+"""Records in a draft, with those whose edits were given up."""
+
+Kind: TypeAlias = Literal["servo_parameters", "actions", "macros", "joystick_tables", "active_joystick_table"]
+"""A field of project files. The record of the last one is an id, or null."""
+
+_FORMS: dict[str, Any] = {
+    kind.field: json_type(cast("type[Struct]", kind.record_class), unchecked=True) | None for kind in STORED_TYPES
+}
+_FORMS["active_joystick_table"] = int | None
+_logger = logging.getLogger(__name__)
+
+
+class Edit(Struct, frozen=True, forbid_unknown_fields=True):
+    """What a record is to become."""
+
+    kind: Kind
+    id: Annotated[int, Meta(ge=-(2**31), lt=2**32)]
+    known: Annotated[int, Meta(ge=0)]
+    """The revision that the page has seen, 0 for none."""
+    base: Any = None
+    """What the board held when the record was first edited, in the form of project files; null for nothing."""
+    record: Any = None
+    """What the board is to hold; null for nothing."""
+    is_discarded: bool = False
+    """Whether the board is to keep what it holds after all."""
+
+
+class Kept(Struct, frozen=True, forbid_unknown_fields=True):
+    """An edit that is kept."""
+
+    kind: Kind
+    id: int
+    revision: int
+    who: str
+    base: Any = None
+    record: Any = None
+    is_discarded: bool = False
+
+
+class _File(Struct, forbid_unknown_fields=True):
+    """The file of a draft."""
+
+    draft: Literal[1] = 1
+    revision: int = 0
+    records: list[Kept] = []
+
+
+class Drafts:
+    """The draft of one board. ProjectError says that its file cannot be read or written."""
+
+    def __init__(self, board: str) -> None:
+        """Keep the draft of the board of this name; folder and file are made when they are needed."""
+        self._board = board
+        self._turn = asyncio.Lock()
+
+    async def kept(self) -> tuple[Kept, ...]:
+        """Return all edits that are kept."""
+        async with self._turn:
+            return tuple((await asyncio.to_thread(self._read)).records)
+
+    async def save(self, edits: list[Edit], who: str) -> tuple[tuple[Kept, ...], tuple[Kept, ...]]:
+        """Keep the edits of `who`; return those that are kept now, and what is kept where another one came before.
+
+        Raise EncodeError, which names the place, for what is no record.
+        """
+        for number, edit in enumerate(edits):
+            _check(edit, f"edits[{number}]")
+        async with self._turn:
+            return await asyncio.to_thread(self._save, edits, who)
+
+    def _save(self, edits: list[Edit], who: str) -> tuple[tuple[Kept, ...], tuple[Kept, ...]]:
+        file = self._read()  # each time: another studio may serve the same board
+        records = {(one.kind, one.id): one for one in file.records}
+        saved: list[Kept] = []
+        conflicts: list[Kept] = []
+        for edit in edits:
+            before = records.get((edit.kind, edit.id))
+            if before is not None and before.revision > edit.known and not _says_same(before, edit):
+                conflicts.append(before)
+                continue
+            file.revision += 1
+            base, record = (None, None) if edit.is_discarded else (edit.base, edit.record)
+            kept = Kept(edit.kind, edit.id, file.revision, who, base, record, edit.is_discarded)
+            records.pop((edit.kind, edit.id), None)  # so that the newest come last
+            records[edit.kind, edit.id] = kept
+            saved.append(kept)
+        if saved:
+            file.records = _fewer(list(records.values()))
+            self._write(file)
+        return tuple(saved), tuple(conflicts)
+
+    def _read(self) -> _File:
+        path = draft_path(self._board)
+        try:
+            return msgspec.convert(json.loads(read_file(path, MAX_SIZE)), _File)
+        except FileNotFoundError:
+            return _File()
+        except OSError as error:
+            raise ProjectError(f"{escape(str(path))}: the draft cannot be read: {reason(error)}") from error
+        except (ValueError, RecursionError) as error:  # JSON and types raise subclasses of ValueError
+            aside = path.with_suffix(".damaged")
+            _logger.warning("%s is damaged (%s); it is kept as %s", escape(str(path)), error, escape(aside.name))
+            path.replace(aside)
+            return _File()
+
+    def _write(self, file: _File) -> None:
+        path = draft_path(self._board)
+        content = json.dumps(msgspec.to_builtins(file)).encode()  # ASCII: a caption may have bytes that are not text
+        if len(content) > MAX_SIZE:
+            raise ProjectError(f"the draft is larger than {MAX_SIZE >> 20} MiB; write it to the board, or save it")
+        try:
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            write_atomically(path, content, private=True)
+        except OSError as error:
+            raise ProjectError(f"{escape(str(path))}: the draft cannot be kept: {reason(error)}") from error
+
+
+def draft_path(board: str) -> Path:
+    """Return where the draft of the board of this name is kept. Raise ProjectError for a user without a home."""
+    name = board if is_name(board) else f"_{board.encode().hex()[:120]}"
+    try:
+        return user_folder("data") / "drafts" / f"{name}.json"
+    except OSError as error:
+        raise ProjectError(f"drafts cannot be kept: {reason(error)}") from error
+
+
+def _check(edit: Edit, place: str) -> None:
+    for name in ("base", "record"):
+        try:
+            convert(getattr(edit, name), _FORMS[edit.kind])
+        except EncodeError as error:
+            raise EncodeError(error.text, f"{place}.{name}.{error.path}".removesuffix(".")) from None
+
+
+def _says_same(kept: Kept, edit: Edit) -> bool:
+    """Return whether both ask for the same, so that it does not matter who came first."""
+    return kept.is_discarded == edit.is_discarded and (kept.is_discarded or kept.record == edit.record)
+
+
+def _fewer(records: list[Kept]) -> list[Kept]:
+    """Return at most as many as are kept, without the oldest of those that were given up."""
+    if len(records) > MOST_RECORDS:
+        excess = len(records) - MOST_RECORDS
+        given_up = [number for number, one in enumerate(records) if one.is_discarded][:excess]
+        if len(given_up) < excess:
+            raise ProjectError(f"a draft holds at most {MOST_RECORDS} records; write it to the board first")
+        records = [one for number, one in enumerate(records) if number not in set(given_up)]
+    return records
