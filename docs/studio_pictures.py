@@ -10,12 +10,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page, ViewportSize, sync_playwright
 
 from servolink import sync
 
 PICTURES = Path(__file__).parent / "pictures/studio"
-_SIZE = {"width": 1440, "height": 900}
+_SIZE = ViewportSize(width=1440, height=900)
 _ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 _SETTLED = 500  # milliseconds
 
@@ -24,7 +24,7 @@ def main() -> None:
     """Start the studio with its demo and take each picture."""
     PICTURES.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "servolink", "studio", "--demo", "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as studio:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as studio:  # noqa: S603 - this program
         assert studio.stdout is not None  # noqa: S101 - narrows the type
         url = studio.stdout.readline().split()[1]
         with sync_playwright() as driver:
