@@ -28,8 +28,15 @@ _PAUSE = 0.5  # seconds between two readings of servos that may move
 _RESTING = 4  # readings in a row between which no servo turns
 _JITTER = {"degree": 1, "adc": 12, None: 1}  # by how much the reading of a resting servo may differ
 
-_WHY_NOT: ContextVar[Callable[[], str]] = ContextVar("_WHY_NOT", default=str)
-"""Of the motion that this task sends: why it must not be sent any more."""
+
+class _Sending(NamedTuple):
+    packet: Packet
+    why_not: Callable[[], str]
+    on_soft_start: Callable[[], None]
+
+
+_SENDING: ContextVar[_Sending | None] = ContextVar("_SENDING", default=None)
+"""The motion that this task sends."""
 
 
 class Outcome(NamedTuple):
@@ -49,15 +56,17 @@ class Motions:
         self._board = board
         self._guarded: Connection | None = None
 
-    async def send(self, packet: Packet, why_not: Callable[[], str] = str) -> Outcome:
+    async def send(
+        self, packet: Packet, why_not: Callable[[], str] = str, on_soft_start: Callable[[], None] = lambda: None
+    ) -> Outcome:
         """Send a motion, unless it exceeds the limits of the board or they cannot be compared with it.
 
-        With limits, a stored record and all that it runs is read and checked first, and a soft start takes seconds. So
-        `why_not` is asked again when something is sent: it returns why that must not be any more, empty if it may.
-        Raise RequestTimeout or OutcomeUnknown if the board does not answer.
+        With limits, a stored record and all that it runs is read and checked first, and a soft start takes seconds;
+        `on_soft_start` is called when one begins. `why_not` is asked again when something is sent: it returns why that
+        must not be any more, empty if it may. Raise RequestTimeout or OutcomeUnknown if the board does not answer.
         """
         self._guard(self._board.connection)
-        token = _WHY_NOT.set(why_not)
+        token = _SENDING.set(_Sending(packet, why_not, on_soft_start))
         try:
             if isinstance(packet, Request):
                 return Outcome(await self._board.request(packet, unchecked=True))
@@ -70,7 +79,7 @@ class Motions:
         except (EncodeError, RequestError) as error:
             return Outcome(await self.refused(packet), str(error))
         finally:
-            _WHY_NOT.reset(token)
+            _SENDING.reset(token)
 
     async def refused(self, packet: Packet) -> Response | None:
         """Return what a program gets for a packet that was not sent. The state of servos is read for it."""
@@ -115,7 +124,7 @@ class Motions:
                 first, count = here, 1
 
     def _guard(self, connection: Connection) -> None:
-        """Ask the `why_not` of the motion that is being sent whenever a packet of it is sent on `connection`."""
+        """Ask about the motion that is being sent whenever a packet of it is sent on `connection`."""
         if connection is self._guarded:
             return
         self._guarded, inner = connection, connection.guard
@@ -123,8 +132,12 @@ class Motions:
         async def pass_packet(packet: Packet) -> None:
             if inner is not None:
                 await inner(packet)
-            if reason := _WHY_NOT.get()():
+            if (sending := _SENDING.get()) is None:
+                return
+            if reason := sending.why_not():
                 raise MotionRefused(reason)
+            if packet != sending.packet:
+                sending.on_soft_start()
 
         connection.guard = pass_packet
 

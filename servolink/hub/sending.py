@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable, Coroutine
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from functools import partial
 from typing import Any
 
@@ -13,7 +14,7 @@ from servolink.errors import ConnectionLost, OutcomeUnknown, Rejected, Servolink
 from servolink.hub.events import ButtonRelay
 from servolink.hub.exchanges import Exchange
 from servolink.hub.lease_keeper import LeaseKeeper
-from servolink.hub.motions import Motions
+from servolink.hub.motions import Motions, Outcome
 from servolink.hub.roles import carries_angles, is_motion
 from servolink.hub.unit_switch import UnitsKept, UnitSwitch
 from servolink.protocol.editing import ExecuteMacroResponse, WriteProjectIDRequest, WriteProjectIDResponse
@@ -86,6 +87,13 @@ class PacketSender:
     ) -> None:
         self._units.leave()
         done(outcome, content)
+
+    def may_wait(self, exchange: Exchange) -> bool:
+        """Return whether a packet may have to wait for more than the line: for units, or a check against limits."""
+        packet = exchange.packet
+        if isinstance(packet, SetAngleUnitRequest) or (is_motion(packet) and self._board.limits):
+            return True
+        return carries_angles(packet) and not self._units.is_set_for(packet, exchange.program.state)
 
     async def send(self, exchange: Exchange, on_free: Callable[[], None]) -> Packet | None:
         """Send a packet and return the response for its program, None if there is none.
@@ -168,7 +176,7 @@ class PacketSender:
             return await self.refused(exchange, reason)
         self.motions += 1
         try:
-            outcome = await self._motions.send(exchange.packet, why_not)
+            outcome = await self._send_motion(exchange, why_not)
         except (OutcomeUnknown, ConnectionLost):
             self._keeper.moved(exchange)  # it may have been carried out
             raise
@@ -177,6 +185,16 @@ class PacketSender:
         elif outcome.response != ExecuteMacroResponse(0):
             self._keeper.moved(exchange)
         return outcome.response
+
+    async def _send_motion(self, exchange: Exchange, why_not: Callable[[], str]) -> Outcome:
+        with ExitStack() as stack:
+
+            def keep_units() -> None:
+                # For seconds, in which nobody should wait for other units, nor behind somebody who does.
+                self._units.keep_for(exchange.program.state, math.inf)
+                stack.callback(self._units.release)
+
+            return await self._motions.send(exchange.packet, why_not, keep_units)
 
     async def _request(self, packet: Request[Any]) -> Packet:
         response: Packet = await self._board.connection.request(packet, unchecked=True)

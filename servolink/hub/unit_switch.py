@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 
 from servolink.client.board import Board
 from servolink.connection.connection import Connection
@@ -14,11 +15,11 @@ from servolink.protocol.servos import SetAngleUnitRequest, SetAngleUnitResponse
 
 
 class UnitsKept(RequestError):
-    """The angle units of the board must not be changed while the macro of another program runs."""
+    """The angle units of the board must not be changed while another program runs what is stored."""
 
     def __init__(self, packet: Packet) -> None:
         """Store `packet`, which was not sent."""
-        super().__init__("a macro of another program runs, and its angles are in other units than yours", packet)
+        super().__init__("another program runs what is stored, and its angles are in other units than yours", packet)
 
 
 class UnitSwitch:
@@ -41,14 +42,18 @@ class UnitSwitch:
         if not self.enter_at_once(packet, state):
             async with self._setting:
                 # Also nothing of others may be under way: a query that is repeated would be answered in other units.
-                await self._until_unused()
+                await self._until_unused(lambda: self._may_set_needed(packet, state))
                 await self._set_needed(packet, state)
                 self._users += 1
 
+    def is_set_for(self, packet: Packet, state: SessionState) -> bool:
+        """Return whether the units are as `packet` means them, and nobody is about to set others."""
+        self._look_at_connection()
+        return not self._setting.locked() and not self._units.needed(packet, state)
+
     def enter_at_once(self, packet: Packet, state: SessionState) -> bool:
         """Return whether the units are as `packet` means them; if so, they are kept until `leave`."""
-        self._look_at_connection()
-        is_set = not self._setting.locked() and not self._units.needed(packet, state)
+        is_set = self.is_set_for(packet, state)
         self._users += is_set
         return is_set
 
@@ -64,7 +69,7 @@ class UnitSwitch:
         Raise UnitsKept if that must not be now, unless the program has this unit already.
         """
         async with self._setting:
-            await self._until_unused()
+            await self._until_unused(lambda: self._may_set(packet, state))
             if self._may_set(packet, state):
                 response = await self._ask(packet)
                 if self._units.answered(packet, response):
@@ -77,6 +82,7 @@ class UnitSwitch:
     def keep_for(self, state: SessionState, until: float) -> None:
         """Keep the units of a program with `state` while its macro runs (see `BoardUnits.keep_for`)."""
         self._units.keep_for(state, until)
+        self._unused.set()  # who waits for other units need not wait any more
 
     def release(self) -> None:
         """Keep no units for a macro any more: the board is stopped."""
@@ -89,7 +95,7 @@ class UnitSwitch:
     async def _set_needed(self, packet: Packet, state: SessionState) -> None:
         self._look_at_connection()
         while needed := self._units.needed(packet, state):
-            if not all(self._may_set(request, state) for request in needed):
+            if not self._may_set_needed(packet, state):
                 raise UnitsKept(packet)
             for request in needed:
                 if not self._units.answered(request, await self._ask(request)):
@@ -105,6 +111,9 @@ class UnitSwitch:
     def _may_set(self, request: SetAngleUnitRequest, state: SessionState) -> bool:
         return self._units.may_set(request, state, asyncio.get_running_loop().time())
 
+    def _may_set_needed(self, packet: Packet, state: SessionState) -> bool:
+        return all(self._may_set(request, state) for request in self._units.needed(packet, state))
+
     async def _ask(self, request: SetAngleUnitRequest) -> SetAngleUnitResponse:
         self._units.asking(request)
         try:
@@ -114,7 +123,8 @@ class UnitSwitch:
             self._units.forget()  # as the board's methods do, which will set those of all servos again
             raise
 
-    async def _until_unused(self) -> None:
-        while self._users:
+    async def _until_unused(self, may_set: Callable[[], bool]) -> None:
+        """Wait until nothing under way depends on the units, or they must not be set at all."""
+        while self._users and may_set():
             self._unused.clear()
             await self._unused.wait()

@@ -37,7 +37,7 @@ class Upstream:
     """Sends the requests of all programs, as many at once as the connection has use for.
 
     Most are queries that need nothing first: they are sent and answered without any task. The others are carried out by
-    tasks that live as long as the hub.
+    tasks that live as long as the hub; those that wait for something else than the line, each by a task of its own.
     """
 
     def __init__(self, board: Board, sender: PacketSender) -> None:
@@ -101,8 +101,13 @@ class Upstream:
             self._active += 1
             if isinstance(exchange.packet, Query):
                 exchange.equal = self.waiting.take_equal(exchange, _means_same)
-            if not self._sender.send_at_once(exchange, self._answered):
-                exchange.program.queue.blocked_by = exchange
+            if self._sender.send_at_once(exchange, self._answered):
+                continue
+            exchange.program.queue.blocked_by = exchange
+            if self._sender.may_wait(exchange):
+                self._active -= 1  # others should not wait with it
+                self._begin(self._carry_out(exchange))
+            else:
                 self._idle.popleft().set_result(exchange)
 
     def _answered(self, exchange: Exchange, outcome: Packet | ServolinkError, content: bytes | None) -> None:

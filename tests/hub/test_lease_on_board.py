@@ -305,7 +305,7 @@ def test_other_units_wait_for_the_end_of_a_macro() -> None:
         assert await bob.ask(SetAngleUnitRequest(1, 1)) == SetAngleUnitResponse(1, 1)
         assert await is_read(bob)
         assert [one.reason for one in there.of(Refused)] == [
-            "a macro of another program runs, and its angles are in other units than yours"
+            "another program runs what is stored, and its angles are in other units than yours"
         ]
 
     on_hub(use)
@@ -588,3 +588,21 @@ def test_a_unit_that_is_perhaps_set_is_set_again_before_limits_are_checked() -> 
         assert units == {1: 0, 2: 1, 3: 0, 4: 0}
 
     on_hub(use, SafetyLimits(angles={1: (-90, 90)}))
+
+
+def test_nobody_waits_for_the_soft_start_of_another_program() -> None:
+    async def use(there: World) -> None:
+        ann, bob, cid = there.join("ann"), there.join("bob", unit="adc"), there.join("cid")
+        ann.send(ExecuteActionExRequest(1))  # goes softly to its first pose for 3 s
+        await asyncio.sleep(0.5)
+        assert len(there.motions) == 1
+        assert await bob.ask(QueryServoRequest(1), 0.1) is None  # which has other units
+        for _ in range(3):
+            assert await cid.ask(QueryServoListRequest(), 0.1) is not None
+            assert await cid.ask(QueryServoRequest(1), 0.1) is not None
+            assert await cid.ask(QueryActionRequest(1), 0.1) is not None
+        assert await cid.ask(WriteProjectIDRequest(5), 0.1) is not None
+        await asyncio.sleep(10)
+        assert await bob.ask(QueryServoRequest(1), 0.1) is not None
+
+    on_hub(use, SafetyLimits(soft_start=10))
