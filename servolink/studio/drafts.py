@@ -87,7 +87,7 @@ class Drafts:
     async def save(self, edits: list[Edit], who: str) -> tuple[tuple[Kept, ...], tuple[Kept, ...]]:
         """Keep the edits of `who`; return those that are kept now, and what is kept where another one came before.
 
-        Raise EncodeError, which names the place, for what is no record.
+        Raise EncodeError, which names the place, for anything but a record.
         """
         for number, edit in enumerate(edits):
             _check(edit, f"edits[{number}]")
