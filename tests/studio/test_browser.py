@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import http.server
 import shutil
+import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -59,8 +60,8 @@ def studio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Studio]:
     assert line.startswith("studio http"), finish(program)
     with sync.connect("share://virtual") as board:
         yield Studio(line.split()[1], board)
-    program.terminate()
-    assert finish(program)
+    _, said = finish(program, signal.SIGTERM)
+    assert (program.returncode, said) == (0, "ended: the board was left as it is\n")
 
 
 @pytest.fixture
