@@ -59,7 +59,8 @@ def run(*, short: bool, first: int = 0, histories: int | None = None, steps: int
         ("programs, line", *_COLUMNS),
         rows,
         notes=[
-            "half of the programs use the library, the others only write frames; half of them are killed in the end",
+            "a third of the programs only write frames, a third use the library as on a board, a third as over `share://`",
+            "half of them are killed in the end",
             "`refused`: movements of programs without the lease",
             "`no response`: as from a board that does not respond, because it did not, or because the cable was pulled",
             "`wrong`: responses to another request, or of another program; `stale`: older than the request",

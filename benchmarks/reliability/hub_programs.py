@@ -13,10 +13,13 @@ from typing import Any, cast
 from benchmarks.reliability.hub_checker import STOP, Asked, HubChecker, is_change
 from servolink.client.board import Board
 from servolink.client.connect import connect
+from servolink.client.session import Session
+from servolink.connection.connection import Connection
 from servolink.errors import ConnectionLost, OpenError, ServolinkError
 from servolink.hub.hub import Hub
 from servolink.hub.local import LocalTransport
 from servolink.motion.angles import AngleUnit
+from servolink.motion.limits import MotionLimits
 from servolink.protocol import editing, joystick, records, servos, settings
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import Frame
@@ -170,16 +173,19 @@ def _fits(request: Packet, response: Packet) -> bool:
 
 
 class LibraryProgram(SharingProgram):
-    """Uses `Board`, as every program with the library does."""
+    """Uses `Board`, as a program with the library does that takes the hub for a board, as over TCP."""
+
+    async def connect(self, transport: LocalTransport) -> Board:
+        """Shake hands, and repeat what is not answered."""
+        transport.is_recorded = True  # the handshake is always the same
+        return await connect(transport, angle_unit=None)
 
     async def join(self) -> None:
         """Connect in the process of the hub."""
         unit: AngleUnit = "degree" if self.unit == _DEGREES else "adc"
         while True:
             try:
-                transport = LocalTransport(self._hub, who=self.name, unit=unit)
-                transport.is_recorded = True  # the handshake is always the same
-                self._board: Board = await connect(transport, angle_unit=None)
+                self._board = await self.connect(LocalTransport(self._hub, who=self.name, unit=unit))
             except OpenError:
                 self._checker.counts["not opened"] += 1
             else:
@@ -222,4 +228,14 @@ class LibraryProgram(SharingProgram):
             self._checker.unanswered(asked)
 
 
-KINDS: tuple[type[SharingProgram], ...] = (RawProgram, LibraryProgram)
+class PatientProgram(LibraryProgram):
+    """Uses `Board` as over `share://`: it asks once, as the hub repeats what the board does not answer."""
+
+    async def connect(self, transport: LocalTransport) -> Board:
+        """Open the session, which begins clean."""
+        connection = Connection(transport, Codec(), repeats=False)
+        await connection.open(handshake=False)
+        return Board(Session(connection), None, MotionLimits())
+
+
+KINDS: tuple[type[SharingProgram], ...] = (RawProgram, LibraryProgram, PatientProgram)
