@@ -13,7 +13,7 @@ from tests.studio.vendor import VENDOR, sha256
 
 WEB = VENDOR.parent
 MODULES = sorted(path for path in WEB.rglob("*.js") if "vendor" not in path.parts)
-_IMPORT = re.compile(r'(?:from|import)\s*"([^"]+)"')
+_IMPORT = re.compile(r'(?:from|import)\s*"(\.[^"\n]+)";')
 _KEY = re.compile(r'^  "([\w.]+)": "(.*)",$', re.MULTILINE)
 _GZIPPED = 250_000
 

@@ -33,7 +33,7 @@ export class Link {
     this._hello = JSON.stringify({ token, who });
     /** @type {WebSocket | null} */
     this._socket = null;
-    /** @type {Map<number, { resolve: (result: any) => void, reject: (error: Error) => void }>} */
+    /** @type {Map<number, { resolve: (result: any) => void, reject: (error: Error) => void, onProgress?: (progress: any) => void }>} */
     this._waiting = new Map();
     /** @type {Map<string, (params: any) => void>} */
     this._listeners = new Map();
@@ -66,13 +66,14 @@ export class Link {
    * Call a method and return its result. Rejects with RequestError or LinkLost.
    * @param {string} method
    * @param {object} [params]
+   * @param {(progress: any) => void} [onProgress] called with each step of a long one
    * @returns {Promise<any>}
    */
-  call(method, params = {}) {
+  call(method, params = {}, onProgress) {
     return new Promise((resolve, reject) => {
       const id = ++this._lastId;
       if (!this._send({ jsonrpc: "2.0", method, params, id })) return reject(new LinkLost("not connected"));
-      this._waiting.set(id, { resolve, reject });
+      this._waiting.set(id, { resolve, reject, onProgress });
     });
   }
 
@@ -103,6 +104,7 @@ export class Link {
 
   /** @param {any} message */
   _take(message) {
+    if (message.method === "progress") return this._waiting.get(message.params.id)?.onProgress?.(message.params);
     if (message.method !== undefined) return this._listeners.get(message.method)?.(message.params);
     const waiting = this._waiting.get(message.id);
     this._waiting.delete(message.id);

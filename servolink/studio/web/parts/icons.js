@@ -104,6 +104,10 @@ export const ICONS = {
     ["circle", { cx: "11", cy: "11", r: "6.5" }],
     ["path", { d: "m16 16 4.5 4.5M8.5 11h5M11 8.5v5" }],
   ],
+  "zoom-out": [
+    ["circle", { cx: "11", cy: "11", r: "6.5" }],
+    ["path", { d: "m16 16 4.5 4.5M8.5 11h5" }],
+  ],
   battery: [
     ["rect", { x: "3", y: "8", width: "15", height: "9", rx: "2" }],
     ["path", { d: "M21 11v3" }],

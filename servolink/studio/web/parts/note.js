@@ -5,9 +5,9 @@ import { Icon } from "./icon.js";
 
 const ICON_OF = { info: "info", ok: "check", warn: "warn", bad: "warn" };
 
-/** @param {{ kind: "info" | "ok" | "warn" | "bad", title: string, detail?: string, urgent?: boolean, children?: any }} props */
-export function Note({ kind, title, detail = "", urgent = false, children }) {
-  return html`<div class="note ${kind}" role=${urgent ? "alert" : "note"}>
+/** @param {{ kind: "info" | "ok" | "warn" | "bad", title: string, detail?: string, urgent?: boolean, slim?: boolean, children?: any }} props */
+export function Note({ kind, title, detail = "", urgent = false, slim = false, children }) {
+  return html`<div class="note ${kind} ${slim ? "slim" : ""}" role=${urgent ? "alert" : "note"}>
     <${Icon} name=${ICON_OF[kind]} />
     <div class="grow">
       <p><b>${title}</b></p>

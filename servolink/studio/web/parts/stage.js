@@ -35,8 +35,17 @@ export function drawFigures() {
   requestAnimationFrame(frame);
 }
 
-/** @param {{ figure: Figure, scene: Scene, label: string, view?: ViewName }} props */
-export function FigureStage({ figure, scene, label, view = "free" }) {
+/**
+ * @typedef {object} Props
+ * @property {Figure} figure
+ * @property {Scene} scene
+ * @property {string} label
+ * @property {ViewName} [view]
+ * @property {(event: KeyboardEvent) => boolean} [onKey] return whether the key was used; otherwise arrows turn the view
+ */
+
+/** @param {Props} props */
+export function FigureStage({ figure, scene, label, view = "free", onKey }) {
   const canvas = useRef(/** @type {HTMLCanvasElement | null} */ (null));
   const stage = useRef(/** @type {Stage | null} */ (null));
   useEffect(() => {
@@ -57,6 +66,7 @@ export function FigureStage({ figure, scene, label, view = "free" }) {
   }, [view, figure]);
   /** @param {KeyboardEvent} event */
   const turn = (event) => {
+    if (onKey?.(event)) return event.preventDefault();
     const way = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
     if (way === undefined || stage.current === null || event.shiftKey) return;
     stage.current.view.yaw += way * TURN;

@@ -1,7 +1,9 @@
 // The page: header, screens, and what they need of the robot.
 
 import { html } from "../html.js";
+import { ActionsScreen } from "../screens/actions/index.js";
 import { LiveScreen } from "../screens/live/index.js";
+import { MacrosScreen } from "../screens/macros/index.js";
 import { screen, showsKeys } from "../state/view.js";
 import { Toasts } from "../parts/toasts.js";
 import { t } from "../texts/text.js";
@@ -16,7 +18,7 @@ import { Dock, Rail } from "./rail.js";
 /** @typedef {{ link: Link, motion: Motion }} Tools */
 
 /** @type {Record<string, (props: Tools) => any>} */
-const SCREENS = { live: LiveScreen };
+const SCREENS = { live: LiveScreen, actions: ActionsScreen, macros: MacrosScreen };
 
 /** @param {Tools} tools */
 export function App(tools) {

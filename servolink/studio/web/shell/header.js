@@ -9,6 +9,7 @@ import { theme } from "../state/settings.js";
 import { showsKeys } from "../state/view.js";
 import { language, t } from "../texts/text.js";
 import { Control } from "./control.js";
+import { Edits } from "./edits.js";
 
 /** @typedef {import("./app.js").Tools} Tools */
 
@@ -19,6 +20,7 @@ export function Header(tools) {
   return html`<header class="head">
     <div class="logo hide-n"><${Logo} /></div>
     <${BoardName} />
+    <${Edits} />
     <div class="headright">
       <${BatteryChip} />
       <${Control} ...${tools} />

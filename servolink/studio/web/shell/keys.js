@@ -6,6 +6,7 @@ import { isTyping } from "../parts/hold.js";
 import { isMine } from "../state/robot.js";
 import { showsKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
+import { redoEdit, undoEdit } from "./edits.js";
 import { stop } from "./header.js";
 import { ENTRIES } from "./rail.js";
 
@@ -14,8 +15,14 @@ import { ENTRIES } from "./rail.js";
 
 /** @type {[Key, [string, Key][]][]} */
 const LIST = [
-  ["keys.everywhere", [["Esc", "keys.stop"], ["?", "keys.list"]]],
-  ["keys.figure", [["← →", "keys.one_degree"], ["Shift ← →", "keys.ten_degrees"], ["↑ ↓", "keys.next_servo"], ["0", "keys.middle"]]],
+  ["keys.everywhere", [
+    ["Esc", "keys.stop"], ["1 – 8", "keys.screens"], ["Ctrl Z", "keys.undo"], ["Ctrl Shift Z", "keys.redo"], ["?", "keys.list"],
+  ]],
+  ["keys.figure", [["← →", "keys.one_degree"], ["Shift ← →", "keys.ten_degrees"], ["↑ ↓", "keys.next_servo"], ["0", "keys.middle"], ["M", "keys.mirror"], ["G", "keys.ghost"]]],
+  ["keys.preview", [
+    ["Space", "keys.play"], ["Home", "keys.to_start"], [", .", "keys.one_step"], ["Ctrl D", "keys.duplicate"],
+    ["Alt ← →", "keys.move_clip"], ["Delete", "keys.remove_clip"],
+  ]],
   ["keys.robot", [["H", "keys.hold"], ["L", "keys.lease"]]],
 ];
 
@@ -39,6 +46,12 @@ export function listenToKeys({ link, motion }) {
   addEventListener("keydown", (event) => {
     if (event.key === "Escape" && !event.repeat) stop(link, motion);
   }, { capture: true });
+  addEventListener("keydown", (event) => {
+    if (isTyping(event.target) || !(event.ctrlKey || event.metaKey) || event.altKey || event.key.toLowerCase() !== "z") return;
+    event.preventDefault();
+    if (event.shiftKey) redoEdit();
+    else undoEdit();
+  });
   addEventListener("keydown", (event) => {
     if (isTyping(event.target) || event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
     const entry = ENTRIES[Number(event.key) - 1];

@@ -8,7 +8,11 @@ import { t } from "../texts/text.js";
 /** @typedef {{ name: string, icon: string, title: import("../texts/text.js").Key }} Entry */
 
 /** In the order of the rail and of the keys 1 to 8. @type {Entry[]} */
-export const ENTRIES = [{ name: "live", icon: "live", title: "screen.live" }];
+export const ENTRIES = [
+  { name: "live", icon: "live", title: "screen.live" },
+  { name: "actions", icon: "actions", title: "screen.actions" },
+  { name: "macros", icon: "macros", title: "screen.macros" },
+];
 
 export function Rail() {
   return html`<nav class="rail" aria-label=${t("app.screens")}>${ENTRIES.map(link)}</nav>`;

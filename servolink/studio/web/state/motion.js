@@ -7,10 +7,12 @@ import { isMine, linkState, servos } from "./robot.js";
 
 /** @typedef {import("../link/link.js").Link} Link */
 /** @typedef {import("../figure/figure.js").Pose} Pose */
+/** One movement of several: when it begins and how long it takes, seconds. @typedef {{ at: number, duration: number, targets: Pose }} Part */
 
 const DEAD_MAN = 0.35; // seconds without a beat after which the hub stops the robot
 const PERIOD = 40; // milliseconds between two movements, at least
 const SHORTEST = 0.08; // seconds
+const LEAST = 0.01; // seconds, as the board counts them
 const FREEZE = 0.1; // seconds, of the movement that ends another one where it is
 
 /** What the person wants the servos to do, as far as it was sent or is about to be. */
@@ -31,6 +33,7 @@ export class Motion {
     this._wanted = null;
     this._isSending = false;
     this._sentAt = 0;
+    this._playing = {};
     effect(() => {
       if (!isMine.value || linkState.value !== "open") this._letGo(); // somebody took over, or the connection is gone
     });
@@ -72,6 +75,25 @@ export class Motion {
     if (!this._isSending) this._send();
   }
 
+  /**
+   * Play movements one after the other while it is held. Return whether all of them were played.
+   * @param {Part[]} parts in the order of their times
+   * @param {number} seconds how long all of it takes
+   * @param {(seconds: number) => void} [onTime] called with the time of each movement when it is sent
+   */
+  async play(parts, seconds, onTime = () => {}) {
+    const playing = (this._playing = {});
+    let start = performance.now();
+    for (const { at, duration, targets: pose } of [...parts, { at: seconds, duration: 0, targets: {} }]) {
+      await until(start + at * 1000);
+      if (!this._isHeld || this._playing !== playing) return false;
+      start = Math.max(start, performance.now() - at * 1000); // late: each movement gets its full time all the same
+      onTime(at);
+      if (Object.keys(pose).length > 0) await this._move(pose, Math.max(LEAST, duration));
+    }
+    return this._isHeld && this._playing === playing;
+  }
+
   /** Let go: servos that still turn stop where they are. */
   end() {
     if (!this._isHeld) return;
@@ -95,6 +117,15 @@ export class Motion {
   async stop() {
     this._letGo();
     await this._link.call("stop");
+  }
+
+  /**
+   * @param {Pose} pose
+   * @param {number} duration seconds
+   */
+  async _move(pose, duration) {
+    targets.value = { ...targets.value, ...pose };
+    await this._link.call("move", { targets: pose, duration }).catch((error) => this._refused(error));
   }
 
   async _send() {
@@ -134,3 +165,9 @@ function durationOf(pose) {
   const ways = Object.entries(pose).map(([id, angle]) => Math.abs(angle - (servos.value.get(Number(id))?.angle ?? angle)));
   return Math.max(SHORTEST, Math.round((Math.max(0, ...ways) / pace.value) * 100) / 100);
 }
+
+/**
+ * Wait until a time of `performance.now()`.
+ * @param {number} time
+ */
+const until = (time) => new Promise((done) => setTimeout(done, Math.max(0, time - performance.now())));

@@ -14,3 +14,6 @@ export const mode = signal(/** @type {"preview" | "robot"} */ ("preview"));
 export const draft = signal(/** @type {Pose} */ ({}));
 /** Whether the list of keys is shown. */
 export const showsKeys = signal(false);
+/** The chosen action and macro, by id. */
+export const chosenAction = signal(0);
+export const chosenMacro = signal(0);

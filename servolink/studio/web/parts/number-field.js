@@ -1,0 +1,53 @@
+// A field for a number with its unit: it takes `0.5`, `0,5 s`, `−20°`; arrows change it; Enter or leaving it ends it.
+
+import { html, useRef } from "../html.js";
+
+/**
+ * @typedef {object} Props
+ * @property {number} value
+ * @property {string} label
+ * @property {(value: number) => string} format
+ * @property {(value: number) => void} onChange called with a number from `low` to `high`
+ * @property {number} [step] of an arrow; with Shift ten times as much
+ * @property {number} [low]
+ * @property {number} [high]
+ * @property {string} [classes]
+ * @property {boolean} [disabled]
+ */
+
+/** @param {Props} props */
+export function NumberField({ value, label, format, onChange, step = 1, low = -Infinity, high = Infinity, classes = "", disabled = false }) {
+  const field = useRef(/** @type {HTMLInputElement | null} */ (null));
+  const shown = format(value);
+  /** @param {number} number */
+  const set = (number) => {
+    const kept = Math.max(low, Math.min(high, number));
+    if (kept !== value) onChange(kept);
+    if (field.current) field.current.value = format(kept);
+  };
+  const finish = () => {
+    const text = field.current?.value ?? "", number = numberIn(text);
+    if (text === shown || number === null) {
+      if (field.current) field.current.value = shown;
+    } else set(number);
+  };
+  /** @param {KeyboardEvent} event */
+  const press = (event) => {
+    if (event.key === "Enter") finish();
+    const way = { ArrowUp: 1, ArrowDown: -1 }[event.key];
+    if (way === undefined) return;
+    event.preventDefault();
+    set((numberIn(field.current?.value ?? "") ?? value) + way * step * (event.shiftKey ? 10 : 1));
+  };
+  return html`<input ref=${field} class="inp num ${classes}" inputmode="decimal" autocomplete="off" value=${shown} disabled=${disabled}
+    aria-label=${label} onChange=${finish} onKeyDown=${press} onFocus=${() => field.current?.select()} />`;
+}
+
+/**
+ * Return the number at the beginning of a text, or null.
+ * @param {string} text
+ */
+export function numberIn(text) {
+  const found = text.trim().replace("\u2212", "-").replace(",", ".").match(/^[-+]?(\d+\.?\d*|\.\d+)/);
+  return found ? Number(found[0]) : null;
+}

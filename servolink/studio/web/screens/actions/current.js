@@ -1,0 +1,93 @@
+// The action on the screen, the pose before it, and how both are changed.
+
+import { computed, signal } from "../../html.js";
+import { figure } from "../../state/figure.js";
+import { mirrorOf } from "../../state/mirror.js";
+import { draft, edit } from "../../state/project.js";
+import { fitCaption, freeId, poseOf, withRecord } from "../../state/records.js";
+import { actualPose, captions } from "../../state/robot.js";
+import { chosenAction } from "../../state/view.js";
+import { safeText } from "../../parts/safe-text.js";
+import { t } from "../../texts/text.js";
+
+/** @typedef {import("../../state/records.js").Action} Action */
+/** @typedef {import("../../state/records.js").Pose} Pose */
+/** @typedef {import("../../state/undo.js").Label} Label */
+
+/** The action that is edited; the first one if the chosen one is gone. */
+export const action = computed(() => {
+  const actions = draft.value?.actions ?? [];
+  return actions.find((one) => one.action_id === chosenAction.value) ?? actions[0] ?? null;
+});
+
+/** The pose before: of an action, where the robot is, or of the action that usually comes before. */
+export const ghostChoice = signal(/** @type {number | "robot" | "before"} */ ("before"));
+export const showsGhost = signal(true);
+
+/** The action from which the ghost is taken; null for the robot itself. */
+export const ghostAction = computed(() => {
+  const choice = ghostChoice.value, actions = draft.value?.actions ?? [];
+  if (choice === "robot" || action.value === null) return null;
+  if (choice === "before") return before(action.value);
+  return actions.find((one) => one.action_id === choice) ?? null;
+});
+
+export const mirror = computed(() =>
+  mirrorOf(figure.value, Object.entries(captions.value).map(([id, caption]) => ({ servo_id: Number(id), servo_caption: caption }))),
+);
+
+/**
+ * Return the action that comes before another one: in a macro, or else in the list.
+ * @param {Action} one
+ */
+export function before(one) {
+  const { actions = [], macros = [] } = draft.value ?? {};
+  const runs = macros.map((macro) => macro.commands.filter((command) => command.type === "action").map((command) => command.action_id));
+  for (const ids of runs) {
+    const at = ids.findIndex((id, index) => id === one.action_id && index > 0 && ids[index - 1] !== id);
+    const found = at < 0 ? undefined : actions.find((other) => other.action_id === ids[at - 1]);
+    if (found) return found;
+  }
+  return actions[actions.indexOf(one) - 1] ?? null;
+}
+
+/**
+ * Return the pose from which an action starts, as far as it is known.
+ * @param {Action | null} from null for the robot itself
+ * @returns {Pose}
+ */
+export const startPose = (from) => (from === null ? actualPose() : poseOf(from));
+
+/**
+ * Return what an action is called.
+ * @param {Action} one
+ */
+export const nameOfAction = (one) => safeText(one.action_caption) || t("actions.unnamed", { id: one.action_id });
+
+/**
+ * Change the action on the screen.
+ * @param {Label[0]} key of the text of the undo button
+ * @param {(action: Action) => Action} change
+ * @param {{ values?: Record<string, string | number>, merge?: string }} [options]
+ */
+export function change(key, change, { values = {}, merge = "" } = {}) {
+  const one = action.value;
+  if (one === null) return;
+  const after = change(one);
+  if (after === one) return;
+  edit([key, { name: nameOfAction(one), ...values }], (project) => withRecord(project, "actions", after), merge && `${merge} ${one.action_id}`);
+}
+
+/**
+ * Add an action and show it.
+ * @param {Label[0]} key
+ * @param {string} caption
+ * @param {Action["steps"]} steps
+ */
+export function add(key, caption, steps) {
+  edit([key, { name: safeText(caption) }], (project) => {
+    const action_id = freeId("actions", project);
+    chosenAction.value = action_id;
+    return withRecord(project, "actions", { action_id, action_caption: fitCaption(caption), steps });
+  });
+}

@@ -1,0 +1,100 @@
+// The figure as the editor of a pose, with the pose before, pale.
+
+import { html, signal } from "../../html.js";
+import { HoldButton } from "../../parts/hold-button.js";
+import { Icon } from "../../parts/icon.js";
+import { FigureStage } from "../../parts/stage.js";
+import { ViewChoice } from "../../parts/view-choice.js";
+import { withDegrees } from "../../state/edit-action.js";
+import { figure, limbs, nameOf } from "../../state/figure.js";
+import { within } from "../../state/limits.js";
+import { draft, settle } from "../../state/project.js";
+import { poseOf } from "../../state/records.js";
+import { actualPose } from "../../state/robot.js";
+import { chosen } from "../../state/view.js";
+import { t } from "../../texts/text.js";
+import { trialOf } from "./commands.js";
+import { action, change, ghostAction, ghostChoice, nameOfAction, showsGhost } from "./current.js";
+
+/** @typedef {import("../../shell/app.js").Tools} Tools */
+/** @typedef {import("../../parts/stage.js").ViewName} ViewName */
+
+const view = signal(/** @type {ViewName} */ ("free"));
+
+/** @param {Tools} tools */
+export function StageCard({ motion }) {
+  const trial = async () => {
+    const one = action.value;
+    if (one === null || !(await motion.begin())) return;
+    const { parts, seconds } = trialOf(one);
+    motion.play(parts, seconds);
+  };
+  return html`<section class="stage" aria-label=${t("actions.editor")}>
+    ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${scene()} label=${t("actions.editor_aria")} view=${view.value} onKey=${press} />`}
+    <div class="tl col"><${ViewChoice} view=${view} /></div>
+    <div class="tr"><${GhostChoice} /></div>
+    <div class="bl hide-n"><span class="chip hint"><${Icon} name="hand" />${t("actions.drag")}</span></div>
+    <div class="br"><${HoldButton} label=${t("actions.hold_to_try")} onBegin=${trial} onEnd=${() => motion.end()} /></div>
+  </section>`;
+}
+
+function GhostChoice() {
+  /** @param {Event} event */
+  const choose = (event) => {
+    const { value } = /** @type {HTMLSelectElement} */ (event.currentTarget);
+    ghostChoice.value = value === "robot" || value === "before" ? value : Number(value);
+  };
+  const usual = ghostChoice.value === "before" && ghostAction.value ? `: ${nameOfAction(ghostAction.value)}` : "";
+  return html`<div class="ghost row">
+    <label class="sw"><input type="checkbox" checked=${showsGhost.value} onChange=${() => (showsGhost.value = !showsGhost.value)} /><span>${t("actions.ghost")}</span></label>
+    <select class="inp s" aria-label=${t("actions.ghost_of")} onChange=${choose} value=${String(ghostChoice.value)}>
+      <option value="before">${t("actions.ghost_before")}${usual}</option>
+      <option value="robot">${t("actions.ghost_robot")}</option>
+      ${draft.value?.actions.map((one) => html`<option value=${one.action_id}>${nameOfAction(one)}</option>`)}
+    </select>
+  </div>`;
+}
+
+/** @returns {import("../../figure/stage.js").Scene} */
+function scene() {
+  const pose = () => (action.value ? poseOf(action.value) : {});
+  return {
+    pose,
+    ghost: () => (showsGhost.value ? { ...pose(), ...(ghostAction.value ? poseOf(ghostAction.value) : actualPose()) } : null),
+    chosen: () => chosen.value,
+    hasGizmo: true,
+    onPick: (id) => (chosen.value = id),
+    onDrag: (id, angle) => turn(id, angle, "drag"),
+    onRelease: settle,
+  };
+}
+
+/**
+ * Turn a servo of the draft; nothing moves.
+ * @param {number} id
+ * @param {number} angle
+ * @param {string} [merge]
+ */
+export function turn(id, angle, merge = "") {
+  const degree = within(id, angle);
+  if (action.value && poseOf(action.value)[id] === degree) return;
+  const values = { servo: nameOf(id), degree };
+  change("actions.did_turn", (one) => withDegrees(one, { [id]: degree }), { values, merge: merge && `${merge} ${id}` });
+}
+
+/**
+ * Use the keys of the figure: arrows turn the chosen servo, or choose the next one. Return whether it is one of them.
+ * @param {KeyboardEvent} event
+ */
+function press({ key, shiftKey, ctrlKey, altKey, metaKey }) {
+  if (ctrlKey || altKey || metaKey) return false;
+  const ids = limbs.value.flatMap((limb) => limb.ids), at = ids.indexOf(chosen.value ?? -1);
+  const degree = action.value && chosen.value !== null ? (poseOf(action.value)[chosen.value] ?? 0) : 0;
+  const way = { ArrowLeft: -1, ArrowRight: 1 }[key], next = { ArrowUp: -1, ArrowDown: 1 }[key];
+  if (next !== undefined) chosen.value = ids[(at + next + ids.length) % ids.length] ?? null;
+  else if (chosen.value === null) return false;
+  else if (way !== undefined) turn(chosen.value, degree + way * (shiftKey ? 10 : 1), "keys");
+  else if (key === "0") turn(chosen.value, 0);
+  else return false;
+  return true;
+}

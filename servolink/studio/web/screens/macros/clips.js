@@ -1,0 +1,129 @@
+// The commands of the macro as clips: they are dragged to another place, and at the right edge to another speed.
+
+import { html, signal, useRef } from "../../html.js";
+import { Icon } from "../../parts/icon.js";
+import { PosePicture } from "../../parts/pose-picture.js";
+import { draft, settle } from "../../state/project.js";
+import { poseOf } from "../../state/records.js";
+import { seconds, t } from "../../texts/text.js";
+import { move, stretch } from "./commands.js";
+import { chosenClip, course, macro, nameOfCommand } from "./current.js";
+import { frozen, place, share, span } from "./scale.js";
+
+/** @typedef {import("../../state/macro-time.js").Clip} Clip */
+
+const THRESHOLD = 4; // pixels before a press becomes a drag
+const PICTURE = 0.07, TIME = 0.028; // share of the timeline from which picture or time fit a clip
+const MOST_MARKS = 50;
+
+/** The clip that is dragged, by how many pixels, and its place if it is dropped now. */
+const dragged = signal(/** @type {{ index: number, by: number, to: number } | null} */ (null));
+
+export function ClipsLane() {
+  const all = (course.value?.clips ?? []).filter((clip) => clip.depth === 0), drag = dragged.value;
+  const others = drag === null ? [] : all.filter((clip) => clip.index !== drag.index);
+  const gap = drag === null ? null : (others[drag.to]?.from ?? others.at(-1)?.until ?? 0);
+  return html`<div class="bd">
+    ${all.map((clip) => html`<${TopClip} key=${clip.index} clip=${clip} all=${all} by=${drag?.index === clip.index ? drag.by : 0} />`)}
+    ${gap !== null && html`<i class="drop" style=${{ left: share(gap) }}></i>`}
+    ${all.length === 0 && html`<span class="quiet">${course.value === null ? t("macros.endless_detail") : t("macros.empty")}</span>`}
+  </div>`;
+}
+
+/** @param {{ clip: Clip, all: Clip[], by: number }} props */
+function TopClip({ clip, all, by }) {
+  const { command, index } = clip, marks = command.loop > 1 ? Math.min(MOST_MARKS, command.loop) - 1 : 0;
+  const handlers = useReorder(clip, all), what = nameOfCommand(command);
+  const label = t("macros.clip_aria", { what, time: seconds(clip.from, 1), seconds: seconds(clip.until - clip.from) });
+  const style = { ...place(clip), transform: by ? `translateX(${by}px)` : "" };
+  return html`<button class="clip ${command.type} ${by ? "drag" : ""}" style=${style} aria-pressed=${String(index === chosenClip.value)} aria-label=${label} title=${label}
+    onClick=${() => (chosenClip.value = index)} onFocus=${() => (chosenClip.value = index)} ...${handlers}>
+    ${Array.from({ length: marks }, (_, at) => html`<i class="rep" style=${{ left: `${((at + 1) / (marks + 1)) * 100}%` }}></i>`)}
+    <${ClipLabel} clip=${clip} />
+    <${Edge} clip=${clip} />
+  </button>`;
+}
+
+/** @param {{ clip: Clip }} props */
+function ClipLabel({ clip: { command, depth, from, until } }) {
+  const part = (until - from) / span.value;
+  if (command.type === "delay") return part > TIME ? html`<span>${seconds(until - from, 1)}</span>` : null;
+  const action = command.type === "action" && depth === 0 && part > PICTURE && draft.value?.actions.find((one) => one.action_id === command.action_id);
+  return html`${action && html`<${PosePicture} pose=${poseOf(action)} distance=${0.9} />`}
+    ${command.type === "macro" && html`<${Icon} name="macros" />`}
+    <span class="ell">${nameOfCommand(command)}</span>
+    ${command.ratio_percent !== 100 && html`<span class="tag">${command.ratio_percent} %</span>`}
+    ${command.loop > 1 && html`<span class="tag">×${command.loop}</span>`}`;
+}
+
+/** @param {{ clip: Clip }} props */
+function Edge({ clip }) {
+  const grip = useRef(/** @type {{ x: number, perPixel: number, clip: Clip } | null} */ (null));
+  /** @param {PointerEvent} event */
+  const grab = (event) => {
+    event.stopPropagation();
+    const edge = /** @type {HTMLElement} */ (event.currentTarget);
+    edge.setPointerCapture(event.pointerId);
+    chosenClip.value = clip.index;
+    frozen.value = span.value;
+    grip.current = { x: event.clientX, perPixel: span.value / (edge.closest(".bd")?.clientWidth ?? 1), clip };
+  };
+  /** @param {PointerEvent} event */
+  const pull = (event) => {
+    if (grip.current === null) return;
+    const { x, perPixel, clip: before } = grip.current;
+    stretch(before.index, before, before.command, before.until - before.from + (event.clientX - x) * perPixel);
+  };
+  const release = () => {
+    if (grip.current === null) return;
+    grip.current = null;
+    frozen.value = null;
+    settle();
+  };
+  return html`<span class="edge" onPointerDown=${grab} onPointerMove=${pull} onPointerUp=${release} onPointerCancel=${release} onLostPointerCapture=${release}></span>`;
+}
+
+/**
+ * Return what makes a clip move to another place when it is dragged.
+ * @param {Clip} clip
+ * @param {Clip[]} all
+ */
+function useReorder(clip, all) {
+  const grip = useRef(/** @type {{ x: number, perPixel: number } | null} */ (null));
+  /** @param {PointerEvent} event */
+  const grab = (event) => {
+    if (event.button !== 0) return;
+    const element = /** @type {HTMLElement} */ (event.currentTarget);
+    grip.current = { x: event.clientX, perPixel: span.value / (element.closest(".bd")?.clientWidth ?? 1) };
+    element.setPointerCapture(event.pointerId);
+  };
+  /** @param {PointerEvent} event */
+  const pull = (event) => {
+    if (grip.current === null) return;
+    const by = event.clientX - grip.current.x;
+    if (dragged.value === null && Math.abs(by) < THRESHOLD) return;
+    const middle = (clip.from + clip.until) / 2 + by * grip.current.perPixel;
+    const to = all.filter((other) => other !== clip && (other.from + other.until) / 2 < middle).length;
+    dragged.value = { index: clip.index, by, to };
+  };
+  const drop = () => {
+    const drag = dragged.value;
+    grip.current = dragged.value = null;
+    if (drag?.index === clip.index) move(drag.index, drag.to);
+  };
+  const cancel = () => (grip.current = dragged.value = null);
+  return { onPointerDown: grab, onPointerMove: pull, onPointerUp: drop, onPointerCancel: cancel };
+}
+
+/** What the macros in the macro do, one lane for each depth. */
+export function InnerLanes() {
+  const inner = (course.value?.clips ?? []).filter((clip) => clip.depth > 0);
+  const depths = [...new Set(inner.map((clip) => clip.depth))].sort((a, b) => a - b);
+  const names = [...new Set((macro.value?.commands ?? []).filter((command) => command.type === "macro").map(nameOfCommand))].join(", ");
+  return depths.map((depth) => html`<div class="lane sub" key=${depth}>
+    <div class="lb" title=${names}><${Icon} name="down" /><span class="ell">${depth === 1 ? names : t("macros.inside")}</span></div>
+    <div class="bd" aria-hidden="true">
+      ${inner.filter((clip) => clip.depth === depth).map((clip) => html`<div class="clip ${clip.command.type} ${clip.isAgain ? "again" : ""}" style=${place(clip)}><${ClipLabel} clip=${clip} /></div>`)}
+    </div>
+  </div>`);
+}

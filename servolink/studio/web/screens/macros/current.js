@@ -1,0 +1,108 @@
+// The macro on the screen, what it does when, and how it is changed.
+
+import { computed, signal } from "../../html.js";
+import { safeText } from "../../parts/safe-text.js";
+import { durations } from "../../state/durations.js";
+import { commandOf, withCommandAt } from "../../state/edit-macro.js";
+import { capOf, slowness } from "../../state/limits.js";
+import { courseOf, speedOf } from "../../state/macro-time.js";
+import { draft, edit } from "../../state/project.js";
+import { fitCaption, freeId, targetOf, withRecord } from "../../state/records.js";
+import { chosenMacro } from "../../state/view.js";
+import { seconds, t } from "../../texts/text.js";
+
+/** @typedef {import("../../state/records.js").Macro} Macro */
+/** @typedef {import("../../state/records.js").Command} Command */
+/** @typedef {import("../../state/records.js").Pose} Pose */
+/** @typedef {import("../../state/undo.js").Label} Label */
+
+/** The macro that is edited; the first one if the chosen one is gone. */
+export const macro = computed(() => {
+  const macros = draft.value?.macros ?? [];
+  return macros.find((one) => one.macro_id === chosenMacro.value) ?? macros[0] ?? null;
+});
+
+/** Index of the chosen command; null for the macro as a whole. */
+export const chosenClip = signal(/** @type {number | null} */ (null));
+/** The pose from which the preview starts: where the robot was when the screen was opened. */
+export const start = signal(/** @type {Pose} */ ({}));
+
+/** What the macro does; null if it never ends. */
+export const course = computed(() =>
+  draft.value && macro.value ? courseOf(draft.value, macro.value.macro_id, start.value, slowness.value) : null,
+);
+/** The turns that are faster than the servos may be. */
+export const fastTurns = computed(() => (course.value?.turns ?? []).filter((turn) => speedOf(turn) > capOf(turn.servoId)));
+
+const milliseconds = computed(() => (draft.value ? durations(draft.value) : new Map()));
+
+/**
+ * Return how long a macro takes as the board counts, seconds; null if it never ends.
+ * @param {Macro} one
+ */
+export function secondsOfMacro(one) {
+  const each = milliseconds.value.get(one.macro_id) ?? [null];
+  return each.includes(null) ? null : each.reduce((/** @type {number} */ sum, /** @type {number} */ time) => sum + time, 0) / 1000;
+}
+
+/** @param {Macro} one */
+export const nameOfMacro = (one) => safeText(one.macro_caption) || t("macros.unnamed", { id: one.macro_id });
+
+/**
+ * Return what a command does.
+ * @param {Command} command
+ */
+export function nameOfCommand(command) {
+  if (command.type === "delay") return t("macros.pause");
+  const id = targetOf(command);
+  const action = command.type === "action" && draft.value?.actions.find((one) => one.action_id === id);
+  if (action) return safeText(action.action_caption) || t("actions.unnamed", { id });
+  const called = command.type === "macro" && draft.value?.macros.find((one) => one.macro_id === id);
+  return called ? nameOfMacro(called) : t("macros.unnamed_clip");
+}
+
+/**
+ * Change the macro on the screen.
+ * @param {Label[0]} key of the text of the undo button
+ * @param {(macro: Macro) => Macro} change
+ * @param {{ values?: Record<string, string | number>, merge?: string }} [options]
+ */
+export function change(key, change, { values = {}, merge = "" } = {}) {
+  const one = macro.value;
+  if (one === null) return;
+  const label = /** @type {Label} */ ([key, { name: nameOfMacro(one), ...values }]);
+  edit(label, (project) => withRecord(project, "macros", change(one)), merge && `${merge} ${one.macro_id}`);
+}
+
+/**
+ * Add a macro and show it.
+ * @param {Label[0]} key
+ * @param {string} caption
+ * @param {readonly Command[]} commands
+ */
+export function add(key, caption, commands) {
+  edit([key, { name: safeText(caption) }], (project) => {
+    const macro_id = freeId("macros", project);
+    chosenMacro.value = macro_id;
+    return withRecord(project, "macros", { macro_id, macro_caption: fitCaption(caption), commands });
+  });
+  chosenClip.value = null;
+}
+
+/** Add an empty macro. */
+export const addEmpty = () => add("macros.did_add", t("macros.new_name", { number: (draft.value?.macros.length ?? 0) + 1 }), []);
+
+/**
+ * Put a command in after the chosen one, or at the end, and choose it.
+ * @param {"action" | "macro" | "delay"} type
+ * @param {number} value id, or milliseconds
+ */
+export function insert(type, value) {
+  const one = macro.value;
+  if (one === null) return;
+  const at = chosenClip.value === null ? one.commands.length : Math.min(chosenClip.value + 1, one.commands.length);
+  const command = commandOf(type, value);
+  const what = type === "delay" ? seconds(value / 1000) : nameOfCommand(command);
+  change("macros.did_insert", (each) => withCommandAt(each, at, command), { values: { what } });
+  chosenClip.value = at;
+}

@@ -1,0 +1,39 @@
+// Undo and redo for all screens, and whether the edits are kept.
+
+import { html } from "../html.js";
+import { Icon } from "../parts/icon.js";
+import { toast } from "../parts/toasts.js";
+import { differences, draft, isKept, redo, redoLabel, undo, undoLabel } from "../state/project.js";
+import { t } from "../texts/text.js";
+
+/** @typedef {import("../state/undo.js").Label} Label */
+
+export function Edits() {
+  if (draft.value === null) return null;
+  const count = differences.value.length;
+  return html`<div class="row edits hide-n">
+      <${EditButton} icon="undo" label=${undoLabel.value} none="edit.undo" what="edit.undo_what" onClick=${undoEdit} />
+      <${EditButton} icon="redo" label=${redoLabel.value} none="edit.redo" what="edit.redo_what" onClick=${redoEdit} />
+    </div>
+    ${count > 0 && html`<div class="hide-t hide-n ell" role="status">
+      <b>${t("edit.not_written", { count })}</b> <span class="mut">${isKept.value ? t("edit.kept") : t("edit.keeping")}</span>
+    </div>`}`;
+}
+
+/** Undo the latest edit, and say what it was. */
+export function undoEdit() {
+  const label = undo();
+  if (label) toast({ name: "edit", icon: "undo", title: t("edit.undone"), detail: t(...label) });
+}
+
+/** Do again what was undone last, and say what it was. */
+export function redoEdit() {
+  const label = redo();
+  if (label) toast({ name: "edit", icon: "redo", title: t("edit.redone"), detail: t(...label) });
+}
+
+/** @param {{ icon: string, label: Label | null, none: Label[0], what: Label[0], onClick: () => void }} props */
+function EditButton({ icon, label, none, what, onClick }) {
+  const text = label === null ? t(none) : t(what, { what: t(...label) });
+  return html`<button class="btn ic ghost" disabled=${label === null} aria-label=${text} title=${text} onClick=${onClick}><${Icon} name=${icon} /></button>`;
+}

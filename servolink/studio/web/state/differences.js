@@ -1,0 +1,69 @@
+// What differs between two projects, record by record.
+
+import { idOf, KINDS } from "./records.js";
+
+/** @typedef {import("./records.js").Project} Project */
+/** @typedef {import("./records.js").Kind} Kind */
+/** `active_joystick_table` is no record, and has the id 0. */
+/** @typedef {{ kind: Kind | "active_joystick_table", id: number, change: "added" | "changed" | "removed", before: any, after: any }} Difference */
+
+/**
+ * Return the records in which two projects differ.
+ * @param {Project} before
+ * @param {Project} after
+ * @returns {Difference[]}
+ */
+export function differencesOf(before, after) {
+  /** @type {Difference[]} */
+  const records = KINDS.flatMap((kind) => {
+    if (before[kind] === after[kind]) return [];
+    const old = byId(before, kind), now = byId(after, kind);
+    return [...new Set([...old.keys(), ...now.keys()])]
+      .sort((a, b) => a - b)
+      .filter((id) => !isSame(old.get(id), now.get(id)))
+      .map((id) => {
+        const change = !old.has(id) ? "added" : !now.has(id) ? "removed" : "changed";
+        return /** @type {Difference} */ ({ kind, id, change, before: old.get(id), after: now.get(id) });
+      });
+  });
+  const old = before.active_joystick_table, now = after.active_joystick_table;
+  if (old !== now) records.push({ kind: "active_joystick_table", id: 0, change: "changed", before: old, after: now });
+  return records;
+}
+
+/**
+ * Return `draft`, made from the project `base`, as a draft of the project `board`: records that were not edited are
+ * those of the board, edited ones are kept.
+ * @param {Project} base
+ * @param {Project} draft
+ * @param {Project} board
+ * @returns {Project}
+ */
+export function rebased(base, draft, board) {
+  const edits = differencesOf(base, draft);
+  if (edits.length === 0) return board;
+  const result = { ...board };
+  for (const kind of KINDS) {
+    const records = byId(board, kind);
+    for (const { id, after } of edits.filter((edit) => edit.kind === kind)) {
+      if (after === undefined) records.delete(id);
+      else records.set(id, after);
+    }
+    /** @type {any} */ (result)[kind] = [...records.values()].sort((a, b) => idOf(kind, a) - idOf(kind, b));
+  }
+  if (base.active_joystick_table !== draft.active_joystick_table) result.active_joystick_table = draft.active_joystick_table;
+  return result;
+}
+
+/**
+ * @param {Project} project
+ * @param {Kind} kind
+ * @returns {Map<number, object>}
+ */
+const byId = (project, kind) => new Map(/** @type {object[]} */ ([...project[kind]]).map((record) => [idOf(kind, record), record]));
+
+/**
+ * @param {unknown} one
+ * @param {unknown} other
+ */
+const isSame = (one, other) => one === other || JSON.stringify(one) === JSON.stringify(other);
