@@ -37,7 +37,7 @@ from servolink.protocol.servos import (
     SetServoParameterResponse,
 )
 from servolink.virtual.board import VirtualBoard
-from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, late, now, opened
+from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, late, lie, now, opened
 from tests.client.sockets import Socket
 from tests.hub.raw_program import RawProgram
 from tests.hub.test_roles import REQUESTS, example
@@ -606,3 +606,29 @@ def test_nobody_waits_for_the_soft_start_of_another_program() -> None:
         assert await bob.ask(QueryServoRequest(1), 0.1) is not None
 
     on_hub(use, SafetyLimits(soft_start=10))
+
+
+def test_nothing_with_angles_is_sent_if_the_board_refuses_its_units() -> None:
+    async def use(there: World) -> None:
+        program = there.join("program", unit="adc")
+        there.fake.usual_of[SetAngleUnitRequest] = lie(SetAngleUnitResponse(0, 0))
+        assert not await there.move(program)
+        assert await program.ask(QueryServoRequest(1), 5) is None
+        assert there.fake.executed_of(QueryServoRequest) == []
+        there.fake.forget_plans()
+        assert await program.ask(QueryServoRequest(1), 5) is not None
+        assert there.fake.virtual.servos[1].unit == 1
+
+    on_hub(use)
+
+
+def test_a_unit_that_the_board_refuses_is_not_that_of_the_program() -> None:
+    async def use(there: World) -> None:
+        program = there.join("program")
+        assert await program.ask(SetAngleUnitRequest(9, 1)) == SetAngleUnitResponse(0, 0)
+        there.fake.plan(SetAngleUnitRequest, lie(SetAngleUnitResponse(1, 0)))
+        assert await program.ask(SetAngleUnitRequest(1, 1)) == SetAngleUnitResponse(1, 0)
+        assert await program.ask(QueryServoRequest(1)) is not None
+        assert there.fake.virtual.servos[1].unit == 0
+
+    on_hub(use)
