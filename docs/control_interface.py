@@ -15,7 +15,8 @@ from typing import Any
 from msgspec import inspect as types
 
 from servolink.hub.control.faults import KINDS, REMEDIES, ErrorData
-from servolink.hub.control.messages import CREDIT, NOTIFICATIONS
+from servolink.hub.control.messages import CREDIT
+from servolink.hub.control.notifications import NOTIFICATIONS
 from servolink.hub.control.rpc import MOST_WAITING, Method
 from servolink.hub.control.schema import schema_text
 from servolink.hub.control.session import METHODS

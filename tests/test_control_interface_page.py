@@ -7,7 +7,7 @@ import json
 import pytest
 
 from docs.control_interface import PAGE, SCHEMA, control_interface
-from servolink.hub.control.messages import NOTIFICATIONS
+from servolink.hub.control.notifications import NOTIFICATIONS
 from servolink.hub.control.schema import schema, schema_text
 from servolink.hub.control.session import METHODS
 

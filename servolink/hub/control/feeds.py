@@ -14,7 +14,8 @@ from servolink.client.servos import Servo
 from servolink.client.watch import ServoReading
 from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
 from servolink.hub.control.context import OpenBoard
-from servolink.hub.control.messages import CREDIT, ButtonPressed, ProblemNotice, ServoNow, ServosFrame
+from servolink.hub.control.messages import CREDIT, ServoNow
+from servolink.hub.control.notifications import ButtonPressed, ProblemNotice, ServosFrame
 from servolink.motion.angles import Angle, AngleUnit
 
 Notify = Callable[[str, Struct], None]

@@ -1,4 +1,4 @@
-"""The messages of the control interface: params, results and notifications, each declared once.
+"""The params and results of the control interface, each declared once; `notifications` has what comes unasked.
 
 From these types come the checks of what a program sends, the reference page and the JSON Schema. Units are in the names
 or in the descriptions; records and projects have the form of project files.
@@ -16,7 +16,6 @@ from servolink.client.reconnect import ConnectionState
 from servolink.hub.notices import HoldStatus, LeaseStatus
 from servolink.motion.angles import AngleUnit
 from servolink.project.project_file import file_type
-from servolink.project.transfer.results import Phase
 from servolink.protocol.json_form import json_type
 from servolink.protocol.record_types import RECORD_TYPES
 from servolink.protocol.records import ServoParameter
@@ -29,12 +28,13 @@ RecordKind = Literal["action", "macro", "joystick_table"]
 """The types of records; `kind_of` in `servolink.hub.control.records` finds what the library calls them."""
 
 
-def _about(description: str) -> Meta:
+def about(description: str) -> Meta:
+    """Return what describes a field in the reference and in the schema."""
     return Meta(description=description)
 
 
-Which: TypeAlias = Annotated[int | str, _about("an id, or a caption")]
-Servos: TypeAlias = Annotated[int | str, _about('an id, a caption, or "all"')]
+Which: TypeAlias = Annotated[int | str, about("an id, or a caption")]
+Servos: TypeAlias = Annotated[int | str, about('an id, a caption, or "all"')]
 
 
 class NoParams(Struct, forbid_unknown_fields=True):
@@ -51,10 +51,10 @@ class Done(Struct, frozen=True):
 class LeaseTake(Struct, forbid_unknown_fields=True):
     """How to take the lease."""
 
-    force: Annotated[bool, _about("take it over from another program, which is told who did")] = False
+    force: Annotated[bool, about("take it over from another program, which is told who did")] = False
     dead_man: Annotated[
         Annotated[float, Meta(ge=0.1, le=60)] | None,
-        _about("seconds without lease.beat after which the hub stops the board; null: as in the greeting"),
+        about("seconds without lease.beat after which the hub stops the board; null: as in the greeting"),
     ] = None
 
 
@@ -79,7 +79,7 @@ class HoldNow(Struct, frozen=True):
 class BoardState(Struct, frozen=True):
     """The board, without the programs that use it."""
 
-    state: Annotated[ConnectionState, _about("the hub's connection to the board")]
+    state: Annotated[ConnectionState, about("the hub's connection to the board")]
     lease: LeaseStatus | None
     hold: HoldStatus | None
 
@@ -91,7 +91,7 @@ class ServosWatch(Struct, forbid_unknown_fields=True):
     """How to be told of the servos."""
 
     hz: Annotated[float, Meta(gt=0, le=MOST_HZ, description="notifications per second, at most")] = 25.0
-    changed_only: Annotated[bool, _about("leave out servos that report the same as the time before")] = False
+    changed_only: Annotated[bool, about("leave out servos that report the same as the time before")] = False
 
 
 class ServosAck(Struct, forbid_unknown_fields=True):
@@ -104,7 +104,7 @@ class Watching(Struct, frozen=True):
     """What comes from now on."""
 
     hz: float
-    credit: Annotated[int, _about("how many notifications may be unacknowledged")] = CREDIT
+    credit: Annotated[int, about("how many notifications may be unacknowledged")] = CREDIT
 
 
 class ServoNow(Struct, frozen=True):
@@ -116,8 +116,8 @@ class ServoNow(Struct, frozen=True):
     current_raw: int
     temperature_raw: int
     servo_type: int
-    is_start: Annotated[bool, _about("whether it may move; a stopped servo ignores movements")]
-    is_hold: Annotated[bool, _about("whether it holds its angle; a released servo is limp")]
+    is_start: Annotated[bool, about("whether it may move; a stopped servo ignores movements")]
+    is_hold: Annotated[bool, about("whether it holds its angle; a released servo is limp")]
 
 
 class ServoList(Struct, frozen=True):
@@ -135,17 +135,17 @@ class ServoParameters(Struct, frozen=True):
 class Battery(Struct, frozen=True):
     """The charge of the battery."""
 
-    percent: Annotated[float, _about("to 0.1")]
+    percent: Annotated[float, about("to 0.1")]
 
 
 class Move(Struct, forbid_unknown_fields=True):
     """A movement: give `duration` or `speed`."""
 
-    targets: Annotated[dict[str, float], _about("degrees by servo: id or caption as text")]
-    duration: Annotated[float | None, _about("seconds")] = None
-    speed: Annotated[float | None, _about("degrees per second")] = None
-    wait: Annotated[bool, _about("respond when the servos have arrived")] = False
-    dry_run: Annotated[bool, _about("check everything, and move nothing")] = False
+    targets: Annotated[dict[str, float], about("degrees by servo: id or caption as text")]
+    duration: Annotated[float | None, about("seconds")] = None
+    speed: Annotated[float | None, about("degrees per second")] = None
+    wait: Annotated[bool, about("respond when the servos have arrived")] = False
+    dry_run: Annotated[bool, about("check everything, and move nothing")] = False
 
 
 class Moved(Struct, frozen=True):
@@ -164,8 +164,8 @@ class ServoSet(Struct, forbid_unknown_fields=True):
     """The state of a servo."""
 
     servo: Servos
-    start: Annotated[bool, _about("whether it may move")]
-    hold: Annotated[bool, _about("whether it holds its angle")]
+    start: Annotated[bool, about("whether it may move")]
+    hold: Annotated[bool, about("whether it holds its angle")]
 
 
 # --- records ----------------------------------------------------------------------------------------------------------
@@ -176,8 +176,8 @@ class Run(Struct, forbid_unknown_fields=True):
 
     type: Literal["action", "macro"]
     id: Which
-    wait: Annotated[bool, _about("respond when the motion is over")] = False
-    dry_run: Annotated[bool, _about("check everything, and move nothing")] = False
+    wait: Annotated[bool, about("respond when the motion is over")] = False
+    dry_run: Annotated[bool, about("check everything, and move nothing")] = False
 
 
 class Ran(Struct, frozen=True):
@@ -189,7 +189,7 @@ class Ran(Struct, frozen=True):
 class RecordsList(Struct, forbid_unknown_fields=True):
     """What to list."""
 
-    type: Annotated[RecordKind | None, _about("null: all types")] = None
+    type: Annotated[RecordKind | None, about("null: all types")] = None
 
 
 class RecordsGet(Struct, forbid_unknown_fields=True):
@@ -222,7 +222,7 @@ else:
         [
             defstruct(
                 f"{_type.record_class.__name__}Record",
-                [("record", Annotated[json_type(_type.record_class, unchecked=True), _about(_type.label)])],
+                [("record", Annotated[json_type(_type.record_class, unchecked=True), about(_type.label)])],
                 namespace={
                     "__doc__": f"A stored {_type.label}, or one to store: with id 0 it gets the lowest free one."
                 },
@@ -242,8 +242,8 @@ class RecordStored(Struct, frozen=True):
 
     type: RecordKind
     id: int
-    changed: Annotated[bool, _about("false: it was stored already")]
-    backup: Annotated[str | None, _about("file with what the board held before")]
+    changed: Annotated[bool, about("false: it was stored already")]
+    backup: Annotated[str | None, about("file with what the board held before")]
 
 
 # --- projects ---------------------------------------------------------------------------------------------------------
@@ -259,33 +259,33 @@ class ProjectPlan(Struct, forbid_unknown_fields=True):
     """What the board should hold."""
 
     project: ProjectForm
-    replace: Annotated[bool, _about("delete everything first, and write all of it")] = False
+    replace: Annotated[bool, about("delete everything first, and write all of it")] = False
 
 
 class ProjectApply(ProjectPlan, forbid_unknown_fields=True):
     """What the board shall hold."""
 
-    backup: Annotated[bool, _about("save what the board holds first")] = True
+    backup: Annotated[bool, about("save what the board holds first")] = True
 
 
 class ProjectRollback(Struct, forbid_unknown_fields=True):
     """What to restore."""
 
-    backup: Annotated[int | None, _about("the number of a backup; null: what was there before the last import")] = None
+    backup: Annotated[int | None, about("the number of a backup; null: what was there before the last import")] = None
 
 
 class Changed(Struct, frozen=True):
     """One difference."""
 
-    what: Annotated[str, _about("such as `action 3` or `project id`")]
-    old: Annotated[Any, _about("null if it is added")]
-    new: Annotated[Any, _about("null if it is removed")]
+    what: Annotated[str, about("such as `action 3` or `project id`")]
+    old: Annotated[Any, about("null if it is added")]
+    new: Annotated[Any, about("null if it is removed")]
 
 
 class MemoryNow(Struct, frozen=True):
     """The board's memory, in bytes."""
 
-    unit_bytes: Annotated[int | None, _about("the unit in which the board counts; null if it is unknown")]
+    unit_bytes: Annotated[int | None, about("the unit in which the board counts; null if it is unknown")]
     size_bytes: int | None
     free_before_bytes: int
     free_after_bytes: int
@@ -296,28 +296,28 @@ class Planned(Struct, frozen=True):
     """What an import would do."""
 
     changes: tuple[Changed, ...]
-    inconsistencies: Annotated[tuple[str, ...], _about("faults that an import repairs too")]
+    inconsistencies: Annotated[tuple[str, ...], about("faults that an import repairs too")]
     requests: int
     wire_bytes: int
     estimated_seconds: float
     memory: MemoryNow | None
-    is_unfinished: Annotated[bool, _about("the board holds an unfinished import")]
+    is_unfinished: Annotated[bool, about("the board holds an unfinished import")]
 
 
 class Applied(Struct, frozen=True):
     """What an import did."""
 
-    changed: Annotated[bool, _about("false: the board held the project already")]
-    resumed: Annotated[bool, _about("it continued an import that had been interrupted")]
-    backup: Annotated[str | None, _about("file with what the board held before")]
-    project_id_bits: Annotated[Literal[32, 16, 0] | None, _about("bits of the project id that the board keeps")]
+    changed: Annotated[bool, about("false: the board held the project already")]
+    resumed: Annotated[bool, about("it continued an import that had been interrupted")]
+    backup: Annotated[str | None, about("file with what the board held before")]
+    project_id_bits: Annotated[Literal[32, 16, 0] | None, about("bits of the project id that the board keeps")]
 
 
 class BackupEntry(Struct, frozen=True):
     """A backup of a board."""
 
     number: int
-    time: Annotated[str, _about("ISO 8601, UTC")]
+    time: Annotated[str, about("ISO 8601, UTC")]
     board: str
     file: str
 
@@ -326,90 +326,3 @@ class BackupList(Struct, frozen=True):
     """All backups, the newest last."""
 
     backups: tuple[BackupEntry, ...]
-
-
-# --- notifications ----------------------------------------------------------------------------------------------------
-
-
-class ServosFrame(Struct, frozen=True):
-    """The latest state of the servos, after `servos.watch`. Acknowledge it with `servos.ack`."""
-
-    number: Annotated[int, _about("counts up")]
-    seconds: Annotated[float, _about("when they were read; only differences have a meaning")]
-    servos: tuple[ServoNow, ...]
-    missed: Annotated[int, _about("readings left out directly before this one")]
-
-
-class ButtonPressed(Struct, frozen=True):
-    """A button event, after `buttons.subscribe`."""
-
-    button_id: int
-    event: Annotated[int, _about("1 press, 2 long press, 4 up")]
-    kind: Annotated[str, _about("the event in words")]
-
-
-class ConnectionNow(Struct, frozen=True):
-    """The hub's connection to the board has changed."""
-
-    state: ConnectionState
-
-
-class LeaseNotice(Struct, frozen=True):
-    """The lease has changed, or somebody asks for it."""
-
-    event: Annotated[str, _about("taken, taken over, asked for, given back, left, over, beats stopped")]
-    by: Annotated[str | None, _about("the program that took it or asks for it")]
-    lease: LeaseStatus | None
-
-
-class HoldNotice(Struct, frozen=True):
-    """A program has the board alone from now on; null: it does not any more."""
-
-    hold: HoldStatus | None
-
-
-class ProgramNotice(Struct, frozen=True):
-    """A program has joined or left; for programs that have called `status`."""
-
-    event: Literal["joined", "left"]
-    session: str
-    who: str
-    door: Annotated[str | None, _about("where it joined: share, tcp, pty or local; null if it left")] = None
-    role: Annotated[str | None, _about("null if it left")] = None
-
-
-class ProgressNotice(Struct, frozen=True):
-    """How far a request is: export, plan, apply, rollback, and changes of records."""
-
-    id: Annotated[int | str | None, _about("the id of the request")]
-    phase: Phase
-    done: int
-    total: Annotated[int, _about("items of this phase")]
-    item: Annotated[str, _about("such as `action 3`")]
-
-
-class RefusedNotice(Struct, frozen=True):
-    """A packet of this program was not sent to the board."""
-
-    packet: Annotated[str, _about("such as `ExecuteActionRequest`")]
-    reason: str
-
-
-class ProblemNotice(Struct, frozen=True):
-    """Something that people should look at."""
-
-    text: str
-
-
-NOTIFICATIONS: dict[str, type[Struct]] = {
-    "servos": ServosFrame,
-    "button": ButtonPressed,
-    "connection": ConnectionNow,
-    "lease": LeaseNotice,
-    "hold": HoldNotice,
-    "program": ProgramNotice,
-    "progress": ProgressNotice,
-    "refused": RefusedNotice,
-    "problem": ProblemNotice,
-}
-"""The notifications, by the name of their method."""

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from servolink.hub.control.faults import KINDS, REMEDIES, ErrorObject
-from servolink.hub.control.messages import NOTIFICATIONS
+from servolink.hub.control.notifications import NOTIFICATIONS
 from servolink.hub.control.session import METHODS
 from servolink.transports.share import VERSION, Greeting
 

@@ -9,7 +9,8 @@ from msgspec import Struct
 from servolink.hub.control import stored  # adds its methods
 from servolink.hub.control.context import Control, Readings
 from servolink.hub.control.feeds import ButtonsFeed, ServosFeed
-from servolink.hub.control.messages import (
+from servolink.hub.control.methods import METHODS, Caller
+from servolink.hub.control.notifications import (
     ConnectionNow,
     HoldNotice,
     LeaseNotice,
@@ -17,7 +18,6 @@ from servolink.hub.control.messages import (
     ProgramNotice,
     RefusedNotice,
 )
-from servolink.hub.control.methods import METHODS, Caller
 from servolink.hub.control.rpc import Peer
 from servolink.hub.hub import Hub
 from servolink.hub.notices import (

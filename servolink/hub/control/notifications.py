@@ -1,0 +1,96 @@
+"""The notifications of the control interface, each declared once."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Struct
+
+from servolink.client.reconnect import ConnectionState
+from servolink.hub.control.messages import ServoNow, about
+from servolink.hub.notices import HoldStatus, LeaseStatus
+from servolink.project.transfer.results import Phase
+
+
+class ServosFrame(Struct, frozen=True):
+    """The latest state of the servos, after `servos.watch`. Acknowledge it with `servos.ack`."""
+
+    number: Annotated[int, about("counts up")]
+    seconds: Annotated[float, about("when they were read; only differences have a meaning")]
+    servos: tuple[ServoNow, ...]
+    missed: Annotated[int, about("readings left out directly before this one")]
+
+
+class ButtonPressed(Struct, frozen=True):
+    """A button event, after `buttons.subscribe`."""
+
+    button_id: int
+    event: Annotated[int, about("1 press, 2 long press, 4 up")]
+    kind: Annotated[str, about("the event in words")]
+
+
+class ConnectionNow(Struct, frozen=True):
+    """The hub's connection to the board has changed."""
+
+    state: ConnectionState
+
+
+class LeaseNotice(Struct, frozen=True):
+    """The lease has changed, or somebody asks for it."""
+
+    event: Annotated[str, about("taken, taken over, asked for, given back, left, over, beats stopped")]
+    by: Annotated[str | None, about("the program that took it or asks for it")]
+    lease: LeaseStatus | None
+
+
+class HoldNotice(Struct, frozen=True):
+    """A program has the board alone from now on; null: it does not any more."""
+
+    hold: HoldStatus | None
+
+
+class ProgramNotice(Struct, frozen=True):
+    """A program has joined or left; for programs that have called `status`."""
+
+    event: Literal["joined", "left"]
+    session: str
+    who: str
+    door: Annotated[str | None, about("where it joined: share, tcp, pty or local; null if it left")] = None
+    role: Annotated[str | None, about("null if it left")] = None
+
+
+class ProgressNotice(Struct, frozen=True):
+    """How far a request is: export, plan, apply, rollback, and changes of records."""
+
+    id: Annotated[int | str | None, about("the id of the request")]
+    phase: Phase
+    done: int
+    total: Annotated[int, about("items of this phase")]
+    item: Annotated[str, about("such as `action 3`")]
+
+
+class RefusedNotice(Struct, frozen=True):
+    """A packet of this program was not sent to the board."""
+
+    packet: Annotated[str, about("such as `ExecuteActionRequest`")]
+    reason: str
+
+
+class ProblemNotice(Struct, frozen=True):
+    """Something that people should look at."""
+
+    text: str
+
+
+NOTIFICATIONS: dict[str, type[Struct]] = {
+    "servos": ServosFrame,
+    "button": ButtonPressed,
+    "connection": ConnectionNow,
+    "lease": LeaseNotice,
+    "hold": HoldNotice,
+    "program": ProgramNotice,
+    "progress": ProgressNotice,
+    "refused": RefusedNotice,
+    "problem": ProblemNotice,
+}
+"""The notifications, by the name of their method."""
