@@ -137,6 +137,8 @@ class PacketSender:
         packet, guard = exchange.packet, self._board.connection.guard
         if isinstance(packet, Query):
             return ""
+        if exchange.program.has_left:
+            return "its program has left"  # and must not take the lease any more
         if reason := self._keeper.admit(exchange):
             return reason
         try:
@@ -170,6 +172,8 @@ class PacketSender:
         """Send a motion, unless a stop or another holder came while something was awaited, or it exceeds a limit."""
 
         def why_not() -> str:
+            if exchange.program.has_left:
+                return "its program has left"
             return STOPPED if exchange.stops != self.stops else self._keeper.admit(exchange)
 
         if reason := why_not():

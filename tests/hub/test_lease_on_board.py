@@ -288,6 +288,24 @@ def test_a_motion_is_not_sent_if_the_lease_is_lost_while_it_is_checked(
     on_hub(use, limits)
 
 
+@pytest.mark.parametrize("packet", [ExecuteActionExRequest(1), MOVE, START])
+@pytest.mark.parametrize("seconds", [0.0, 0.003, 1.0])
+def test_a_program_that_has_left_neither_moves_nor_takes_the_lease(packet: Packet, seconds: float) -> None:
+    async def use(there: World) -> None:
+        ann = there.join("ann")
+        there.fake.usual_of[QueryServoRequest] = late(1.5)
+        ann.send(packet)
+        await asyncio.sleep(seconds)
+        before = len(there.motions)
+        ann.session.leave()
+        assert there.hub.lease is None
+        await asyncio.sleep(20)
+        assert len(there.motions) == before
+        assert there.hub.lease is None
+
+    on_hub(use, SafetyLimits(soft_start=10))
+
+
 # --- units of a running macro -----------------------------------------------------------------------------------------
 
 
