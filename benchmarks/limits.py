@@ -28,6 +28,7 @@ def page(figures: Path) -> str:
         **_conversations(found["simulation"]),
         **_weaknesses(found["sums"], found["hidden"], found["reopening"]),
         **_strengths(found),
+        **_sharing(found["hub"]),
         **_imports(_read(figures / "imports.json")["imports"]["counts"]),
         **_lucky(_read(figures / "recall.json")["recall"]["lucky"]),
     )
@@ -125,6 +126,20 @@ def _strengths(figures: dict[str, Any]) -> dict[str, str]:
             for where, soak in (("virtual time", virtual), ("real time over a pseudo-terminal", real))
         ),
     }
+
+
+def _sharing(found: dict[str, Any]) -> dict[str, str]:
+    """Return what the programs that share a board say."""
+    total = Counter(found["total"])
+    numbers = {
+        "hub_requests": total["requests"],
+        "hub_killed": total["killed"],
+        "hub_pulled": total["pulled"],
+        "hub_wrong": total["wrong"] + total["stale"],
+        "hub_twice": total["executed twice"],
+        "hub_hung": total["hung"],
+    }
+    return {name: f"{number:,}" for name, number in numbers.items()}
 
 
 def _imports(counts: dict[str, Counter[str]]) -> dict[str, str]:
