@@ -2,8 +2,10 @@
 
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
+import { safeText } from "../parts/safe-text.js";
 import { toast } from "../parts/toasts.js";
-import { differences, draft, isKept, redo, redoLabel, undo, undoLabel } from "../state/project.js";
+import { conflict, differences, draft, edit, isKept, redo, redoLabel, undo, undoLabel } from "../state/project.js";
+import { withEdit } from "../state/records.js";
 import { t } from "../texts/text.js";
 
 /** @typedef {import("../state/undo.js").Label} Label */
@@ -11,7 +13,7 @@ import { t } from "../texts/text.js";
 export function Edits() {
   if (draft.value === null) return null;
   const count = differences.value.length;
-  return html`<div class="row edits hide-n">
+  return html`<div class="row edits">
       <${EditButton} icon="undo" label=${undoLabel.value} none="edit.undo" what="edit.undo_what" onClick=${undoEdit} />
       <${EditButton} icon="redo" label=${redoLabel.value} none="edit.redo" what="edit.redo_what" onClick=${redoEdit} />
     </div>
@@ -19,6 +21,14 @@ export function Edits() {
       <b>${t("edit.not_written", { count })}</b> <span class="mut">${isKept.value ? t("edit.kept") : t("edit.keeping")}</span>
     </div>`}`;
 }
+
+conflict.subscribe((found) => {
+  if (found === null) return;
+  const { theirs, mine } = found, { kind, id, who } = theirs, record = theirs.record ?? mine;
+  const name = safeText(record?.action_caption || record?.macro_caption || record?.table_caption || String(id));
+  const keep = () => edit(["edit.did_keep_mine", { name }], (project) => withEdit(project, { kind, id, record: mine }));
+  toast({ kind: "bad", title: t("edit.conflict", { who: safeText(who) || t("edit.another_page"), name }), detail: t("edit.conflict_detail"), action: { label: t("edit.keep_mine"), run: keep } });
+});
 
 /** Undo the latest edit, and say what it was. */
 export function undoEdit() {

@@ -34,6 +34,7 @@ export class Motion {
     this._isSending = false;
     this._sentAt = 0;
     this._playing = {};
+    this._wake = () => {};
     effect(() => {
       if (!isMine.value || linkState.value !== "open") this._letGo(); // somebody took over, or the connection is gone
     });
@@ -85,7 +86,7 @@ export class Motion {
     const playing = (this._playing = {});
     let start = performance.now();
     for (const { at, duration, targets: pose } of [...parts, { at: seconds, duration: 0, targets: {} }]) {
-      await until(start + at * 1000);
+      await this._until(start + at * 1000);
       if (!this._isHeld || this._playing !== playing) return false;
       start = Math.max(start, performance.now() - at * 1000); // late: each movement gets its full time all the same
       onTime(at);
@@ -99,6 +100,7 @@ export class Motion {
     if (!this._isHeld) return;
     this._isHeld = false;
     this._wanted = null;
+    this._wake();
     const moving = Object.keys(targets.value).map(Number).filter((id) => Math.abs((servos.value.get(id)?.angle ?? 0) - targets.value[id]) > 2);
     targets.value = {};
     if (moving.length === 0 || !isMine.value) return;
@@ -117,6 +119,20 @@ export class Motion {
   async stop() {
     this._letGo();
     await this._link.call("stop");
+  }
+
+  /**
+   * Wait until a time of `performance.now()`, or until it is let go.
+   * @param {number} time
+   */
+  _until(time) {
+    return new Promise((done) => {
+      const timer = setTimeout(done, Math.max(0, time - performance.now()));
+      this._wake = () => {
+        clearTimeout(timer);
+        done(undefined);
+      };
+    });
   }
 
   /**
@@ -144,6 +160,7 @@ export class Motion {
 
   _letGo() {
     this._isHeld = false;
+    this._wake();
     this._wanted = null;
     targets.value = {};
     if (!isMine.peek()) this._beats.stop();
@@ -153,6 +170,7 @@ export class Motion {
   _refused(error) {
     if (error instanceof RequestError) refusal.value = error.message;
     this._isHeld = false;
+    this._wake();
     targets.value = {};
   }
 }
@@ -165,9 +183,3 @@ function durationOf(pose) {
   const ways = Object.entries(pose).map(([id, angle]) => Math.abs(angle - (servos.value.get(Number(id))?.angle ?? angle)));
   return Math.max(SHORTEST, Math.round((Math.max(0, ...ways) / pace.value) * 100) / 100);
 }
-
-/**
- * Wait until a time of `performance.now()`.
- * @param {number} time
- */
-const until = (time) => new Promise((done) => setTimeout(done, Math.max(0, time - performance.now())));

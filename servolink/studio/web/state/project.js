@@ -1,14 +1,16 @@
 // What is stored on the board, and the draft of what it is to become. A draft is only ever replaced by another one.
 
-import { batch, computed, signal } from "../html.js";
+import { batch, computed, effect, signal } from "../html.js";
 import { differencesOf, rebased } from "./differences.js";
+import { Drafts } from "./drafts.js";
 import { withDurations } from "./durations.js";
-import { welcome } from "./robot.js";
-import { keepSoon, read } from "./saving.js";
+import { withEdit } from "./records.js";
+import { linkState, welcome } from "./robot.js";
 import { UndoList } from "./undo.js";
 
 /** @typedef {import("./records.js").Project} Project */
 /** @typedef {import("./undo.js").Label} Label */
+/** @typedef {import("./drafts.js").Kept} Kept */
 /** @typedef {import("../link/link.js").Link} Link */
 /** @typedef {{ state: "unasked" | "reading" | "ready" | "failed", done: number, total: number, item: string, error: string }} Reading */
 
@@ -18,9 +20,13 @@ export const stored = signal(/** @type {Project | null} */ (null));
 export const draft = signal(/** @type {Project | null} */ (null));
 /** How far the board was read. */
 export const reading = signal(/** @type {Reading} */ ({ state: "unasked", done: 0, total: 0, item: "", error: "" }));
-/** Whether the latest edit is kept in this browser. */
+/** Whether the studio keeps the latest edit. */
 export const isKept = signal(true);
+/** An edit of another page that came before one of this page, and what this page wanted instead. */
+export const conflict = signal(/** @type {{ theirs: Kept, mine: any } | null} */ (null));
 
+/** @type {Drafts | null} */
+let drafts = null;
 const steps = /** @type {UndoList<Project>} */ (new UndoList());
 export const { undoLabel, redoLabel } = steps;
 
@@ -46,21 +52,45 @@ export async function reread(link) {
   const show = ({ done, total, item = "" }) => (reading.value = { ...reading.value, done, total, item });
   try {
     const { project } = await link.call("project.export", {}, show);
-    take(project);
+    if (stored.value && draft.value) replace(rebased(stored.value, draft.value, project), project);
+    else await begin(link, project);
     reading.value = { ...reading.value, state: "ready" };
   } catch (error) {
     reading.value = { ...reading.value, state: "failed", error: error instanceof Error ? error.message : "" };
   }
 }
 
-/** @param {Project} board */
-function take(board) {
-  const kept = stored.value && draft.value ? { board: stored.value, draft: draft.value } : read(name());
-  batch(() => {
-    stored.value = board;
-    draft.value = kept === null ? board : rebased(kept.board, kept.draft, board);
-    steps.clear(); // older steps lead to drafts of another content
+/**
+ * Begin to edit what the board holds, with the edits that were kept.
+ * @param {Link} link
+ * @param {Project} board
+ */
+async function begin(link, board) {
+  const tools = { differences: () => differences.value, onTheirs: takeTheirs, onKept: (/** @type {boolean} */ done) => (isKept.value = done) };
+  const opened = new Drafts(link, welcome.value?.name ?? "", tools);
+  const edits = await opened.load();
+  drafts = opened;
+  replace(edits.reduce(withEdit, board), board);
+  let wasOpen = true;
+  effect(() => {
+    const isOpen = linkState.value === "open";
+    if (isOpen && !wasOpen) opened.resume();
+    wasOpen = isOpen;
   });
+}
+
+/**
+ * Take over what another page has edited.
+ * @param {Kept} theirs
+ * @param {boolean} isConflict
+ */
+function takeTheirs(theirs, isConflict) {
+  if (draft.value === null || stored.value === null) return;
+  const { kind, id } = theirs;
+  const mine = differences.value.find((one) => one.kind === kind && one.id === id);
+  if (!theirs.is_discarded) draft.value = withEdit(draft.value, theirs);
+  else if (mine) draft.value = withEdit(draft.value, { kind, id, record: mine.before ?? null });
+  if (isConflict) conflict.value = { theirs, mine: mine?.after ?? null };
 }
 
 /**
@@ -85,26 +115,33 @@ export const settle = () => steps.settle();
 /** Undo the latest edit, on whatever screen it was made. Return what it was. */
 export function undo() {
   const step = steps.undo();
-  if (step !== null) replace(step.before);
+  if (step !== null) replace(back(step.after, step.before));
   return step?.label ?? null;
 }
 
 /** Do again what was undone last. Return what it was. */
 export function redo() {
   const step = steps.redo();
-  if (step !== null) replace(step.after);
+  if (step !== null) replace(back(step.before, step.after));
   return step?.label ?? null;
 }
 
-/** @param {Project} project */
-function replace(project) {
+/**
+ * Return the draft with a step done backwards; what was edited since, by other pages, stays.
+ * @param {Project} from
+ * @param {Project} to
+ */
+const back = (from, to) => (draft.value === null || draft.value === from ? to : rebased(from, to, draft.value));
+
+/**
+ * @param {Project} project
+ * @param {Project | null} [board] what the board holds, if that is new
+ */
+function replace(project, board = stored.value) {
   batch(() => {
+    stored.value = board;
     draft.value = project;
     isKept.value = false;
   });
-  const board = /** @type {Project} */ (stored.value);
-  const kept = differences.value.length === 0 ? null : { board, draft: project };
-  keepSoon(name(), kept, (done) => (isKept.value = done));
+  drafts?.saveSoon();
 }
-
-const name = () => welcome.value?.name ?? "";

@@ -164,3 +164,16 @@ function withoutCommands(project, isUnwanted) {
     macro.commands.some(isUnwanted) ? { ...macro, commands: macro.commands.filter((each) => !isUnwanted(each)) } : macro;
   return { ...project, macros: project.macros.map(rest) };
 }
+
+/**
+ * Return the project with a record as an edit wants it: null for none.
+ * @param {Project} project
+ * @param {{ kind: Kind | "active_joystick_table", id: number, record: any }} edit
+ * @returns {Project}
+ */
+export function withEdit(project, { kind, id, record }) {
+  if (kind === "active_joystick_table") return { ...project, [kind]: record };
+  const others = /** @type {object[]} */ ([...project[kind]]).filter((each) => idOf(kind, each) !== id);
+  const records = record === null ? others : [...others, record].sort((a, b) => idOf(kind, a) - idOf(kind, b));
+  return { ...project, [kind]: records };
+}

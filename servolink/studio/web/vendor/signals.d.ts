@@ -2,6 +2,8 @@
 export interface ReadonlySignal<T> {
   readonly value: T;
   peek(): T;
+  /** Call with each value from now on, the present one included. */
+  subscribe(listener: (value: T) => void): () => void;
 }
 export interface Signal<T> extends ReadonlySignal<T> {
   value: T;

@@ -32,7 +32,7 @@ export function StepsCard() {
       ]} />
     </header>
     <${Warning} />
-    <div class="step head" aria-hidden="true">
+    <div class="step titles" aria-hidden="true">
       <span></span><span></span><span>${t("actions.servo")}</span><span>${t("actions.target")}</span><span>${t("actions.time")}</span>
     </div>
     <div class="scroll">

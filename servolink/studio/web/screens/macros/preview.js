@@ -98,7 +98,7 @@ export function partsFrom(whole, from) {
   if (lead > 0) parts.set("lead", { at: 0, duration: lead, targets: Object.fromEntries(away.map((id) => [id, Math.round(there[id])])) });
   for (const { servoId, from: begins, until, end } of whole.turns) {
     if (until <= from && begins < from) continue;
-    const at = lead + Math.max(0, begins - from), duration = until - Math.max(begins, from);
+    const at = lead + Math.max(0, begins - from), duration = Math.round((until - Math.max(begins, from)) * 100) / 100;
     const key = `${at.toFixed(4)} ${duration.toFixed(4)}`, part = parts.get(key) ?? { at, duration, targets: {} };
     part.targets[servoId] = end;
     parts.set(key, part);

@@ -12,11 +12,12 @@ import { lanes, share, span, zoom } from "./scale.js";
 import { TimelineBar } from "./timeline-bar.js";
 
 const MOST_TICKS = 14;
+const MOST_RIGHT = 0.98; // share of the timeline where the last one still has room
 const TICKS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60, 120, 600, 3600]; // seconds
 
 const ticks = computed(() => {
   const step = TICKS.find((each) => span.value / each <= MOST_TICKS * zoom.value) ?? span.value;
-  return Array.from({ length: Math.floor(span.value / step) + 1 }, (_, at) => at * step);
+  return Array.from({ length: Math.ceil((span.value * MOST_RIGHT) / step) }, (_, at) => at * step);
 });
 
 export function Timeline() {

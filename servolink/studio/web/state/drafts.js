@@ -1,0 +1,152 @@
+// Keeps edits in the studio, record by record: they survive a reload and a crash, and other pages see them. What the
+// studio has not confirmed yet is kept in this browser.
+
+/** @typedef {import("./differences.js").Difference} Difference */
+/** @typedef {import("../link/link.js").Link} Link */
+/** @typedef {{ kind: Difference["kind"], id: number, known: number, base: any, record: any, is_discarded: boolean }} Edit */
+/** @typedef {{ kind: Difference["kind"], id: number, revision: number, who: string, base: any, record: any, is_discarded: boolean }} Kept */
+
+const PAUSE = 400; // milliseconds after an edit
+const RETRY = 3000; // milliseconds after a failure
+const PREFIX = "servolink.unsaved.";
+
+/** Keeps the edits of one board. */
+export class Drafts {
+  /**
+   * @param {Link} link
+   * @param {string} board name
+   * @param {object} tools
+   * @param {() => Difference[]} tools.differences all edits of this page
+   * @param {(kept: Kept, isConflict: boolean) => void} tools.onTheirs called with an edit of another page
+   * @param {(isKept: boolean) => void} tools.onKept
+   */
+  constructor(link, board, { differences, onTheirs, onKept }) {
+    this._link = link;
+    this._key = PREFIX + board;
+    this._differences = differences;
+    this._onTheirs = onTheirs;
+    this._onKept = onKept;
+    /** What the studio keeps, as far as this page knows. @type {Map<string, Kept>} */
+    this._kept = new Map();
+    /** @type {Map<string, number>} */
+    this._revisions = new Map();
+    this._timer = 0;
+    this._isSaving = false;
+    link.on("studio.draft", ({ records }) => this._heard(records));
+    addEventListener("pagehide", () => this._write(this._unsaved()));
+  }
+
+  /**
+   * Return the edits to begin with: those that the studio keeps, then those of this browser that it does not have.
+   * @returns {Promise<(Kept | Edit)[]>}
+   */
+  async load() {
+    const records = await this._ask();
+    for (const one of records) this._note(one);
+    const unsaved = this._read();
+    for (const edit of unsaved) this._revisions.set(keyOf(edit), edit.known); // so that newer ones are not overwritten
+    return [...records.filter((one) => !one.is_discarded), ...unsaved.filter((edit) => !edit.is_discarded)];
+  }
+
+  /** Listen again to the edits of other pages: the connection is new. */
+  async resume() {
+    this._heard((await this._ask()).filter((one) => one.revision > (this._revisions.get(keyOf(one)) ?? 0)));
+    this.saveSoon();
+  }
+
+  /** Save what was edited, in a moment. */
+  saveSoon(pause = PAUSE) {
+    clearTimeout(this._timer);
+    this._timer = setTimeout(() => this._save(), pause);
+  }
+
+  /** @returns {Promise<Kept[]>} */
+  async _ask() {
+    const answer = await this._link.call("studio.draft.get").catch(() => ({ records: [] }));
+    return answer.records;
+  }
+
+  async _save() {
+    const edits = this._unsaved();
+    this._write(edits);
+    if (edits.length === 0) return this._onKept(true);
+    if (this._isSaving) return this.saveSoon();
+    this._isSaving = true;
+    try {
+      const { saved, conflicts } = await this._link.call("studio.draft.save", { edits });
+      for (const one of saved) this._note(one);
+      for (const one of conflicts) this._take(one, true);
+      this.saveSoon(); // what was edited meanwhile
+    } catch {
+      this._onKept(false); // this browser keeps it
+      this.saveSoon(RETRY);
+    } finally {
+      this._isSaving = false;
+    }
+  }
+
+  /**
+   * Return the edits that the studio does not keep as they are now.
+   * @returns {Edit[]}
+   */
+  _unsaved() {
+    const edited = new Map(this._differences().map((one) => [keyOf(one), one]));
+    const changed = [...edited.values()].filter((one) => !isSame(this._kept.get(keyOf(one)), one.after ?? null));
+    const given = [...this._kept.values()].filter((one) => !one.is_discarded && !edited.has(keyOf(one)));
+    /** @param {{ kind: Difference["kind"], id: number }} one */
+    const known = (one) => this._revisions.get(keyOf(one)) ?? 0;
+    return [
+      ...changed.map((one) => ({ kind: one.kind, id: one.id, known: known(one), base: one.before ?? null, record: one.after ?? null, is_discarded: false })),
+      ...given.map((one) => ({ kind: one.kind, id: one.id, known: known(one), base: null, record: null, is_discarded: true })),
+    ];
+  }
+
+  /** @param {Kept[]} records */
+  _heard(records) {
+    const mine = new Set(this._unsaved().map(keyOf)); // these meet theirs when they are saved
+    for (const one of records) if (!mine.has(keyOf(one))) this._take(one, false);
+  }
+
+  /**
+   * @param {Kept} one
+   * @param {boolean} isConflict
+   */
+  _take(one, isConflict) {
+    this._note(one);
+    this._onTheirs(one, isConflict);
+  }
+
+  /** @param {Kept} one */
+  _note(one) {
+    this._kept.set(keyOf(one), one);
+    this._revisions.set(keyOf(one), one.revision);
+  }
+
+  /** @returns {Edit[]} */
+  _read() {
+    try {
+      return JSON.parse(localStorage.getItem(this._key) ?? "[]");
+    } catch {
+      return []; // damaged, or the browser keeps nothing
+    }
+  }
+
+  /** @param {Edit[]} edits */
+  _write(edits) {
+    try {
+      if (edits.length === 0) localStorage.removeItem(this._key);
+      else localStorage.setItem(this._key, JSON.stringify(edits));
+    } catch {
+      // full, or the browser keeps nothing: the studio is asked again
+    }
+  }
+}
+
+/** @param {{ kind: string, id: number }} one */
+const keyOf = ({ kind, id }) => `${kind} ${id}`;
+
+/**
+ * @param {Kept | undefined} kept
+ * @param {unknown} record
+ */
+const isSame = (kept, record) => kept !== undefined && !kept.is_discarded && JSON.stringify(kept.record) === JSON.stringify(record);
