@@ -25,19 +25,23 @@ FILES = {
     "htm.js": ("htm", "dist/htm.mjs"),
     "signals.js": ("@preact/signals", "dist/signals.mjs"),
     "signals-core.js": ("@preact/signals-core", "dist/signals-core.mjs"),
-    "uplot.js": ("uplot", "dist/uPlot.esm.js"),
+    "uplot.js": ("uplot", "dist/uPlot.iife.min.js"),  # its module is three times as large
     "uplot.css": ("uplot", "dist/uPlot.min.css"),
 }
 """Our name of each file, the package and the file in it."""
 NAMES = {"preact": "preact.js", "preact/hooks": "preact-hooks.js", "@preact/signals-core": "signals-core.js"}
 _NPM = shutil.which("npm") or "npm"
 _IMPORT = re.compile(r'(from\s*)"([@\w][\w@/-]*)"')
+_SCRIPT = re.compile(r"(?:\s*/\*.*?\*/)*\s*var (\w+)=function\(\)\{\"use strict\"", re.DOTALL)
+"""A script that only defines one name."""
 _SOURCE_MAP = re.compile(r"\n//# sourceMappingURL=.*")
 
 
 def adapted(content: bytes) -> bytes:
-    """Return a file as the page takes it: other modules by path, no source map."""
+    """Return a file as the page takes it: a module that names others by path, without a source map."""
     text = _IMPORT.sub(lambda found: f'{found[1]}"./{NAMES[found[2]]}"', content.decode())
+    if match := _SCRIPT.match(text):
+        text = f"{text.rstrip()}\nexport default {match[1]};\n"
     return _SOURCE_MAP.sub("", text).encode()
 
 
