@@ -14,12 +14,12 @@ from msgspec import Meta, Struct
 from servolink.errors import OpenError
 from servolink.hub.control.rpc import MOST_BYTES, Peer
 from servolink.hub.roles import Role
-from servolink.studio import draft_methods  # adds its methods
+from servolink.studio import draft_methods, project_methods  # they add their methods
 from servolink.studio.gate import Gate
 from servolink.studio.methods import METHODS, Caller, Studio
 from servolink.transports.share import Greeting, RoleName, Welcome, greet
 
-__all__ = ["MOST_MESSAGE", "draft_methods", "serve_page"]
+__all__ = ["MOST_MESSAGE", "draft_methods", "project_methods", "serve_page"]
 
 MOST_MESSAGE = MOST_BYTES
 _TOKEN_LIMIT = 5.0  # seconds for the first message

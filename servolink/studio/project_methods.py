@@ -1,0 +1,90 @@
+"""The methods for project files and backups: the page has neither a file system nor the checks of the library."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from servolink.errors import ProjectError
+from servolink.hub.control.messages import ProjectExported, ProjectForm
+from servolink.hub.roles import Role
+from servolink.project.project_file import format_project, parse_project_file, project_from_form, project_to_form
+from servolink.project.transfer.backups import BackupStore
+from servolink.project.validate import validate_project
+from servolink.studio.methods import METHODS, Caller
+
+
+class FileText(Struct, forbid_unknown_fields=True):
+    """The text of a project file."""
+
+    text: str
+
+
+class FileContent(Struct, frozen=True):
+    """The text of a project file."""
+
+    text: str
+
+
+class SomeProject(Struct, forbid_unknown_fields=True):
+    """A project, in the form of its file."""
+
+    project: ProjectForm
+
+
+class Found(Struct, frozen=True):
+    """One thing that is wrong with a project, or odd."""
+
+    path: str
+    text: str
+    severity: str
+    """`error` for what no board would store, otherwise `warning`."""
+
+
+class Checked(Struct, frozen=True):
+    """All of them, errors first."""
+
+    found: tuple[Found, ...]
+
+
+class BackupNumber(Struct, forbid_unknown_fields=True):
+    """The number of a backup."""
+
+    number: Annotated[int, Meta(ge=0)]
+
+
+@METHODS.add("studio.file.read", Role.WATCH)
+async def file_read(caller: Caller, params: FileText) -> ProjectExported:
+    """Return the project in the text of a file. ProjectError names what is wrong, and where."""
+    file = await asyncio.to_thread(parse_project_file, params.text)
+    return ProjectExported(project_to_form(file.project, unchecked=file.unchecked))
+
+
+@METHODS.add("studio.file.write", Role.WATCH)
+async def file_write(caller: Caller, params: SomeProject) -> FileContent:
+    """Return the text of the file for a project, as `servolink export` writes it."""
+    project, unchecked = project_from_form(params.project)
+    return FileContent(await asyncio.to_thread(format_project, project, unchecked=unchecked))
+
+
+@METHODS.add("studio.check", Role.WATCH)
+async def check(caller: Caller, params: SomeProject) -> Checked:
+    """Return what is wrong with a project, or odd, as `servolink project validate` finds it."""
+    project, _ = project_from_form(params.project)
+    found = await asyncio.to_thread(validate_project, project)
+    ordered = sorted(found, key=lambda one: one.severity != "error")
+    return Checked(tuple(Found(one.path, one.text, one.severity) for one in ordered))
+
+
+@METHODS.add("studio.backup", Role.WATCH)
+async def backup(caller: Caller, params: BackupNumber) -> ProjectExported:
+    """Return what a backup holds. ProjectError says that no backup has this number, or that it was changed."""
+    store = BackupStore()
+    path = next((one.path for one in store.backups() if one.number == params.number), None)
+    if path is None:
+        raise ProjectError(f"there is no backup {params.number} any more")
+    project = await asyncio.to_thread(store.load, path)
+    is_odd = any(one.severity == "error" for one in validate_project(project))
+    return ProjectExported(project_to_form(project, unchecked=is_odd))

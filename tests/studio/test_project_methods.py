@@ -1,0 +1,69 @@
+"""The studio opens and saves the files of the command line, checks projects, and shows what backups hold."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from servolink.project.project_file import format_project, parse_project
+from servolink.project.transfer.backups import BackupStore
+from tests.studio.test_server import Place, call, run, runtime, welcomed
+
+__all__ = ["runtime"]
+
+TEXT = """{"schema": 1, "$schema": "servolink-project.schema.json", "actions": [
+  {"action_id": 2, "action_caption": "<img src=x>", "steps": [{"servo_id": 1, "degree": 40, "interval_ms": 500}]},
+  {"action_id": 1, "action_caption": "", "steps": []}]}"""
+
+
+async def called(place: Place, method: str, **params: Any) -> Any:
+    async with place.page() as page:
+        await welcomed(page, place.gate.new_token("edit"))
+        return await call(page, method, **params)
+
+
+def test_a_file_is_read_and_written_as_the_command_line_does() -> None:
+    async def test(place: Place) -> None:
+        project = (await called(place, "studio.file.read", text=TEXT))["result"]["project"]
+        assert [one["action_id"] for one in project["actions"]] == [1, 2]
+        text = (await called(place, "studio.file.write", project=project))["result"]["text"]
+        assert text == format_project(parse_project(TEXT))
+
+    run(test)
+
+
+def test_a_file_with_an_error_is_refused_with_its_place() -> None:
+    async def test(place: Place) -> None:
+        for text, place_of in (
+            (TEXT.replace("40", "40.5"), "actions[0].steps[0].degree"),
+            (TEXT.replace('"schema": 1', '"schema": 99'), "newer"),
+            ("{", "line 1"),
+            ("", "line 1"),
+        ):
+            error = (await called(place, "studio.file.read", text=text))["error"]
+            assert error["data"]["kind"] == "ProjectError"
+            assert place_of in error["message"]
+
+    run(test)
+
+
+def test_a_project_is_checked_before_it_is_written() -> None:
+    async def test(place: Place) -> None:
+        table = {"table_id": 1, "buttons": [{"button_id": 1, "button_press_macro": 7}]}
+        project = {"schema": 1, "joystick_tables": [table], "active_joystick_table": 1}
+        project["macros"] = [{"macro_id": 2**31 - 1, "commands": [{"type": "macro", "macro_id": 2**31 - 1}]}]
+        found = (await called(place, "studio.check", project=project))["result"]["found"]
+        assert [one["severity"] for one in found] == sorted(one["severity"] for one in found)
+        assert any("macro 7" in one["text"] for one in found)
+        assert (await called(place, "studio.check", project={"schema": 1}))["result"]["found"] == []
+
+    run(test)
+
+
+def test_a_backup_can_be_looked_at() -> None:
+    async def test(place: Place) -> None:
+        BackupStore().keep(parse_project(TEXT), "virtual://", "utf-8")
+        project = (await called(place, "studio.backup", number=1))["result"]["project"]
+        assert [one["action_id"] for one in project["actions"]] == [1, 2]
+        assert "no backup 2" in (await called(place, "studio.backup", number=2))["error"]["message"]
+
+    run(test)
