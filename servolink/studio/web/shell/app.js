@@ -2,6 +2,7 @@
 
 import { html } from "../html.js";
 import { ActionsScreen } from "../screens/actions/index.js";
+import { ButtonsScreen } from "../screens/buttons/index.js";
 import { LiveScreen } from "../screens/live/index.js";
 import { MacrosScreen } from "../screens/macros/index.js";
 import { screen, showsKeys } from "../state/view.js";
@@ -18,7 +19,7 @@ import { Dock, Rail } from "./rail.js";
 /** @typedef {{ link: Link, motion: Motion }} Tools */
 
 /** @type {Record<string, (props: Tools) => any>} */
-const SCREENS = { live: LiveScreen, actions: ActionsScreen, macros: MacrosScreen };
+const SCREENS = { live: LiveScreen, actions: ActionsScreen, macros: MacrosScreen, buttons: ButtonsScreen };
 
 /** @param {Tools} tools */
 export function App(tools) {

@@ -12,6 +12,7 @@ export const ENTRIES = [
   { name: "live", icon: "live", title: "screen.live" },
   { name: "actions", icon: "actions", title: "screen.actions" },
   { name: "macros", icon: "macros", title: "screen.macros" },
+  { name: "buttons", icon: "buttons", title: "screen.buttons" },
 ];
 
 export function Rail() {

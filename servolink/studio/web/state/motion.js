@@ -14,6 +14,7 @@ const PERIOD = 40; // milliseconds between two movements, at least
 const SHORTEST = 0.08; // seconds
 const LEAST = 0.01; // seconds, as the board counts them
 const FREEZE = 0.1; // seconds, of the movement that ends another one where it is
+const LATE = 1; // seconds that a stored motion may take longer than it says
 
 /** What the person wants the servos to do, as far as it was sent or is about to be. */
 export const targets = signal(/** @type {Pose} */ ({}));
@@ -35,6 +36,7 @@ export class Motion {
     this._sentAt = 0;
     this._playing = {};
     this._wake = () => {};
+    this._runsUntil = 0; // milliseconds of `performance.now()`
     effect(() => {
       if (!isMine.value || linkState.value !== "open") this._letGo(); // somebody took over, or the connection is gone
     });
@@ -108,9 +110,43 @@ export class Motion {
     this._link.call("move", { targets: here, duration: FREEZE }).catch((error) => this._refused(error));
   }
 
+  /**
+   * Run what is stored on the board, watched over by this page: it is stopped when the page or the screen is left.
+   * Return whether it runs.
+   * @param {"action" | "macro"} type
+   * @param {number} id
+   * @param {number} seconds how long it takes
+   */
+  async run(type, id, seconds) {
+    this._runsUntil = Infinity;
+    if (!(await this.begin())) return false;
+    try {
+      await this._link.call("run", { type, id });
+    } catch (error) {
+      this._runsUntil = 0;
+      this._refused(error);
+      return false;
+    }
+    this._runsUntil = performance.now() + (seconds + LATE) * 1000;
+    return true;
+  }
+
+  /** Whether something that was started by `run` may still turn servos. */
+  get isRunning() {
+    return performance.now() < this._runsUntil;
+  }
+
+  /** Stop what `run` started, if it is not over. Return whether there was anything to stop. */
+  endRun() {
+    if (!this.isRunning) return false;
+    this.stop().catch(() => {}); // without a connection, the hub stops the robot
+    return true;
+  }
+
   /** Let go, and give the lease back: this page is not looked at any more. */
   leave() {
     this.end();
+    this.endRun();
     if (isMine.value) this._link.tell("lease.give");
     this._beats.stop();
   }
@@ -161,6 +197,7 @@ export class Motion {
   _letGo() {
     this._isHeld = false;
     this._wake();
+    this._runsUntil = 0;
     this._wanted = null;
     targets.value = {};
     if (!isMine.peek()) this._beats.stop();

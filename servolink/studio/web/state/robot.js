@@ -1,6 +1,7 @@
 // The robot as this page knows it: signals that change when the studio says so.
 
 import { batch, computed, signal } from "../html.js";
+import { forgetButtons, hear } from "./button-events.js";
 import { History } from "./history.js";
 
 /** @typedef {import("../link/link.js").Link} Link */
@@ -30,7 +31,6 @@ export const readAt = signal(0);
 export const battery = signal(/** @type {number | null} */ (null));
 /** Captions of servos, as the board has them. */
 export const captions = signal(/** @type {Record<number, string>} */ ({}));
-export const buttons = signal(/** @type {Map<number, number>} */ (new Map()));
 
 export const history = new History();
 
@@ -65,7 +65,7 @@ export function follow(link, onLease) {
     onLease(notice, wasMine);
   });
   link.on("hold", (notice) => (hold.value = notice.hold));
-  link.on("button", ({ button_id, event }) => (buttons.value = new Map(buttons.value).set(button_id, event)));
+  link.on("button", hear);
   link.on("program", () => refresh(link));
 }
 
@@ -76,6 +76,7 @@ export function follow(link, onLease) {
  */
 async function begin(link, first) {
   welcome.value = first;
+  forgetButtons();
   await refresh(link);
   await Promise.allSettled([link.call("servos.watch", { hz: HZ }), link.call("buttons.subscribe"), readStored(link)]);
 }

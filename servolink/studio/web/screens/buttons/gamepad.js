@@ -1,0 +1,37 @@
+// A gamepad at this computer presses the buttons of the pad.
+
+import { signal, useEffect } from "../../html.js";
+import { safeText } from "../../parts/safe-text.js";
+import { BY_GAMEPAD } from "./layout.js";
+
+/** What the browser calls the gamepad, empty without one. */
+export const gamepadName = signal("");
+
+/**
+ * Call `onPress` and `onRelease` with the ids of buttons while the component is shown and the page is in front.
+ * @param {(id: number) => void} onPress
+ * @param {(id: number) => void} onRelease
+ */
+export function useGamepad(onPress, onRelease) {
+  useEffect(() => {
+    /** @type {Set<number>} */
+    let before = new Set();
+    let frame = 0;
+    const look = () => {
+      frame = requestAnimationFrame(look);
+      const gamepad = navigator.getGamepads().find((each) => each?.connected && each.mapping === "standard");
+      const name = safeText(gamepad?.id ?? "");
+      if (gamepadName.value !== name) gamepadName.value = name;
+      const now = new Set(downOn(gamepad));
+      for (const id of now) if (!before.has(id)) onPress(id);
+      for (const id of before) if (!now.has(id)) onRelease(id);
+      before = now;
+    };
+    look();
+    return () => cancelAnimationFrame(frame);
+  }, []);
+}
+
+/** @param {Gamepad | null | undefined} gamepad */
+const downOn = (gamepad) =>
+  (gamepad?.buttons ?? []).flatMap((button, number) => (button.pressed && number in BY_GAMEPAD ? [BY_GAMEPAD[number]] : []));

@@ -1,0 +1,197 @@
+// Buttons: which macros the buttons of the remote control start; and presses of them, here or on a gamepad.
+
+import { html, signal, useEffect, useRef } from "../../html.js";
+import { Icon } from "../../parts/icon.js";
+import { Reading } from "../../parts/reading.js";
+import { safeText } from "../../parts/safe-text.js";
+import { Segments } from "../../parts/segments.js";
+import { toast } from "../../parts/toasts.js";
+import { down, heard } from "../../state/button-events.js";
+import { durations } from "../../state/durations.js";
+import { refusal } from "../../state/motion.js";
+import { draft, stored } from "../../state/project.js";
+import { isLive, mayMove } from "../../state/robot.js";
+import { mode } from "../../state/view.js";
+import { t } from "../../texts/text.js";
+import { Assign, macroName } from "./assign.js";
+import { buttonOf, isSet } from "./edits.js";
+import { gamepadName, useGamepad } from "./gamepad.js";
+import { Grid } from "./grid.js";
+import { isGamepad, PLACES } from "./layout.js";
+import { EventCount, EventLog } from "./log.js";
+import { Pad } from "./pad.js";
+import { pressed, Presses } from "./presses.js";
+import { addTable, Tables } from "./tables.js";
+
+/** @typedef {import("../../shell/app.js").Tools} Tools */
+/** @typedef {import("../../state/records.js").Project} Project */
+/** @typedef {import("../../state/records.js").Table} Table */
+
+/** Too narrow to hit the buttons of a drawn gamepad. */
+const isNarrow = signal(false);
+const narrow = matchMedia("(max-width: 760px)");
+narrow.onchange = () => (isNarrow.value = narrow.matches);
+isNarrow.value = narrow.matches;
+
+const chosenTable = signal(/** @type {number | null} */ (null));
+const chosenButton = signal(1);
+
+/** @param {Tools} tools */
+export function ButtonsScreen(tools) {
+  if (draft.value === null) return html`<${Reading} link=${tools.link} icon="buttons" />`;
+  const project = draft.value, table = shownTable(project);
+  if (table === undefined) return html`<${NoTables} project=${project} />`;
+  return html`<${Content} ...${{ project, table }} ...${tools} />`;
+}
+
+/** @param {{ project: Project, table: Table } & Tools} props */
+function Content({ project, table, motion }) {
+  const secondsOf = totals(project);
+  const { press, release } = usePresses(motion);
+  /** @param {number} id */
+  const choose = (id) => {
+    chosenButton.value = id;
+    if (mode.value === "robot") press(id);
+  };
+  useGamepad(choose, release);
+  const of = (/** @type {number} */ id) => buttonOf(table, id);
+  const shown = {
+    chosen: chosenButton.value,
+    isSet: (/** @type {number} */ id) => isSet(of(id)),
+    isDown: (/** @type {number} */ id) => down.value.has(id) || pressed.value.has(id),
+    caption: (/** @type {number} */ id) => safeText(of(id).button_caption),
+    macro: (/** @type {number} */ id) => macroName(project, of(id).button_press_macro || of(id).button_long_press_macro),
+    onPress: choose,
+    onRelease: release,
+  };
+  const ids = idsOf(table, chosenButton.value);
+  return html`<div class="btns">
+    <section class="card pad2">
+      <header class="wrap"><h1>${t("screen.buttons")}</h1>
+        <${Tables} ...${{ project, table }} onChoose=${chooseTable} />
+      </header>
+      <div class="row pad0 wrap">
+        <${Mode} />
+        <span class="chip acc"><${Icon} name="info" />${gamepadName.value ? t("buttons.gamepad", { name: gamepadName.value }) : t("buttons.lights_up")}</span>
+        <span class="grow"></span><${EventCount} />
+      </div>
+      ${isGamepad(ids) && !isNarrow.value ? html`<${Pad} ...${shown} />` : html`<${Grid} ids=${ids} onAdd=${(/** @type {number} */ id) => (chosenButton.value = id)} ...${shown} />`}
+      <${EventLog} macroOf=${(/** @type {number} */ id, /** @type {string} */ kind) => macroName(stored.value, startedBy(id, kind))} />
+    </section>
+    <${Assign} key=${`${table.table_id} ${chosenButton.value}`} ...${{ project, table, secondsOf }} id=${chosenButton.value} />
+  </div>`;
+}
+
+/**
+ * Return the buttons to show: those of the table, those that were heard of, and those of a common gamepad if it may be one.
+ * @param {Table} table
+ * @param {number} chosen
+ */
+function idsOf(table, chosen) {
+  const known = [chosen, ...table.buttons.map((each) => each.button_id), ...heard.value.map(({ id }) => id)];
+  const usual = isGamepad(known) ? PLACES.map(({ id }) => id) : [];
+  return [...new Set([...usual, ...known])].sort((a, b) => a - b);
+}
+
+function Mode() {
+  if (!mayMove.value) return null;
+  return html`<${Segments} small label=${t("live.robot_mode")} value=${isLive.value ? mode.value : "preview"}
+    onChoose=${(/** @type {typeof mode.value} */ chosen) => (mode.value = chosen)}
+    choices=${[
+      { value: "preview", label: t("buttons.assign"), icon: "eye" },
+      { value: "robot", label: t("live.robot_mode"), icon: "live" },
+    ]} />`;
+}
+
+/** @param {number} id */
+function chooseTable(id) {
+  chosenTable.value = id;
+  chosenButton.value = draft.value?.joystick_tables.find((table) => table.table_id === id)?.buttons[0]?.button_id ?? 1;
+}
+
+/** @param {{ project: Project }} props */
+const NoTables = ({ project }) => html`<div class="card empty">
+  <${Icon} name="buttons" />
+  <h1>${t("buttons.none")}</h1>
+  <p>${t("buttons.none_detail")}</p>
+  <div class="row">
+    <button class="btn pri" onClick=${() => (chosenTable.value = addTable(project))}>${t("buttons.begin")}</button>
+    <a class="btn" href="#project">${t("buttons.open_file")}</a>
+  </div>
+</div>`;
+
+/**
+ * Return what presses and releases a button on the robot. Leaving the screen, or Robot mode, stops what was started.
+ * @param {import("../../state/motion.js").Motion} motion
+ */
+function usePresses(motion) {
+  const presses = useRef(/** @type {Presses | null} */ (null));
+  presses.current ??= new Presses({
+    button: (id) => buttonOf(stored.value ? shownTable(stored.value) : undefined, id),
+    seconds: (macroId) => (stored.value ? totals(stored.value)(macroId) : 0),
+    run: (macroId, seconds) => run(motion, macroId, seconds),
+  });
+  const made = presses.current;
+  const end = () => {
+    made.drop();
+    if (motion.endRun()) toast({ icon: "hand", title: t("buttons.stopped"), detail: t("buttons.stopped_detail") });
+  };
+  useEffect(() => (mode.value === "robot" ? end : undefined), [mode.value]);
+  useEffect(() => {
+    const drop = () => made.drop();
+    addEventListener("blur", drop);
+    return () => removeEventListener("blur", drop);
+  }, []);
+  return {
+    press: (/** @type {number} */ id) => {
+      sayUnwritten(id);
+      made.press(id);
+    },
+    release: (/** @type {number} */ id) => made.release(id),
+  };
+}
+
+/**
+ * @param {import("../../state/motion.js").Motion} motion
+ * @param {number} macroId
+ * @param {number} seconds
+ */
+async function run(motion, macroId, seconds) {
+  if (!(await motion.run("macro", macroId, seconds)) && refusal.value) toast({ kind: "bad", title: safeText(refusal.value) });
+}
+
+/**
+ * Say that a button does on the robot what is written on the board, if that is not what the screen shows.
+ * @param {number} id
+ */
+function sayUnwritten(id) {
+  const [now, then] = [draft.value, stored.value].map((each) => JSON.stringify(buttonOf(each ? shownTable(each) : undefined, id)));
+  if (now !== then) toast({ icon: "info", title: t("buttons.unwritten"), detail: t("buttons.unwritten_detail") });
+}
+
+/** @param {Project} project */
+function shownTable(project) {
+  const tables = project.joystick_tables, id = chosenTable.value ?? project.active_joystick_table;
+  return tables.find((table) => table.table_id === id) ?? tables[0];
+}
+
+/**
+ * Return the macro that the board starts by itself after an event.
+ * @param {number} id
+ * @param {string} kind
+ */
+function startedBy(id, kind) {
+  const { active_joystick_table: active = null, joystick_tables: tables = [] } = stored.value ?? {};
+  const button = buttonOf(tables.find((table) => table.table_id === active), id);
+  if (kind === "press") return button.button_press_macro;
+  return kind === "long_press" ? button.button_long_press_macro : kind === "up" ? button.button_up_macro : 0;
+}
+
+/**
+ * Return what tells how long a macro takes, seconds; 0 if that is unknown.
+ * @param {Project} project
+ */
+function totals(project) {
+  const found = durations(project);
+  return (/** @type {number} */ macroId) => (found.get(macroId) ?? []).reduce((/** @type {number} */ sum, each) => sum + (each ?? 0), 0) / 1000;
+}

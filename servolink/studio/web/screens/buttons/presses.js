@@ -1,0 +1,75 @@
+// Presses of the pad on the screen and of a gamepad: in Robot mode they start macros as the board's own buttons do.
+
+import { signal } from "../../html.js";
+
+/** @typedef {import("../../state/records.js").Button} Button */
+/** @typedef {{ button: (id: number) => Button, seconds: (macroId: number) => number, run: (macroId: number, seconds: number) => void }} Robot */
+
+const LONG = 800; // milliseconds until a press is a long one
+
+/** The ids of the buttons that are pressed on this page or on a gamepad. */
+export const pressed = signal(/** @type {ReadonlySet<number>} */ (new Set()));
+
+/** Turns buttons going down and up into macros. */
+export class Presses {
+  /** @param {Robot} robot */
+  constructor(robot) {
+    this._robot = robot;
+    /** @type {Map<number, { timer: number, longEnds: number }>} */
+    this._held = new Map();
+    this._after = 0;
+  }
+
+  /**
+   * A button goes down.
+   * @param {number} id
+   */
+  press(id) {
+    if (this._held.has(id)) return;
+    this._held.set(id, { timer: setTimeout(() => this._long(id), LONG), longEnds: 0 });
+    this._show();
+    this._run(this._robot.button(id).button_press_macro);
+  }
+
+  /**
+   * A button goes up.
+   * @param {number} id
+   */
+  release(id) {
+    const held = this._held.get(id), button = this._robot.button(id);
+    if (held === undefined) return;
+    clearTimeout(held.timer);
+    this._held.delete(id);
+    this._show();
+    const rest = button.uninterruptible ? held.longEnds - performance.now() : 0;
+    if (rest > 0) this._after = setTimeout(() => this._run(button.button_up_macro), rest);
+    else this._run(button.button_up_macro);
+  }
+
+  /** Forget all buttons that are down, and what was to come after: nothing is started any more. */
+  drop() {
+    for (const { timer } of this._held.values()) clearTimeout(timer);
+    clearTimeout(this._after);
+    this._held.clear();
+    this._show();
+  }
+
+  /** @param {number} id */
+  _long(id) {
+    const held = this._held.get(id), macroId = this._robot.button(id).button_long_press_macro;
+    if (held === undefined || macroId === 0) return;
+    held.longEnds = performance.now() + this._robot.seconds(macroId) * 1000;
+    this._run(macroId);
+  }
+
+  /** @param {number} macroId */
+  _run(macroId) {
+    if (macroId === 0) return;
+    clearTimeout(this._after); // another macro takes its place
+    this._robot.run(macroId, this._robot.seconds(macroId));
+  }
+
+  _show() {
+    pressed.value = new Set(this._held.keys());
+  }
+}
