@@ -5,6 +5,7 @@ import { ActionsScreen } from "../screens/actions/index.js";
 import { ButtonsScreen } from "../screens/buttons/index.js";
 import { LiveScreen } from "../screens/live/index.js";
 import { MacrosScreen } from "../screens/macros/index.js";
+import { ProjectScreen } from "../screens/project/index.js";
 import { screen, showsKeys } from "../state/view.js";
 import { Toasts } from "../parts/toasts.js";
 import { t } from "../texts/text.js";
@@ -19,7 +20,7 @@ import { Dock, Rail } from "./rail.js";
 /** @typedef {{ link: Link, motion: Motion }} Tools */
 
 /** @type {Record<string, (props: Tools) => any>} */
-const SCREENS = { live: LiveScreen, actions: ActionsScreen, macros: MacrosScreen, buttons: ButtonsScreen };
+const SCREENS = { live: LiveScreen, actions: ActionsScreen, macros: MacrosScreen, buttons: ButtonsScreen, project: ProjectScreen };
 
 /** @param {Tools} tools */
 export function App(tools) {

@@ -2,10 +2,11 @@
 
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
+import { differences } from "../state/project.js";
 import { screen } from "../state/view.js";
 import { t } from "../texts/text.js";
 
-/** @typedef {{ name: string, icon: string, title: import("../texts/text.js").Key }} Entry */
+/** @typedef {{ name: string, icon: string, title: import("../texts/text.js").Key, isBelow?: boolean }} Entry */
 
 /** In the order of the rail and of the keys 1 to 8. @type {Entry[]} */
 export const ENTRIES = [
@@ -13,6 +14,7 @@ export const ENTRIES = [
   { name: "actions", icon: "actions", title: "screen.actions" },
   { name: "macros", icon: "macros", title: "screen.macros" },
   { name: "buttons", icon: "buttons", title: "screen.buttons" },
+  { name: "project", icon: "project", title: "screen.project", isBelow: true },
 ];
 
 export function Rail() {
@@ -25,8 +27,9 @@ export function Dock({ children }) {
 }
 
 /** @param {Entry} entry */
-const link = (entry) => html`<a href="#${entry.name}" aria-current=${entry.name === screen.value ? "page" : undefined}>
+const link = (entry) => html`<a href="#${entry.name}" class=${entry.isBelow ? "below" : ""} aria-current=${entry.name === screen.value ? "page" : undefined}>
   <${Icon} name=${entry.icon} /><span>${t(entry.title)}</span>
+  ${entry.name === "project" && differences.value.length > 0 && html`<span class="badge num" title=${t("edit.not_written", { count: differences.value.length })}>${differences.value.length}</span>`}
 </a>`;
 
 /** Follow the part of the address behind `#` from now on. */

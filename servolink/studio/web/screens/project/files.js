@@ -1,0 +1,52 @@
+// Opening and saving project files: the same ones as those of the command line.
+
+import { RequestError } from "../../link/link.js";
+import { toast } from "../../parts/toasts.js";
+import { safeText } from "../../parts/safe-text.js";
+import { draft, edit } from "../../state/project.js";
+import { welcome } from "../../state/robot.js";
+import { t } from "../../texts/text.js";
+
+/** @typedef {import("../../link/link.js").Link} Link */
+
+const MOST_BYTES = 1_000_000; // of one message to the studio
+
+/**
+ * Take the content of a file into the draft; what was there can be had back with undo.
+ * @param {Link} link
+ * @param {File} file
+ */
+export async function openFile(link, file) {
+  const name = safeText(file.name);
+  try {
+    if (file.size > MOST_BYTES) throw new RangeError(t("project.too_large"));
+    const text = await file.text();
+    if (JSON.stringify(text).length > MOST_BYTES) throw new RangeError(t("project.too_large"));
+    const { project } = await link.call("studio.file.read", { text });
+    edit(["project.opened", { name }], (before) => ({ ...before, ...project }));
+    toast({ kind: "ok", title: t("project.opened", { name }), detail: t("project.opened_detail") });
+  } catch (error) {
+    toast({ kind: "bad", title: t("project.not_opened", { name }), detail: messageOf(error) });
+  }
+}
+
+/**
+ * Save the draft as a file.
+ * @param {Link} link
+ */
+export async function saveFile(link) {
+  try {
+    const { text } = await link.call("studio.file.write", { project: draft.value });
+    const url = URL.createObjectURL(new Blob([text], { type: "application/json" }));
+    const anchor = document.createElement("a");
+    anchor.href = url;
+    anchor.download = `${(welcome.value?.name ?? "robot").replace(/[^\w-]/g, "_")}.servolink.json`;
+    anchor.click();
+    setTimeout(() => URL.revokeObjectURL(url), 0);
+  } catch (error) {
+    toast({ kind: "bad", title: t("project.not_saved"), detail: messageOf(error) });
+  }
+}
+
+/** @param {unknown} error */
+const messageOf = (error) => safeText(error instanceof RequestError || error instanceof RangeError ? error.message : t("project.not_readable"));

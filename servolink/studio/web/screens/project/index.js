@@ -1,0 +1,105 @@
+// Project: what writing would change on the board, writing it, and going back.
+
+import { html, useEffect, useRef } from "../../html.js";
+import { Icon } from "../../parts/icon.js";
+import { Note } from "../../parts/note.js";
+import { Reading } from "../../parts/reading.js";
+import { safeText } from "../../parts/safe-text.js";
+import { apply, isPlanning, makePlan, outcome, plan, planError, progress, readBackups } from "../../state/plan.js";
+import { draft, reread } from "../../state/project.js";
+import { isLive, isOthers, welcome } from "../../state/robot.js";
+import { t } from "../../texts/text.js";
+import { Backups } from "./backups.js";
+import { Checks, MemoryCard } from "./checks.js";
+import { Difference } from "./difference.js";
+import { openFile, saveFile } from "./files.js";
+import { Outcome, Phases } from "./phases.js";
+
+/** @typedef {import("../../shell/app.js").Tools} Tools */
+/** @typedef {import("../../state/plan.js").Plan} Plan */
+/** @typedef {import("../../link/link.js").Link} Link */
+
+const PAUSE = 400; // milliseconds from an edit to the plan for it
+
+/** @param {Tools} tools */
+export function ProjectScreen({ link }) {
+  const project = draft.value, isFree = progress.value === null, mayWrite = welcome.value?.role === "edit";
+  useEffect(() => {
+    if (project === null || !isFree || !isLive.value || !mayWrite) return undefined;
+    const timer = setTimeout(() => makePlan(link), PAUSE);
+    return () => clearTimeout(timer);
+  }, [project, isFree, isLive.value, mayWrite]);
+  useEffect(() => {
+    if (isLive.value) readBackups(link);
+  }, [isLive.value]);
+  if (project === null) return html`<${Reading} link=${link} icon="project" />`;
+  const made = plan.value, isCurrent = made !== null && made.of === project;
+  return html`<div class="proj">
+    <section class="card">
+      <${Head} link=${link} mayWrite=${mayWrite} isCurrent=${isCurrent} />
+      <${Phases} />
+      <${Outcome} link=${link} isUnfinished=${made?.plan.is_unfinished ?? false} />
+      ${planError.value && html`<div class="pad0"><${Note} kind="bad" title=${t("project.no_plan")} detail=${safeText(planError.value)} /></div>`}
+      ${!mayWrite && html`<div class="pad0"><${Note} kind="info" title=${t("project.may_not_write")} /></div>`}
+      ${made && html`<${Facts} plan=${made.plan} />`}
+      ${made && html`<ul class="diffs">${made.plan.changes.map((change) => html`<${Difference} key=${change.what} change=${change} />`)}</ul>`}
+    </section>
+    <div class="side">
+      ${made && html`<${Checks} plan=${made.plan} found=${made.found} />`}
+      <${Backups} link=${link} mayWrite=${mayWrite} />
+      <${MemoryCard} memory=${made?.plan.memory ?? null} />
+    </div>
+  </div>`;
+}
+
+/** @param {{ link: Link, mayWrite: boolean, isCurrent: boolean }} props */
+function Head({ link, mayWrite, isCurrent }) {
+  const input = useRef(/** @type {HTMLInputElement | null} */ (null));
+  const count = plan.value?.plan.changes.length ?? 0, isBusy = progress.value !== null;
+  const isRefused = plan.value?.found.some(({ severity }) => severity === "error") ?? false;
+  const mayBegin = mayWrite && isLive.value && !isBusy && !isOthers.value && isCurrent && count > 0 && !isRefused;
+  const choose = () => {
+    const element = /** @type {HTMLInputElement} */ (input.current), file = element.files?.[0];
+    if (file) openFile(link, file);
+    element.value = ""; // so that the same file can be chosen again
+  };
+  return html`<header class="wrap">
+    <div class="grow"><h1>${title(count, isRefused)}</h1><p class="mut">${isPlanning.value ? t("project.comparing") : t("project.kept_here")}</p></div>
+    <input type="file" accept=".json,application/json" class="sr" tabindex="-1" aria-label=${t("project.open")} ref=${input} onChange=${choose} />
+    <button class="btn" disabled=${isBusy} onClick=${() => input.current?.click()}>${t("project.open")}</button>
+    <button class="btn" onClick=${() => saveFile(link)}><${Icon} name="save" />${t("project.save")}</button>
+    <button class="btn" disabled=${isBusy || !isLive.value} onClick=${() => again(link)}><${Icon} name="rollback" />${t("project.read_again")}</button>
+    ${!isBusy && html`<button class="btn pri" disabled=${!mayBegin} onClick=${() => apply(link)}><${Icon} name="project" />${t("project.write")}</button>`}
+  </header>`;
+}
+
+/** @param {Link} link */
+async function again(link) {
+  outcome.value = { state: "none", text: "" };
+  plan.value = null;
+  await reread(link);
+  makePlan(link);
+}
+
+/**
+ * @param {number} count
+ * @param {boolean} isRefused
+ */
+function title(count, isRefused) {
+  if (progress.value !== null) return t("project.writing");
+  if (plan.value === null) return t("project.compare_with_board");
+  if (isRefused) return t("project.cannot_be_written");
+  return count === 0 ? t("project.same") : count === 1 ? t("project.one_difference") : t("project.differences", { count });
+}
+
+/** @param {{ plan: Plan }} props */
+function Facts({ plan: { changes, wire_bytes: bytes, estimated_seconds: time, memory } }) {
+  const size = memory?.size_bytes ?? null;
+  const used = size && memory ? ((size - memory.free_after_bytes) / size) * 100 : null;
+  return html`<dl class="facts">
+    <div><dt>${t("project.changes")}</dt><dd>${changes.length}</dd></div>
+    <div><dt>${t("project.on_the_line")}</dt><dd>${bytes.toLocaleString()} <small>${t("project.bytes")}</small></dd></div>
+    <div><dt>${t("project.takes")}</dt><dd>${time < 10 ? time.toFixed(1) : Math.round(time)} <small>s</small></dd></div>
+    <div><dt>${t("project.memory_then")}</dt><dd>${used === null ? "?" : used.toFixed(1)} <small>%</small></dd></div>
+  </dl>`;
+}

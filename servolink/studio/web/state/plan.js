@@ -1,0 +1,95 @@
+// What writing the draft would change on the board, and the writing itself.
+
+import { batch, signal } from "../html.js";
+import { draft, reread } from "./project.js";
+
+/** @typedef {import("../link/link.js").Link} Link */
+/** @typedef {import("./records.js").Project} Project */
+/** @typedef {{ what: string, old: any, new: any }} Change */
+/** @typedef {{ unit_bytes: number | null, size_bytes: number | null, free_before_bytes: number, free_after_bytes: number, warning: string | null }} Memory */
+/** @typedef {{ changes: Change[], inconsistencies: string[], requests: number, wire_bytes: number, estimated_seconds: number, memory: Memory | null, is_unfinished: boolean }} Plan */
+/** @typedef {{ path: string, text: string, severity: string }} Found */
+/** @typedef {{ phase: string, done: number, total: number, item: string }} Progress */
+/** @typedef {{ number: number, time: string, board: string, file: string }} Backup */
+
+/** The latest plan, and the project that it is for. */
+export const plan = signal(/** @type {{ of: Project, plan: Plan, found: Found[] } | null} */ (null));
+/** Why there is no plan, empty if that is not known. */
+export const planError = signal("");
+export const isPlanning = signal(false);
+/** How far the writing is, null if nothing is being written. */
+export const progress = signal(/** @type {Progress | null} */ (null));
+/** How the latest writing ended. */
+export const outcome = signal(/** @type {{ state: "none" | "done" | "broken", text: string }} */ ({ state: "none", text: "" }));
+export const backups = signal(/** @type {Backup[]} */ ([]));
+
+/**
+ * Compare the draft with the board, and check it.
+ * @param {Link} link
+ */
+export async function makePlan(link) {
+  const project = draft.value;
+  if (project === null || isPlanning.value || progress.value !== null) return;
+  isPlanning.value = true;
+  planError.value = "";
+  try {
+    const checked = await link.call("studio.check", { project });
+    const found = /** @type {Found[]} */ (checked.found);
+    if (found.some(({ severity }) => severity === "error") && project.values !== "unchecked") {
+      batch(() => (plan.value = { of: project, plan: nothing(), found }));
+    } else {
+      const made = await link.call("project.plan", { project });
+      plan.value = { of: project, plan: made, found };
+    }
+  } catch (error) {
+    planError.value = textOf(error);
+  }
+  isPlanning.value = false;
+}
+
+/**
+ * Make the board hold the draft. If that was interrupted before, it goes on from there.
+ * @param {Link} link
+ */
+export const apply = (link) => write(link, "project.apply", { project: draft.value });
+
+/**
+ * Make the board hold what a backup has, null for what was there before the latest writing.
+ * @param {Link} link
+ * @param {number | null} number
+ */
+export const rollBack = (link, number) => write(link, "project.rollback", { backup: number });
+
+/** @param {Link} link */
+export async function readBackups(link) {
+  const found = await link.call("project.backups").catch(() => ({ backups: [] }));
+  backups.value = found.backups.reverse();
+}
+
+/**
+ * @param {Link} link
+ * @param {string} method
+ * @param {object} params
+ */
+async function write(link, method, params) {
+  if (progress.value !== null) return;
+  progress.value = { phase: "reading", done: 0, total: 0, item: "" };
+  outcome.value = { state: "none", text: "" };
+  try {
+    const { backup } = await link.call(method, params, (/** @type {Progress} */ step) => (progress.value = step));
+    outcome.value = { state: "done", text: backup ?? "" };
+  } catch (error) {
+    outcome.value = { state: "broken", text: textOf(error) };
+  }
+  progress.value = null;
+  plan.value = null;
+  await Promise.all([reread(link), readBackups(link)]);
+}
+
+/** A plan for a project that no board would store. @returns {Plan} */
+const nothing = () => ({
+  changes: [], inconsistencies: [], requests: 0, wire_bytes: 0, estimated_seconds: 0, memory: null, is_unfinished: false,
+});
+
+/** @param {unknown} error */
+const textOf = (error) => (error instanceof Error ? error.message : String(error));
