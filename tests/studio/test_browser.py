@@ -4,93 +4,18 @@ from __future__ import annotations
 
 import functools
 import http.server
-import shutil
-import signal
-import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 
-from servolink import sync
-from tests.processes import finish, start
+from tests.studio.browser import CHROMIUM, OPTIONS, SIZES, Studio, in_browser, opened, until
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 
-pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")]
-
-SIZES = {"desktop": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
-_OPTIONS = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-gpu"]
-# Without a graphics card the browser calculates every pixel of WebGL: too slow for the beats of a busy machine.
-_FLAT = """HTMLCanvasElement.prototype.getContext = (original => function (kind, ...more) {
-  return kind === "webgl2" ? null : original.call(this, kind, ...more);
-})(HTMLCanvasElement.prototype.getContext)"""
-
-
-class Studio(NamedTuple):
-    """A studio that runs."""
-
-    url: str
-    """With the token that lets a page do everything."""
-    board: sync.Board
-    """What other programs see of its board."""
-
-    @property
-    def origin(self) -> str:
-        """The address of the page without the token."""
-        return self.url.partition("/#")[0]
-
-    def angle(self, servo_id: int) -> int:
-        """Return where a servo is."""
-        return int(self.board.servo(servo_id).angle)
-
-
-@pytest.fixture
-def studio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Studio]:
-    runtime = tmp_path / "runtime"
-    runtime.mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
-    program = start([sys.executable, "-m", "servolink", "studio", "--demo", "--no-browser"])
-    assert program.stdout is not None
-    line = program.stdout.readline()
-    assert line.startswith("studio http"), finish(program)
-    with sync.connect("share://virtual") as board:
-        yield Studio(line.split()[1], board)
-    _, said = finish(program, signal.SIGTERM)
-    assert (program.returncode, said) == (0, "ended: the board was left as it is\n")
-
-
-@pytest.fixture
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as driver:
-        found = driver.chromium.launch(executable_path=CHROMIUM, args=_OPTIONS)
-        yield found
-        found.close()
-
-
-@contextmanager
-def opened(browser: Any, url: str, size: str = "desktop") -> Iterator[Any]:
-    """Open a page of the studio; it must report no error."""
-    width, height = SIZES[size]
-    page = browser.new_page(viewport={"width": width, "height": height}, locale="en-GB")
-    page.add_init_script(_FLAT)
-    errors: list[str] = []
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
-    page.goto(url)
-    yield page
-    page.close()
-    assert errors == []
-
-
-def until(is_so: Callable[[], bool]) -> None:
-    """Return when something is so; the time limit of the tests ends the wait."""
-    while not is_so():
-        pass
+pytestmark = in_browser
 
 
 def grab(page: Any, servo_id: int) -> tuple[float, float]:
@@ -211,7 +136,7 @@ def test_a_name_that_leads_here_is_misdirected(studio: Studio) -> None:
     port = studio.origin.rpartition(":")[2]
     with playwright.sync_playwright() as driver:
         rebound = driver.chromium.launch(
-            executable_path=CHROMIUM, args=[*_OPTIONS, "--host-resolver-rules=MAP evil.example 127.0.0.1"]
+            executable_path=CHROMIUM, args=[*OPTIONS, "--host-resolver-rules=MAP evil.example 127.0.0.1"]
         )
         page = rebound.new_page()
         response = page.goto(f"http://evil.example:{port}/")

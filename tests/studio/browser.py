@@ -1,0 +1,62 @@
+"""A studio in a real browser, for tests: Debian's Chromium, driven by Playwright."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import pytest
+
+from servolink import sync
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+OPTIONS = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-gpu"]
+SIZES = {"desktop": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
+
+in_browser = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")]
+
+# Without a graphics card the browser calculates every pixel of WebGL: too slow for the beats of a busy machine.
+_FLAT = """HTMLCanvasElement.prototype.getContext = (original => function (kind, ...more) {
+  return kind === "webgl2" ? null : original.call(this, kind, ...more);
+})(HTMLCanvasElement.prototype.getContext)"""
+
+
+class Studio(NamedTuple):
+    """A studio that runs."""
+
+    url: str
+    """With the token that lets a page do everything."""
+    board: sync.Board
+    """What other programs see of its board."""
+
+    @property
+    def origin(self) -> str:
+        """The address of the page without the token."""
+        return self.url.partition("/#")[0]
+
+    def angle(self, servo_id: int) -> int:
+        """Return where a servo is."""
+        return int(self.board.servo(servo_id).angle)
+
+
+@contextmanager
+def opened(browser: Any, url: str, size: str = "desktop") -> Iterator[Any]:
+    """Open a page of the studio; it must report no error."""
+    width, height = SIZES[size]
+    page = browser.new_page(viewport={"width": width, "height": height}, locale="en-GB")
+    page.add_init_script(_FLAT)
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    page.goto(url)
+    yield page
+    page.close()
+    assert errors == []
+
+
+def until(is_so: Callable[[], bool]) -> None:
+    """Return when something is so; the time limit of the tests ends the wait."""
+    while not is_so():
+        pass

@@ -1,0 +1,174 @@
+"""Actions and macros in a real browser: what is edited is kept, and the robot moves only while something is held."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from tests.studio.browser import Studio, in_browser, opened, until
+
+playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
+expect = playwright.expect
+
+pytestmark = in_browser
+
+_LISTEN = """() => {
+  const send = WebSocket.prototype.send;
+  window.sent = [];
+  WebSocket.prototype.send = function (text) {
+    window.sent.push(JSON.parse(text).method);
+    return send.call(this, text);
+  };
+}"""
+
+
+@contextmanager
+def editing(browser: Any, url: str, screen: str, size: str = "desktop") -> Iterator[Any]:
+    """Open a screen of the studio when the board was read."""
+    with opened(browser, url, size) as page:
+        page.get_by_role("link", name=screen).locator("visible=true").click()
+        expect(page.locator(".pose, .mrow").first).to_be_visible()
+        yield page
+
+
+def stored(studio: Studio) -> Any:
+    return studio.board.export_project()
+
+
+def target(page: Any, caption: str) -> Any:
+    return page.get_by_label(f"Target of {caption}", exact=True)
+
+
+def test_a_pose_is_edited_and_kept_and_nothing_moves(studio: Studio, browser: Any) -> None:
+    before, angles = stored(studio), [servo.angle for servo in studio.board.servos()]
+    with editing(browser, studio.url, "Actions") as page:
+        page.locator(".pose").filter(has_text="Arm up").click()
+        target(page, "R arm").fill("100")
+        target(page, "R arm").press("Enter")
+        page.get_by_label("Time of R arm").fill("0,9 s")
+        page.get_by_label("Time of R arm").press("Enter")
+        expect(page.get_by_text(re.compile("not written saved"))).to_be_visible()
+        page.reload()
+        page.get_by_role("link", name="Actions").click()
+        page.locator(".pose").filter(has_text="Arm up").click()
+        expect(target(page, "R arm")).to_have_value("100°")
+        expect(page.get_by_label("Time of R arm")).to_have_value("0.90 s")
+    assert stored(studio) == before
+    assert [servo.angle for servo in studio.board.servos()] == angles
+
+
+def test_undo_and_redo_reach_over_screens(studio: Studio, browser: Any) -> None:
+    with editing(browser, studio.url, "Actions") as page:
+        page.locator(".pose").filter(has_text="Arm up").click()
+        page.keyboard.press("m")
+        expect(target(page, "L arm")).to_be_visible()
+        page.get_by_role("link", name="Macros").click()
+        page.keyboard.press("Control+z")
+        expect(page.get_by_text("Arm up: mirror")).to_be_visible()
+        page.get_by_role("link", name="Actions").click()
+        expect(target(page, "L arm")).to_have_count(0)
+        page.keyboard.press("Control+Shift+Z")
+        expect(target(page, "L arm")).to_be_visible()
+
+
+def test_the_figure_is_posed_by_the_keyboard(studio: Studio, browser: Any) -> None:
+    with editing(browser, studio.url, "Actions") as page:
+        page.locator(".pose").filter(has_text="Arm up").click()
+        page.get_by_role("button", name="R elbow").click()
+        before = int(target(page, "R elbow").input_value().rstrip("°"))
+        figure = page.locator(".mid .stage canvas")
+        figure.press("ArrowRight")
+        figure.press("Shift+ArrowRight")
+        expect(target(page, "R elbow")).to_have_value(f"{before + 11}°")
+
+
+def test_a_pose_is_tried_while_it_is_held(studio: Studio, browser: Any) -> None:
+    with editing(browser, studio.url, "Actions") as page:
+        page.locator(".pose").filter(has_text="Arm up").click()
+        goal = int(target(page, "R arm").input_value().rstrip("°"))
+        page.get_by_role("button", name="Hold to try").hover()
+        page.mouse.down()
+        until(lambda: abs(studio.angle(2) - goal) <= 3)
+        page.mouse.up()
+
+
+def test_what_two_pages_edit_is_not_overwritten(studio: Studio, browser: Any) -> None:
+    with editing(browser, studio.url, "Actions") as page, editing(browser, studio.url, "Actions") as other:
+        page.get_by_label("Name", exact=True).fill("mine")
+        page.get_by_label("Name", exact=True).press("Enter")
+        expect(other.get_by_label("Name", exact=True)).to_have_value("mine")
+        for each, name in ((page, "first"), (other, "second")):
+            each.get_by_label("Name", exact=True).fill(name)
+        for each in (page, other):
+            each.get_by_label("Name", exact=True).press("Enter")
+        until(lambda: page.get_by_text("Keep mine").count() + other.get_by_text("Keep mine").count() > 0)
+        loser, winner, name = (
+            (page, other, "first") if page.get_by_text("Keep mine").count() else (other, page, "second")
+        )
+        loser.get_by_text("Keep mine").click()
+        expect(winner.get_by_label("Name", exact=True)).to_have_value(name)
+
+
+def test_a_macro_is_built_with_the_keyboard_and_by_dragging(studio: Studio, browser: Any) -> None:
+    with editing(browser, studio.url, "Macros") as page:
+        clips = page.locator(".lane.clips .clip")
+        first, second = (
+            clips.nth(0).get_attribute("title").split(",")[0],
+            clips.nth(1).get_attribute("title").split(",")[0],
+        )
+        clips.nth(0).focus()
+        page.keyboard.press("Alt+ArrowRight")
+        expect(clips.nth(0)).to_have_attribute("title", beginning(second))
+        page.keyboard.press("Control+z")
+        expect(clips.nth(0)).to_have_attribute("title", beginning(first))
+        count = clips.count()
+        page.get_by_role("button", name="Add a pause").click()
+        expect(clips).to_have_count(count + 1)
+        page.keyboard.press("Delete")
+        expect(clips).to_have_count(count)
+        place = clips.nth(0).bounding_box()
+        right, middle = place["x"] + place["width"], place["y"] + place["height"] / 2
+        page.mouse.move(right - 4, middle)
+        page.mouse.down()
+        page.mouse.move(right + place["width"], middle, steps=8)
+        page.mouse.up()
+        expect(clips.nth(0)).to_contain_text(" %")
+        page.keyboard.press("Control+z")
+        expect(clips.nth(0)).not_to_contain_text(" %")
+
+
+def beginning(name: str) -> re.Pattern[str]:
+    return re.compile(f"^{re.escape(name)},")
+
+
+def test_a_preview_sends_no_movement_and_a_hold_runs_the_draft(studio: Studio, browser: Any) -> None:
+    with editing(browser, studio.url, "Macros") as page:
+        page.evaluate(_LISTEN)
+        page.get_by_role("button", name="Play the preview").click()
+        expect(page.locator(".time")).not_to_contain_text("0.00")
+        page.get_by_role("button", name="Pause the preview").click()
+        assert not {"move", "run", "lease.take"} & set(page.evaluate("window.sent"))
+        page.keyboard.press("Home")
+        angles = {servo.servo_id: servo.angle for servo in studio.board.servos()}
+        page.get_by_role("button", name="Hold to run on robot").hover()
+        page.mouse.down()
+        expect(page.get_by_text("The robot moves")).to_be_visible()
+        until(lambda: any(abs(servo.angle - angles[servo.servo_id]) > 20 for servo in studio.board.servos()))
+        page.mouse.up()
+        expect(page.get_by_text("Preview only.")).to_be_visible()
+        sent = page.evaluate("window.sent").count("move")
+        page.wait_for_timeout(500)
+        assert page.evaluate("window.sent").count("move") == sent
+
+
+@pytest.mark.parametrize("size", ["desktop", "tablet", "phone"])
+@pytest.mark.parametrize("screen", ["Actions", "Macros"])
+def test_nothing_is_cut_off_at_the_side(studio: Studio, browser: Any, screen: str, size: str) -> None:
+    with editing(browser, studio.url, screen, size) as page:
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        hold = page.get_by_role("button", name="Hold to")
+        expect(hold).to_be_visible()
