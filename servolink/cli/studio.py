@@ -62,6 +62,7 @@ async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
         from servolink.studio.server import serve_studio
     except ModuleNotFoundError as error:
         raise TransportUnavailable("servolink studio needs aiohttp: pip install 'servolink[studio]'") from error
+    from servolink.studio.links import Links
     from servolink.studio.start import check_place, opened_in_browser, studio_for
 
     check_place(args.host, tuple(args.allow_host))
@@ -74,9 +75,9 @@ async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
         _print("studio", address, as_json=args.json)
         if args.allow_host:
             print_error(f"servolink: {_NOT_ENCRYPTED}")
-        for host in args.allow_host:
-            _print("drive", f"http://{host}:{port}/#token={gate.new_token('edit')}", as_json=args.json)
-            _print("watch", f"http://{host}:{port}/#token={gate.new_token('watch')}", as_json=args.json)
+            studio.links = Links(gate, port, tuple(args.allow_host))
+            for link in studio.links.addresses():
+                _print("drive" if link.role == "edit" else "watch", link.address, as_json=args.json)
         if not args.no_browser:
             stack.enter_context(opened_in_browser(address))
         await asyncio.Event().wait()

@@ -80,7 +80,7 @@ async def examine(
     else:
         report.urls = [candidate.url for candidate in boards(report.candidates)]
         name = (await resolve_board(report.urls[0])).name if len(report.urls) == 1 else None
-    report.findings += await asyncio.to_thread(_before_opening, facts, report.urls)
+    report.findings += await asyncio.to_thread(checks_before_opening, facts, report.urls)
     report.findings += map(_hidden, found.failures)
     if len(report.urls) == 1:
         options = _learnt_options(report, name) | options_in(report.urls[0])
@@ -121,7 +121,8 @@ def _check_address(url: str) -> None:
         return  # a missing library, which is a finding
 
 
-def _before_opening(facts: SystemFacts, urls: list[str]) -> list[Finding]:
+def checks_before_opening(facts: SystemFacts, urls: list[str]) -> list[Finding]:
+    """Return what keeps this program from the boards at `urls`, or disturbs them, without opening any."""
     findings = [finding for url in urls for check in _OF_A_DEVICE for finding in check(facts, url)]
     schemes = {Address.parse(url).scheme for url in urls}
     if not urls or "serial" in schemes:

@@ -42,7 +42,7 @@ async def draft_get(caller: Caller, params: NoParams) -> DraftNow:
 async def draft_save(caller: Caller, params: DraftSave) -> DraftSaved:
     """Keep edits, each unless another page has edited the same record since the revision that this page knows."""
     saved, conflicts = await caller.studio.drafts.save(params.edits, caller.who)
-    for notify in caller.studio.pages - {caller.notify}:
+    for page in caller.studio.pages - {caller.page}:
         if saved:
-            notify("studio.draft", DraftNow(saved))
+            page.notify("studio.draft", DraftNow(saved))
     return DraftSaved(saved, conflicts)

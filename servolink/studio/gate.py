@@ -50,9 +50,9 @@ class Gate:
         self._tokens[token] = role
         return token
 
-    def revoke(self, role: RoleName) -> None:
-        """Close the studio for all tokens of this role."""
-        self._tokens = {token: each for token, each in self._tokens.items() if each != role}
+    def revoke(self, token: Token) -> None:
+        """Close the studio for a token. No effect if it opens nothing."""
+        self._tokens.pop(token, None)
 
     def role_of(self, token: str) -> RoleName | None:
         """Return the role that a token opens the studio for, None if it opens nothing.

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from importlib.metadata import version
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Protocol
 
 import msgspec
 from msgspec import Struct
@@ -13,10 +12,22 @@ from servolink.hub.control.messages import NoParams
 from servolink.hub.control.rpc import Methods
 from servolink.hub.roles import Role
 from servolink.studio.drafts import Drafts
+from servolink.studio.gate import Token
+from servolink.studio.links import Links
 from servolink.transports.share import RoleName, Welcome
 
-Notify: TypeAlias = Callable[[str, Struct], None]
-"""Sends a notification to a page."""
+
+class OpenPage(Protocol):
+    """A page that is open."""
+
+    token: Token
+    """The one that it showed."""
+
+    def notify(self, name: str, params: Struct) -> None:
+        """Send a notification."""
+
+    def close(self) -> None:
+        """Close it from here."""
 
 
 class Studio:
@@ -27,8 +38,9 @@ class Studio:
         self.hub = hub
         self.is_virtual = is_virtual
         self.drafts = Drafts(hub)
-        self.pages: set[Notify] = set()
-        """The pages that are open."""
+        self.pages: set[OpenPage] = set()
+        self.links: Links | None = None
+        """None if only this machine reaches the studio."""
 
     def welcome(self, welcome: Welcome) -> Welcomed:
         """Return what a page is told first, when the hub has let it in."""
@@ -61,7 +73,9 @@ class Caller(NamedTuple):
     studio: Studio
     who: str
     """What people call the page."""
-    notify: Notify
+    url: str
+    """The address of the board."""
+    page: OpenPage
 
 
 METHODS: Methods[Caller] = Methods()

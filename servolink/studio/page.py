@@ -14,12 +14,12 @@ from msgspec import Meta, Struct
 from servolink.errors import OpenError
 from servolink.hub.control.rpc import MOST_BYTES, Peer
 from servolink.hub.roles import Role
-from servolink.studio import draft_methods, project_methods  # they add their methods
+from servolink.studio import board_methods, draft_methods, project_methods  # they add their methods
 from servolink.studio.gate import Gate
 from servolink.studio.methods import METHODS, Caller, Studio
 from servolink.transports.share import Greeting, RoleName, Welcome, greet
 
-__all__ = ["MOST_MESSAGE", "draft_methods", "project_methods", "serve_page"]
+__all__ = ["MOST_MESSAGE", "board_methods", "draft_methods", "project_methods", "serve_page"]
 
 MOST_MESSAGE = MOST_BYTES
 _TOKEN_LIMIT = 5.0  # seconds for the first message
@@ -52,7 +52,7 @@ async def serve_page(studio: Studio, gate: Gate, messages: web.WebSocketResponse
     try:
         async with _connected(studio, hello.who, role) as (welcome, reader, writer):
             await messages.send_str(msgspec.json.encode(studio.welcome(welcome)).decode())
-            await _Page(studio, role, hello.who, messages, reader, writer).talk()
+            await _Page(studio, role, hello, welcome.url, messages, reader, writer).talk()
     except OpenError as error:
         await messages.close(code=_NO_BOARD, message=str(error).encode()[:120])
 
@@ -88,7 +88,8 @@ class _Page:
         self,
         studio: Studio,
         role: RoleName,
-        who: str,
+        hello: Hello,
+        url: str,
         messages: web.WebSocketResponse,
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
@@ -98,17 +99,18 @@ class _Page:
         self._writer = writer
         self._responses: asyncio.Queue[bytes] = asyncio.Queue()
         self._studio = studio
-        caller = Caller(studio, who, self._notify)
+        self.token = hello.token
+        caller = Caller(studio, hello.who, url, self)
         self._own = Peer(METHODS, caller, self._responses.put_nowait, self._abort, role=Role[role.upper()])
 
     async def talk(self) -> None:
         """Carry messages until one side ends."""
         tasks = [asyncio.ensure_future(each) for each in (self._from_page(), self._from_hub(), self._from_studio())]
-        self._studio.pages.add(self._notify)
+        self._studio.pages.add(self)
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            self._studio.pages.discard(self._notify)
+            self._studio.pages.discard(self)
             for task in tasks:
                 task.cancel()
             await asyncio.wait(tasks)
@@ -137,8 +139,13 @@ class _Page:
             while True:
                 await self._messages.send_str((await self._responses.get()).decode())
 
-    def _notify(self, name: str, params: Struct) -> None:
+    def notify(self, name: str, params: Struct) -> None:
+        """Send a notification of the studio."""
         self._own.notify(name, params)
+
+    def close(self) -> None:
+        """Close the page's session; the hub stops what it moves."""
+        self._abort("")
 
     def _abort(self, _reason: str) -> None:
         self._writer.transport.abort()

@@ -19,7 +19,7 @@ from servolink.doctor.environment import (
     check_round_trips,
     check_surroundings,
 )
-from servolink.doctor.examine import _before_opening
+from servolink.doctor.examine import checks_before_opening
 from servolink.doctor.permissions import check_permissions
 from servolink.doctor.system import SystemFacts
 from tests.doctor.recorded import SYSTEMS, RecordedFacts
@@ -188,7 +188,7 @@ def test_the_port_that_waits_on_macos(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("system", [path.stem for path in SYSTEMS.iterdir()])
 def test_every_check_runs_on_every_system(system: str, tmp_path: Path) -> None:
-    for finding in _before_opening(RecordedFacts(system, tmp_path), ADDRESSES):
+    for finding in checks_before_opening(RecordedFacts(system, tmp_path), ADDRESSES):
         assert finding.check
         assert finding.observation
         assert finding.meaning
@@ -197,7 +197,11 @@ def test_every_check_runs_on_every_system(system: str, tmp_path: Path) -> None:
 
 def test_a_system_without_proc_and_sys_is_not_in_the_way(tmp_path: Path) -> None:
     facts = SystemFacts(tmp_path)
-    assert {finding.check for finding in _before_opening(facts, ADDRESSES)} <= {"hid package", "libusb", "container"}
+    assert {finding.check for finding in checks_before_opening(facts, ADDRESSES)} <= {
+        "hid package",
+        "libusb",
+        "container",
+    }
     assert (facts.names("/proc"), facts.text("/x"), facts.link("/x"), facts.node("/x")) == ([], "", "", None)
     assert (facts.text("/\0"), facts.node("/\0"), facts.names("/\0"), facts.link("/\0")) == ("", None, [], "")
     assert list(facts.processes()) == []

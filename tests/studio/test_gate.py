@@ -37,7 +37,8 @@ def test_a_token_opens_the_studio_for_its_role_until_it_is_revoked() -> None:
     drive, watch = gate.new_token("edit"), gate.new_token("watch")
     assert gate.role_of(drive) == "edit"
     assert gate.role_of(watch) == "watch"
-    gate.revoke("watch")
+    gate.revoke(watch)
+    gate.revoke("unknown")
     assert gate.role_of(watch) is None
     assert gate.role_of(drive) == "edit"
 

@@ -13,6 +13,7 @@ import pytest
 from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType, WSServerHandshakeError
 
 from servolink.studio.gate import Gate
+from servolink.studio.methods import Studio
 from servolink.studio.server import HEADERS, serve_studio
 from servolink.studio.start import VIRTUAL, studio_for
 
@@ -22,6 +23,7 @@ LIMIT = 20.0
 class Place(NamedTuple):
     """A studio that is served."""
 
+    studio: Studio
     gate: Gate
     address: str
     http: ClientSession
@@ -47,7 +49,7 @@ async def studio() -> AsyncIterator[Place]:
         serve_studio(served, "127.0.0.1", 0) as (gate, port),
         ClientSession() as http,
     ):
-        yield Place(gate, f"http://127.0.0.1:{port}", http)
+        yield Place(served, gate, f"http://127.0.0.1:{port}", http)
 
 
 def run(test: Callable[[Place], Awaitable[None]]) -> None:

@@ -1,0 +1,129 @@
+"""The methods about the board and its surroundings: what is here, why it does not work, and who else may come in."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Literal
+
+from msgspec import Struct
+
+from servolink.discovery.search import boards, search
+from servolink.doctor.examine import checks_before_opening
+from servolink.doctor.system import SystemFacts
+from servolink.errors import InvalidAddress
+from servolink.hub.control.faults import Code, RpcError
+from servolink.hub.control.messages import NoParams
+from servolink.hub.roles import Role
+from servolink.studio.links import LinkAddress, LinkRole
+from servolink.studio.methods import METHODS, Caller
+
+_OF_THE_HUB = "in use"
+
+
+class FoundBoard(Struct, frozen=True):
+    """A board that is here, as `servolink list` shows it."""
+
+    url: str
+    product: str
+    problem: str
+    is_ours: bool
+    """Whether it is the board of this studio, or the hub that shares it."""
+
+
+class FoundBoards(Struct, frozen=True):
+    """All of them."""
+
+    boards: tuple[FoundBoard, ...]
+
+
+class DoctorFinding(Struct, frozen=True):
+    """One reason why a board does not work, or works badly."""
+
+    check: str
+    observation: str
+    meaning: str
+    remedy: str
+    """Commands to type or things to do, one step a line."""
+
+
+class DoctorReport(Struct, frozen=True):
+    """What is wrong, in the order in which to deal with it."""
+
+    findings: tuple[DoctorFinding, ...]
+
+
+class DoctorAsk(Struct, forbid_unknown_fields=True):
+    """What the page knows of the board."""
+
+    is_connected: bool
+
+
+class LinkList(Struct, frozen=True):
+    """The links that are valid; none if the studio was started without --allow-host."""
+
+    links: tuple[LinkAddress, ...]
+    is_open_to_others: bool
+    """Whether there can be links."""
+
+
+class LinkChange(Struct, forbid_unknown_fields=True):
+    """What to do with the link of a role."""
+
+    role: LinkRole
+    action: Literal["revoke", "renew"]
+
+
+@METHODS.add("studio.boards", Role.EDIT)
+async def studio_boards(caller: Caller, params: NoParams) -> FoundBoards:
+    """Return the boards that are here. None of them is opened."""
+    found = boards(await asyncio.to_thread(search))
+    ours = {caller.url, f"share://{caller.studio.hub}"}
+    return FoundBoards(
+        tuple(FoundBoard(one.url, one.product, one.problem, one.url in ours or one.shares in ours) for one in found)
+    )
+
+
+@METHODS.add("studio.doctor", Role.EDIT)
+async def doctor(caller: Caller, params: DoctorAsk) -> DoctorReport:
+    """Examine what lies between this computer and the board, without opening it: a hub has it open."""
+    try:
+        found = await asyncio.to_thread(checks_before_opening, SystemFacts(), [caller.url])
+    except InvalidAddress:  # of a kind that only the hub knows
+        found = []
+    # While the hub has the board, the program that has it open is the hub.
+    shown = [one for one in found if not (params.is_connected and one.check == _OF_THE_HUB)]
+    return DoctorReport(tuple(DoctorFinding(one.check, one.observation, one.meaning, one.remedy) for one in shown))
+
+
+@METHODS.add("studio.links", Role.EDIT)
+def links(caller: Caller, params: NoParams) -> LinkList:
+    """Return the links for other machines. Pages that were opened through one are refused."""
+    _check_local(caller)
+    return _links(caller)
+
+
+@METHODS.add("studio.links.change", Role.EDIT)
+def links_change(caller: Caller, params: LinkChange) -> LinkList:
+    """Revoke a link, which closes the pages that were opened through it, or make a new one."""
+    _check_local(caller)
+    known = caller.studio.links
+    if known is None:
+        raise RpcError(Code.FORBIDDEN, "the studio is not open to others", remedy="start it with --allow-host")
+    if params.action == "renew":
+        known.renew(params.role)
+    elif (token := known.revoke(params.role)) is not None:
+        for page in [each for each in caller.studio.pages if each.token == token]:
+            page.close()
+    return _links(caller)
+
+
+def _links(caller: Caller) -> LinkList:
+    known = caller.studio.links
+    return LinkList(known.addresses() if known else (), known is not None)
+
+
+def _check_local(caller: Caller) -> None:
+    if caller.studio.links is not None and caller.studio.links.is_one(caller.page.token):
+        raise RpcError(
+            Code.FORBIDDEN, "this page was opened through a link", remedy="use the page on the machine of the studio"
+        )

@@ -1,0 +1,55 @@
+"""Links for tablets and other machines: one that drives and one that watches, each until it is revoked."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeAlias
+
+from msgspec import Meta, Struct
+
+from servolink.studio.gate import Gate, Token
+
+LinkRole: TypeAlias = Literal["edit", "watch"]
+ROLES: tuple[LinkRole, ...] = ("edit", "watch")
+
+
+class LinkAddress(Struct, frozen=True):
+    """A link as people open it."""
+
+    role: LinkRole
+    host: str
+    address: Annotated[str, Meta(description="with its secret")]
+
+
+class Links:
+    """The links of one studio."""
+
+    def __init__(self, gate: Gate, port: int, hosts: tuple[str, ...]) -> None:
+        """Make links for both roles, under each of the names by which other machines reach this one."""
+        self._gate = gate
+        self._port = port
+        self._hosts = hosts
+        self._tokens: dict[LinkRole, Token] = {role: gate.new_token(role) for role in ROLES} if hosts else {}
+
+    def addresses(self) -> tuple[LinkAddress, ...]:
+        """Return those that are valid; none for a studio that only this machine reaches."""
+        return tuple(
+            LinkAddress(role, host, f"http://{host}:{self._port}/#token={token}")
+            for host in self._hosts
+            for role, token in sorted(self._tokens.items())
+        )
+
+    def is_one(self, token: Token) -> bool:
+        """Return whether a page that showed this token was opened through a link."""
+        return token in self._tokens.values()
+
+    def revoke(self, role: LinkRole) -> Token | None:
+        """Close the link of this role. Return its token, None if it was closed already."""
+        token = self._tokens.pop(role, None)
+        if token is not None:
+            self._gate.revoke(token)
+        return token
+
+    def renew(self, role: LinkRole) -> None:
+        """Make a link for this role, unless there is one."""
+        if self._hosts and role not in self._tokens:
+            self._tokens[role] = self._gate.new_token(role)

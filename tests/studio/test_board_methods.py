@@ -1,0 +1,114 @@
+"""The studio says what keeps it from the board, and whom it lets in from other machines."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from aiohttp import WSMsgType
+
+from servolink.doctor import Finding
+from servolink.studio import board_methods
+from servolink.studio.gate import Gate
+from servolink.studio.links import Links
+from tests.studio.test_server import Place, call, run, runtime, welcomed
+
+__all__ = ["runtime"]
+
+IN_USE = Finding("in use", "a program has it open", "only one can", "close it")
+DENIED = Finding("permissions", "root only", "you may not", "ask root")
+
+
+async def called(place: Place, method: str, **params: Any) -> Any:
+    async with place.page() as page:
+        await welcomed(page, place.gate.new_token("edit"))
+        return await call(page, method, **params)
+
+
+def test_the_doctor_leaves_out_the_hub_as_long_as_it_has_the_board(monkeypatch: pytest.MonkeyPatch) -> None:
+    urls: list[str] = []
+
+    def found(_facts: object, given: list[str]) -> list[Finding]:
+        urls.extend(given)
+        return [IN_USE, DENIED]
+
+    monkeypatch.setattr(board_methods, "checks_before_opening", found)
+
+    async def test(place: Place) -> None:
+        for is_connected, checks in ((True, ["permissions"]), (False, ["in use", "permissions"])):
+            report = (await called(place, "studio.doctor", is_connected=is_connected))["result"]
+            assert [finding["check"] for finding in report["findings"]] == checks
+
+    run(test)
+    assert {url.partition(":")[0] for url in urls} == {"virtual"}
+
+
+def test_the_doctor_has_nothing_to_say_of_a_virtual_board() -> None:
+    async def test(place: Place) -> None:
+        assert (await called(place, "studio.doctor", is_connected=True))["result"] == {"findings": []}
+
+    run(test)
+
+
+def test_our_own_board_is_marked_in_the_list() -> None:
+    async def test(place: Place) -> None:
+        boards = (await called(place, "studio.boards"))["result"]["boards"]
+        assert [board["url"] for board in boards if board["is_ours"]] == ["share://virtual"]
+
+    run(test)
+
+
+def test_a_studio_for_this_machine_only_has_no_links() -> None:
+    async def test(place: Place) -> None:
+        assert (await called(place, "studio.links"))["result"] == {"links": [], "is_open_to_others": False}
+        refused = await called(place, "studio.links.change", role="watch", action="renew")
+        assert "--allow-host" in refused["error"]["data"]["remedy"]
+
+    run(test)
+
+
+def test_a_link_is_revoked_with_the_pages_that_it_opened() -> None:
+    async def test(place: Place) -> None:
+        place.studio.links = Links(place.gate, 80, ("robot.local",))
+        async with place.page() as local, place.page() as watching:
+            await welcomed(local, place.gate.new_token("edit"))
+            links = {link["role"]: link["address"] for link in (await call(local, "studio.links"))["result"]["links"]}
+            await welcomed(watching, links["watch"].partition("token=")[2])
+            left = await call(local, "studio.links.change", role="watch", action="revoke")
+            assert [link["role"] for link in left["result"]["links"]] == ["edit"]
+            while (message := await watching.receive()).type is WSMsgType.TEXT:
+                pass
+            assert message.type in {WSMsgType.CLOSE, WSMsgType.CLOSED}
+            renewed = await call(local, "studio.links.change", role="watch", action="renew")
+            (address,) = [link["address"] for link in renewed["result"]["links"] if link["role"] == "watch"]
+            assert address != links["watch"]
+        async with place.page() as late:
+            await late.send_json({"token": links["watch"].partition("token=")[2]})
+            assert (await late.receive()).data == 4401
+
+    run(test)
+
+
+def test_a_page_that_a_link_opened_learns_of_no_other_links() -> None:
+    async def test(place: Place) -> None:
+        place.studio.links = Links(place.gate, 80, ("robot.local",))
+        (drive,) = [link for link in place.studio.links.addresses() if link.role == "edit"]
+        async with place.page() as page:
+            await welcomed(page, drive.address.partition("token=")[2])
+            assert "through a link" in (await call(page, "studio.links"))["error"]["message"]
+
+    run(test)
+
+
+def test_links_have_the_names_under_which_the_studio_is_reached() -> None:
+    gate = Gate(8200)
+    links = Links(gate, 8200, ("robot.local", "10.0.0.7"))
+    assert [(link.role, link.address.partition("#")[0]) for link in links.addresses()] == [
+        ("edit", "http://robot.local:8200/"),
+        ("watch", "http://robot.local:8200/"),
+        ("edit", "http://10.0.0.7:8200/"),
+        ("watch", "http://10.0.0.7:8200/"),
+    ]
+    assert links.revoke("edit") is not None
+    assert links.revoke("edit") is None
+    assert {link.role for link in links.addresses()} == {"watch"}
