@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -19,6 +20,9 @@ _TYPES = {
 }
 """By the end of a name. Files of other kinds, such as those for the type checker, are not served."""
 _NOT_SERVED = {"tsconfig.json", "vendor.json"}
+_LIBRARIES = "/vendor/"
+_COMMENT = re.compile(rb"^[ \t]*(?://.*|/\*\*(?:(?!\*/)[\s\S])*\*/)[ \t]*$", re.MULTILINE)
+"""Comments that have their lines to themselves: one part in eight of what a browser has to fetch."""
 
 
 class PageFile(Struct, frozen=True):
@@ -45,5 +49,12 @@ def _files(folder: Traversable, path: str) -> list[tuple[str, PageFile]]:
             found += _files(entry, name)
         elif end in _TYPES and entry.name not in _NOT_SERVED:
             content = entry.read_bytes()
+            if end == ".js" and not name.startswith(_LIBRARIES):
+                content = _COMMENT.sub(_same_lines, content)
             found.append((name, PageFile(content, _TYPES[end], sha256(content).hexdigest()[:16])))
     return found
+
+
+def _same_lines(comment: re.Match[bytes]) -> bytes:
+    """Return as many line breaks as a comment has, so that errors in the browser name the lines of the source."""
+    return b"\n" * comment[0].count(b"\n")
