@@ -56,7 +56,7 @@ def read_json(text: str | bytes) -> Any:
 
 
 def write_json(value: Any) -> str:
-    """Return `value` as JSON that is safe to print: each object of only numbers and texts takes one line."""
+    """Return `value` as JSON that is safe to print: each object or list of only numbers and texts takes one line."""
     return _PERHAPS_HIDDEN.sub(_escape_match, _lines(value, "\n")) + "\n"
 
 
@@ -73,13 +73,18 @@ class _Repeated:
 
 def _lines(value: Any, margin: str) -> str:
     inner = margin + "  "
-    if isinstance(value, list) and value:
+    if value and _has_lines(value):
         return f"[{','.join(inner + _lines(one, inner) for one in value)}{margin}]"
-    if isinstance(value, dict) and any(isinstance(one, list) for one in value.values()):
+    if isinstance(value, dict) and any(map(_has_lines, value.values())):
         return (
             f"{{{','.join(f'{inner}{json.dumps(key)}: {_lines(one, inner)}' for key, one in value.items())}{margin}}}"
         )
     return _ENCODER.encode(value)
+
+
+def _has_lines(value: Any) -> bool:
+    """Return whether `value` is a list that takes lines: one of objects or lists, or one that is still to be filled."""
+    return isinstance(value, list) and (not value or any(isinstance(one, (list, dict)) for one in value))
 
 
 def _escape_match(found: re.Match[str]) -> str:

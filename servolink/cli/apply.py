@@ -55,7 +55,7 @@ def configure_rollback(parser: argparse.ArgumentParser) -> None:
 
 
 def _apply(args: argparse.Namespace) -> int:
-    project, unchecked = read_project_file(args.file)  # before any question: it may be missing
+    project, unchecked, _ = read_project_file(args.file)  # before any question: it may be missing
     refuse_without_answer(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:

@@ -26,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the differences; return 0 if there are none, else 1."""
-    project, unchecked = read_project_file(args.file)
+    project, unchecked, _ = read_project_file(args.file)
 
     async def talk(board: Board, interruption: Interruption) -> int:
         with shown_progress(board, quiet=args.json) as on_progress:

@@ -14,6 +14,7 @@ from servolink.errors import EncodeError, ProjectError
 from servolink.escaping import quote
 from servolink.files import read_file, reason, write_atomically
 from servolink.json_text import MAX_SIZE, read_json, write_json
+from servolink.project.figure import Figure, checked_figure, figure_to_json, refuse_newer
 from servolink.project.model import Project
 from servolink.protocol.json_errors import convert, quote_json
 from servolink.protocol.json_form import json_type, record_to_json, struct_from_json
@@ -32,8 +33,13 @@ _HEAD = (
         ],
         UNSET,
     ),
+    (
+        "figure",
+        Annotated[Figure | UnsetType, Meta(description="what the robot looks like; never sent to a board")],
+        UNSET,
+    ),
 )
-"""The fields of a file before those of the project."""
+"""The fields of a file that are not those of the project."""
 
 SHIPPED = Path(__file__).with_name("servolink-project.schema.json")
 """The JSON Schema that is part of the package, equal to `schema_text()`."""
@@ -45,6 +51,8 @@ class ProjectFile(NamedTuple):
     project: Project
     unchecked: bool
     """Whether the file was exported from a board with values that servolink would not write unasked."""
+    figure: Figure | None = None
+    """What the robot looks like; no board stores it."""
 
 
 def load_project(path: str | os.PathLike[str], *, unchecked: bool = False) -> Project:
@@ -86,28 +94,35 @@ def parse_project_file(text: str | bytes, *, unchecked: bool = False) -> Project
 
 
 def project_from_form(given: Any) -> ProjectFile:
-    """Return the content of a file as it was converted to `file_type`."""
-    return ProjectFile(struct_from_json(Project, given), given.values == "unchecked")
+    """Return the content of a file as it was converted to `file_type`. Raise EncodeError for a wrong figure."""
+    try:
+        figure = None if given.figure is UNSET else checked_figure(given.figure)
+    except EncodeError as error:
+        raise EncodeError(error.text, f"figure.{error.path}") from None
+    return ProjectFile(struct_from_json(Project, given), given.values == "unchecked", figure)
 
 
-def project_to_form(project: Project, *, unchecked: bool = False) -> dict[str, Any]:
+def project_to_form(project: Project, *, unchecked: bool = False, figure: Figure | None = None) -> dict[str, Any]:
     """Return the object of a file for `project.sorted()`, ready for `json.dumps`."""
     head: dict[str, Any] = {"schema": SCHEMA} | ({"values": "unchecked"} if unchecked else {})
-    return {**head, **record_to_json(project.sorted())}
+    drawn = {} if figure is None else {"figure": figure_to_json(figure)}
+    return {**head, **record_to_json(project.sorted()), **drawn}
 
 
-def save_project(path: str | os.PathLike[str], project: Project, *, unchecked: bool = False) -> None:
+def save_project(
+    path: str | os.PathLike[str], project: Project, *, unchecked: bool = False, figure: Figure | None = None
+) -> None:
     """Write `project` to the file `path`, whole or not at all. Raise ProjectError if that fails.
 
     `unchecked` marks the file as an export of values that servolink would not write unasked: `servolink apply` then
-    writes them as they are.
+    writes them as they are. Without `figure`, a project file that is replaced keeps its own.
     """
     if isinstance(path, Project):
         raise TypeError("save_project(path, project): the path comes first, then the project")
     file = _checked_path(path, "save_project(path, project)")
     if not isinstance(project, Project):
         raise TypeError(f"save_project(path, project): the project must be a Project, not {quote(project)}")
-    content = format_project(project, unchecked=unchecked).encode()
+    content = format_project(project, unchecked=unchecked, figure=figure or _figure_in(file)).encode()
     if len(content) > MAX_SIZE:
         raise ProjectError(f"{file}: would be larger than {MAX_SIZE >> 20} MiB, the most that can be read again")
     try:
@@ -116,9 +131,17 @@ def save_project(path: str | os.PathLike[str], project: Project, *, unchecked: b
         raise ProjectError(f"{file}: cannot be written: {reason(error)}") from error
 
 
-def format_project(project: Project, *, unchecked: bool = False) -> str:
+def _figure_in(file: Path) -> Figure | None:
+    """Return the figure of a file that may not exist, or be anything else."""
+    try:
+        return read_project_file(file, unchecked=True).figure
+    except ProjectError:
+        return None
+
+
+def format_project(project: Project, *, unchecked: bool = False, figure: Figure | None = None) -> str:
     """Return the text of a file for `project.sorted()`: equal for equal projects, even with values of no meaning."""
-    return write_json(project_to_form(project, unchecked=unchecked))
+    return write_json(project_to_form(project, unchecked=unchecked, figure=figure))
 
 
 def schema_text() -> str:
@@ -129,7 +152,7 @@ def schema_text() -> str:
 
 
 def file_type(*, unchecked: bool) -> Any:
-    """Return the msgspec type of a file: that of a project, behind the fields of the head."""
+    """Return the msgspec type of a file: that of a project, with the fields that no board stores."""
     return json_type(Project, unchecked=unchecked, head=_HEAD)
 
 
@@ -150,3 +173,7 @@ def _check_version(value: Any) -> None:
         raise EncodeError(f"must be {SCHEMA}, the version of the format, not {quote_json(version)}", "schema")
     if version > SCHEMA:
         raise EncodeError(f"{version} is newer than {SCHEMA}, the newest this servolink reads; update it", "schema")
+    try:
+        refuse_newer(value.get("figure"))
+    except EncodeError as error:
+        raise EncodeError(error.text, f"figure.{error.path}") from None

@@ -54,18 +54,28 @@ def _explain(message: str, value: Any, expected: Any) -> tuple[str, str]:
     info: Any = inspect.type_info(expected)
     for found in _PART.finditer(path):
         key, number = found.groups()
-        info, value = (_field(info, value, key), value[key]) if key else (info.item_type, value[int(number)])
+        info, value = (_field(info, value, key), value[key]) if key else (_item(info, int(number)), value[int(number)])
     return path.removeprefix("."), _reason(info, value) or opinion or message
 
 
 def _field(info: Any, value: dict[str, Any], key: str) -> Any:
     """Return the type of a field of `value`."""
     structs = _structs(_bare(info))
-    if key == "type" and structs[0].tag is not None:
+    if key == structs[0].tag_field:
         return inspect.LiteralType(tuple(struct.tag for struct in structs))
-    (struct,) = (struct for struct in structs if struct.tag is None or struct.tag == value.get("type"))
+    (struct,) = (struct for struct in structs if struct.tag is None or struct.tag == value.get(struct.tag_field))
     field = next(field for field in struct.fields if field.encode_name == key)
     return _bare(field.type)
+
+
+def _item(info: Any, number: int) -> Any:
+    """Return the type of an item of a list."""
+    members = info.types if isinstance(info, inspect.UnionType) else (info,)
+    (info,) = (member for member in map(_bare, members) if isinstance(member, _LISTS))
+    return _bare(info.item_types[number] if isinstance(info, inspect.TupleType) else info.item_type)
+
+
+_LISTS = (inspect.ListType, inspect.VarTupleType, inspect.TupleType)
 
 
 def _bare(info: Any) -> Any:
@@ -100,6 +110,7 @@ _TYPES: dict[type, tuple[type, ...]] = {
     inspect.FloatType: (int, float),
     inspect.StrType: (str,),
     inspect.LiteralType: (str, int),
+    inspect.TupleType: (list, tuple),
 }
 
 
@@ -109,7 +120,10 @@ def _wrong_values(info: inspect.DictType, value: Any) -> str:
         return f"must be an object, not {quote_json(value)}"
     expected = _bare(info.value_type)
     for key, one in value.items():
-        if type(one) not in _TYPES.get(type(expected), ()):
+        if isinstance(expected, inspect.DictType):
+            if wrong := _wrong_values(expected, one):
+                return f"{quote(key)}: {wrong}"
+        elif type(one) not in _TYPES.get(type(expected), ()):
             return f"{quote(key)} {_reason(expected, one)}"
     return ""
 
@@ -145,7 +159,18 @@ def _wrong_literal(info: inspect.LiteralType, value: Any) -> str:
 
 
 def _wrong_list(info: inspect.VarTupleType, value: Any) -> str:
-    return "" if isinstance(value, (list, tuple)) else f"must be a list, not {quote_json(value)}"
+    if not isinstance(value, (list, tuple)):
+        return f"must be a list, not {quote_json(value)}"
+    if info.max_length is not None and len(value) > info.max_length:
+        return f"has {len(value)} items; at most {info.max_length}"
+    return ""
+
+
+def _wrong_tuple(info: inspect.TupleType, value: Any) -> str:
+    most = len(info.item_types)
+    if not isinstance(value, (list, tuple)) or len(value) != most:
+        return f"must be a list of {most} items, not {quote_json(value)}"
+    return ""
 
 
 def _wrong_text(info: inspect.StrType, value: Any) -> str:
@@ -162,10 +187,11 @@ def _wrong_text(info: inspect.StrType, value: Any) -> str:
 def _wrong_object(structs: tuple[Any, ...], value: Any) -> str:
     if not isinstance(value, dict):
         return f"must be an object, not {quote_json(value)}"
-    if structs[0].tag is not None and "type" not in value:
-        return f'"type" is missing; it must be one of {", ".join(struct.tag for struct in structs)}'
-    (struct,) = (struct for struct in structs if struct.tag is None or struct.tag == value["type"])
-    names = [*(["type"] if struct.tag is not None else []), *(field.encode_name for field in struct.fields)]
+    tag_field = structs[0].tag_field
+    if tag_field is not None and tag_field not in value:
+        return f'"{tag_field}" is missing; it must be one of {", ".join(struct.tag for struct in structs)}'
+    (struct,) = (struct for struct in structs if tag_field is None or struct.tag == value[tag_field])
+    names = [*([tag_field] if tag_field is not None else []), *(field.encode_name for field in struct.fields)]
     if unknown := [key for key in value if key not in names]:
         return f"{quote_json(unknown[0])} is not a field; the fields are {', '.join(names)}"
     missing = [field.encode_name for field in struct.fields if field.required and field.encode_name not in value]
@@ -178,6 +204,7 @@ _REASONS: dict[type, Callable[[Any, Any], str]] = {
     inspect.StrType: _wrong_text,
     inspect.LiteralType: _wrong_literal,
     inspect.VarTupleType: _wrong_list,
+    inspect.TupleType: _wrong_tuple,
     inspect.DictType: _wrong_values,
     inspect.UnionType: _wrong_choice,
 }

@@ -225,7 +225,7 @@ def replaced(old: str, new: str) -> str:
         ('"active_joystick_table": 4294967296', "active_joystick_table: 4294967296 is outside -2147483648..2147483647"),
         (
             '"action": []',
-            "'action' is not a field; the fields are schema, $schema, values, project_id, ...",
+            "'action' is not a field; the fields are schema, $schema, values, figure, project_id, ...",
         ),
         ('"$schema": 1', "$schema: must be text, not 1"),
         ('"\\u001b[2J": 1', "'\\x1b[2J' is not a field; the fields are schema, ..."),
@@ -383,7 +383,7 @@ def test_an_export_with_values_that_are_not_written_unasked_can_be_loaded(tmp_pa
     with pytest.raises(ProjectError, match="control characters"):
         load_project(tmp_path / "x")
     save_project(tmp_path / "x", odd, unchecked=True)
-    assert read_project_file(tmp_path / "x") == (odd, True)
+    assert read_project_file(tmp_path / "x") == (odd, True, None)
     (tmp_path / "x").write_text('{"schema": 1, "values": "odd"}', encoding="utf-8")
     with pytest.raises(ProjectError, match="values: must be one of unchecked, not 'odd'"):
         load_project(tmp_path / "x")

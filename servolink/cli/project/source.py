@@ -10,8 +10,9 @@ from typing import Any
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import print_json, print_text
 from servolink.errors import ProjectError
+from servolink.project.figure import Figure
 from servolink.project.model import Project
-from servolink.project.project_file import load_project, save_project
+from servolink.project.project_file import load_project, read_project_file, save_project
 from servolink.project.validate import validate_project
 
 
@@ -70,7 +71,8 @@ def write_edited(args: argparse.Namespace, before: Project, after: Project, chan
     target: Path = Path(args.source) if args.in_place else args.output
     is_new = not args.in_place or after != before
     if is_new:
-        write_new(args, target, after)
+        figure = None if is_address(args.source) else read_project_file(args.source, unchecked=True).figure
+        write_new(args, target, after, figure)
     if args.json:
         print_json({"file": str(target), "written": is_new, "changes": changes, **more})
         return OK
@@ -80,7 +82,7 @@ def write_edited(args: argparse.Namespace, before: Project, after: Project, chan
     return OK
 
 
-def write_new(args: argparse.Namespace, target: Path, project: Project) -> None:
+def write_new(args: argparse.Namespace, target: Path, project: Project, figure: Figure | None = None) -> None:
     """Write `project` to a file that does not exist yet, or that `args` allows to replace.
 
     Raise ProjectError if no board could store it, with captions in the encoding of `args`.
@@ -91,4 +93,4 @@ def write_new(args: argparse.Namespace, target: Path, project: Project) -> None:
         raise ProjectError(f"nothing was written, because a board could not store the result: {errors[0]}{more}")
     if target.exists() and not (args.force or getattr(args, "in_place", False)):
         raise ProjectError(f"{target}: exists already; --force replaces it")
-    save_project(target, project)
+    save_project(target, project, figure=figure)

@@ -129,7 +129,7 @@ async def project_export(caller: Caller, params: NoParams, on_progress: Progress
 @METHODS.add("project.plan", Role.EDIT, in_order=True)
 async def project_plan(caller: Caller, params: ProjectPlan, on_progress: ProgressCallback) -> Planned:
     """Return what `project.apply` would change, and what that costs. Nothing is changed, and others wait meanwhile."""
-    project, unchecked = project_from_form(params.project)
+    project, unchecked, _ = project_from_form(params.project)
 
     async def read(board: Board) -> Plan:
         async with caller.control.alone("a project is being compared"):
@@ -156,7 +156,7 @@ async def project_apply(caller: Caller, params: ProjectApply, on_progress: Progr
     If it is interrupted, by the end of this program too, apply the same project again, or roll back.
     """
     board = await caller.control.board()
-    project, unchecked = project_from_form(params.project)
+    project, unchecked, _ = project_from_form(params.project)
     async with caller.control.alone("a project is being written"):
         with caller.control.moving():  # corrections turn servos, and half an import helps nobody
             result = await board.apply_project(

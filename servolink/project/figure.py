@@ -1,0 +1,236 @@
+"""Figure: what a robot looks like, and how its servos turn it.
+
+Project files keep it for programs that draw the robot; it is never sent to a board. Lengths are in millimetres, angles
+in degrees; x points to the robot's left, y up, z forward.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Annotated, Any, Literal, TypeAlias
+
+import msgspec
+from msgspec import UNSET, Meta, Struct, UnsetType
+from msgspec.structs import replace
+
+from servolink.errors import EncodeError
+from servolink.escaping import quote
+from servolink.protocol.json_errors import convert
+
+VERSION = 1
+"""The version of the format. It grows when an older servolink cannot read what a newer one writes."""
+MOST_JOINTS = 64
+COLOURS = ("ra", "rm", "rl", "la", "lm", "ll")
+"""Groups of joints, each with a colour: arm (or front), middle, and leg (or rear) of the right and of the left."""
+
+_SHOWN = 6
+"""Joints of a cycle that a text names."""
+
+
+def _about(text: str) -> Meta:
+    return Meta(description=text)
+
+
+Place: TypeAlias = Annotated[float, Meta(ge=-5000, le=5000)]
+Size: TypeAlias = Annotated[float, Meta(ge=0, le=5000)]
+Angle: TypeAlias = Annotated[float, Meta(ge=-360, le=360)]
+Vector: TypeAlias = tuple[Place, Place, Place]
+Sizes: TypeAlias = tuple[Size, Size, Size]
+Servo: TypeAlias = Annotated[int, Meta(ge=0, le=254)]
+Name: TypeAlias = Annotated[str, Meta(max_length=64)]
+Axis: TypeAlias = Literal["x", "y", "z"]
+
+
+class _Part(Struct, frozen=True, forbid_unknown_fields=True):
+    """A part of a figure."""
+
+
+class Shape(_Part, frozen=True):
+    """A box with round edges, or a disc; exactly one of them."""
+
+    box: Annotated[Sizes | UnsetType, _about("size along x, y and z, mm")] = UNSET
+    disc: Annotated[tuple[Size, Size] | UnsetType, _about("radius and length, mm")] = UNSET
+    axis: Annotated[Axis, _about("what a disc lies about")] = "x"
+    at: Annotated[Vector, _about("its middle, in the frame of its joint")] = (0, 0, 0)
+    round: Annotated[Size, _about("radius of the edges of a box, mm")] = 6
+    tone: Annotated[Literal["shell", "limb", "dark", "glow"], _about("limb: the colour of the group")] = "shell"
+
+
+class Joint(_Part, frozen=True):
+    """A part of the robot, and how it turns against its parent: by `sign * degrees of the servo + offset`."""
+
+    id: Name
+    parent: Annotated[Name | UnsetType, _about("the joint on which it hangs")] = UNSET
+    servo: Annotated[Servo | UnsetType, _about("the servo that turns it")] = UNSET
+    follows: Annotated[Servo | UnsetType, _about("the servo of another joint, whose angle it copies")] = UNSET
+    group: Annotated[str, _about("one of the groups of the figure")] = ""
+    at: Annotated[Vector, _about("where it is, in the frame of its parent")] = (0, 0, 0)
+    axis: Annotated[Axis | Vector, _about("what it turns about")] = "x"
+    sign: Annotated[Literal[1, -1], _about("-1: the servo turns the other way")] = 1
+    offset: Annotated[Angle, _about("degrees by which it is turned while the servo is at 0")] = 0
+    limits: Annotated[tuple[Angle, Angle], _about("lowest and highest angle of the servo, degrees")] = (-180, 180)
+    length: Annotated[Size | UnsetType, _about("gives a plain limb, if there are no shapes")] = UNSET
+    along: Annotated[Vector, _about("where a plain limb points")] = (0, -1, 0)
+    width: Annotated[Size, _about("thickness of a plain limb, mm")] = 26
+    tip: Annotated[Vector | UnsetType, _about("the point that a drag pulls")] = UNSET
+    shapes: Annotated[tuple[Shape, ...], Meta(max_length=64)] | UnsetType = UNSET
+
+
+class View(_Part, frozen=True):
+    """Where the figure is seen from."""
+
+    yaw: Angle = 24
+    pitch: Annotated[float, Meta(ge=-90, le=90)] = 9
+    distance: Annotated[float, Meta(ge=100, le=5000, description="from the target, mm")] = 1200
+    target: Annotated[Vector, _about("what is in the middle of the picture")] = (0, 150, 0)
+    floor: Annotated[float, Meta(ge=10, le=5000, description="half the width of the floor, mm")] = 420
+
+
+class FixedBase(_Part, frozen=True, tag_field="mode", tag="fixed"):
+    """The joints without a parent stay where they are."""
+
+    at: Vector = (0, 0, 0)
+
+
+class Feet(_Part, frozen=True, tag_field="mode", tag="feet"):
+    """The lower one of two feet stays flat on the floor, so that a bow bends the body and not the floor."""
+
+    feet: Annotated[tuple[Name, Name], _about("the joints")]
+    sole: Annotated[Vector, _about("the middle of a sole, in the frame of its foot")]
+
+
+class Figure(_Part, frozen=True):
+    """What a robot looks like, and how its servos turn it."""
+
+    version: Annotated[Literal[1], _about("version of the format")] = msgspec.field(name="figure")
+    name: Name
+    view: View
+    joints: Annotated[tuple[Joint, ...], Meta(max_length=MOST_JOINTS)]
+    base: FixedBase | Feet = FixedBase()
+    groups: Annotated[
+        dict[str, dict[str, str]], _about(f"names by language of limbs; a limb is one of {', '.join(COLOURS)}")
+    ] = msgspec.field(default_factory=dict)
+
+
+def figure_from_json(value: Any) -> Figure:
+    """Return the figure of such an object, as `checked_figure` does. Raise EncodeError naming place and reason."""
+    refuse_newer(value)
+    return checked_figure(convert(value, Figure))
+
+
+def figure_to_json(figure: Figure) -> dict[str, Any]:
+    """Return the object for `figure`, ready for `json.dumps`."""
+    form: dict[str, Any] = _form(figure)
+    return form
+
+
+def refuse_newer(value: Any) -> None:
+    """Raise EncodeError if `value` is a figure in a format of the future."""
+    version = value.get("figure") if isinstance(value, dict) else None
+    if type(version) is int and version > VERSION:
+        raise EncodeError(f"{version} is newer than {VERSION}, the newest this servolink reads; update it", "figure")
+
+
+def checked_figure(figure: Figure) -> Figure:
+    """Return `figure` with each joint after its parent. Raise EncodeError if it cannot be drawn."""
+    _refuse_wrong_groups(figure)
+    _refuse_wrong_names(figure)
+    _refuse_wrong_servos(figure)
+    for at, joint in enumerate(figure.joints):
+        _refuse_wrong_shape(f"joints[{at}]", joint)
+    return replace(figure, joints=tuple(_parents_first(figure.joints)))
+
+
+def _refuse_wrong_groups(figure: Figure) -> None:
+    for group in figure.groups:
+        if group not in COLOURS:
+            raise EncodeError(f"{quote(group)} is not a group; the groups are {', '.join(COLOURS)}", "groups")
+    for at, joint in enumerate(figure.joints):
+        if joint.group and joint.group not in figure.groups:
+            raise EncodeError(f"{quote(joint.group)} is not among the groups of the figure", f"joints[{at}].group")
+
+
+def _refuse_wrong_names(figure: Figure) -> None:
+    if not figure.joints:
+        raise EncodeError("there must be at least one joint", "joints")
+    _refuse_repeated("id", ((at, joint.id) for at, joint in enumerate(figure.joints)))
+    known = {joint.id for joint in figure.joints}
+    for at, joint in enumerate(figure.joints):
+        if joint.parent is not UNSET and joint.parent not in known:
+            raise EncodeError(f"there is no joint {quote(joint.parent)}", f"joints[{at}].parent")
+    if isinstance(figure.base, Feet):
+        for number, foot in enumerate(figure.base.feet):
+            if foot not in known:
+                raise EncodeError(f"there is no joint {quote(foot)}", f"base.feet[{number}]")
+
+
+def _refuse_wrong_servos(figure: Figure) -> None:
+    servos = {at: joint.servo for at, joint in enumerate(figure.joints) if joint.servo is not UNSET}
+    _refuse_repeated("servo", servos.items())
+    for at, joint in enumerate(figure.joints):
+        if joint.follows is UNSET:
+            continue
+        if joint.servo is not UNSET:
+            raise EncodeError("a joint has a servo, or follows that of another one; not both", f"joints[{at}].follows")
+        if joint.follows not in servos.values():
+            raise EncodeError(f"no joint has servo {joint.follows}", f"joints[{at}].follows")
+
+
+def _refuse_repeated(field: str, values: Iterable[tuple[int, object]]) -> None:
+    """Raise EncodeError if two joints have the same value in `field`; `values` are those of the joints by number."""
+    first: dict[object, int] = {}
+    for at, value in values:
+        if (before := first.setdefault(value, at)) != at:
+            raise EncodeError(f"{quote(value)} is also that of joints[{before}]", f"joints[{at}].{field}")
+
+
+def _refuse_wrong_shape(path: str, joint: Joint) -> None:
+    low, high = joint.limits
+    if low > high:
+        raise EncodeError(f"the lowest angle {low:g} is above the highest, {high:g}", f"{path}.limits")
+    if not isinstance(joint.axis, str) and not any(joint.axis):
+        raise EncodeError("an axis needs a direction, not [0, 0, 0]", f"{path}.axis")
+    for number, shape in enumerate(joint.shapes or ()):
+        if (shape.box is UNSET) == (shape.disc is UNSET):
+            raise EncodeError("a shape has either a box or a disc", f"{path}.shapes[{number}]")
+
+
+def _parents_first(joints: tuple[Joint, ...]) -> Iterator[Joint]:
+    """Yield each joint after its parent, otherwise in the given order. Raise EncodeError for joints in a circle."""
+    by_id = {joint.id: joint for joint in joints}
+    done: set[str] = set()
+    for at, joint in enumerate(joints):
+        waiting: dict[str, Joint] = {}
+        here = joint
+        while here.id not in done and here.id not in waiting:
+            waiting[here.id] = here
+            if here.parent is UNSET:
+                break
+            here = by_id[here.parent]
+        else:
+            if here.id not in done:
+                raise EncodeError(_cycle_text([*waiting][[*waiting].index(here.id) :]), f"joints[{at}].parent")
+        done |= waiting.keys()
+        yield from reversed(waiting.values())
+
+
+def _cycle_text(cycle: list[str]) -> str:
+    between = ["..."] if len(cycle) > _SHOWN else []
+    names = " -> ".join([*map(quote, cycle[:_SHOWN]), *between, quote(cycle[0])])
+    return f"a joint cannot hang on itself ({names})"
+
+
+def _form(value: Any) -> Any:
+    """Return `value` without fields as they usually are, and with whole numbers as people write them: 64, not 64.0."""
+    if isinstance(value, Struct):
+        tag = {value.__struct_config__.tag_field: value.__struct_config__.tag} if isinstance(value, _BASES) else {}
+        fields = [(field, getattr(value, field.name)) for field in msgspec.structs.fields(value)]
+        return tag | {field.encode_name: _form(one) for field, one in fields if one not in (field.default, {})}
+    if isinstance(value, dict):
+        return {key: _form(one) for key, one in value.items()}
+    if isinstance(value, tuple):
+        return [_form(one) for one in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+_BASES = (FixedBase, Feet)
