@@ -59,20 +59,21 @@ class BackupNumber(Struct, forbid_unknown_fields=True):
 async def file_read(caller: Caller, params: FileText) -> ProjectExported:
     """Return the project in the text of a file. ProjectError names what is wrong, and where."""
     file = await asyncio.to_thread(parse_project_file, params.text)
-    return ProjectExported(project_to_form(file.project, unchecked=file.unchecked))
+    return ProjectExported(project_to_form(file.project, unchecked=file.unchecked, figure=file.figure))
 
 
 @METHODS.add("studio.file.write", Role.WATCH)
 async def file_write(caller: Caller, params: SomeProject) -> FileContent:
     """Return the text of the file for a project, as `servolink export` writes it."""
-    project, unchecked = project_from_form(params.project)
-    return FileContent(await asyncio.to_thread(format_project, project, unchecked=unchecked))
+    file = project_from_form(params.project)
+    text = await asyncio.to_thread(format_project, file.project, unchecked=file.unchecked, figure=file.figure)
+    return FileContent(text)
 
 
 @METHODS.add("studio.check", Role.WATCH)
 async def check(caller: Caller, params: SomeProject) -> Checked:
     """Return what is wrong with a project, or odd, as `servolink project validate` finds it."""
-    project, _ = project_from_form(params.project)
+    project = project_from_form(params.project).project
     found = await asyncio.to_thread(validate_project, project)
     ordered = sorted(found, key=lambda one: one.severity != "error")
     return Checked(tuple(Found(one.path, one.text, one.severity) for one in ordered))
