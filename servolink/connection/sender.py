@@ -16,7 +16,7 @@ from servolink.connection.scheduler import PendingDrain, RequestScheduler
 from servolink.connection.slots import FENCES_ONLY, Obstacle, Slots
 from servolink.errors import ConnectionLost, RequestError, ServolinkError
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.editing import AddServoParameterRequest, ExecuteMacroRequest
 from servolink.protocol.packet import Packet, Query, Request, Response
 from servolink.protocol.servos import (
     ExecuteActionExRequest,
@@ -33,6 +33,12 @@ _FENCE_AFTER = 3  # sendings without a response
 _SAME_FENCE = 3  # so often one is sent in a silence: perhaps the board does not support it
 _MARK_EVERY = 16  # slots: equal queries in a row show no gap, so a fence is sent between them
 _MARK_GOOD_LINE_EVERY = 128  # slots, if so many have been answered since one was lost
+_MOVING = (
+    ExecuteActionRequest,
+    ExecuteActionExRequest,
+    ExecuteMacroRequest,
+    AddServoParameterRequest,  # a servo turns to its new correction at once
+)
 _MOST_UNANSWERABLE = 4  # packets without a response, after which the board must show that it keeps up
 
 
@@ -351,9 +357,7 @@ class RequestSender:
         if call.stops == self.stops:
             return
         packet = call.packet
-        moves = isinstance(packet, (ExecuteActionRequest, ExecuteActionExRequest, ExecuteMacroRequest)) or (
-            isinstance(packet, SetServoParameterRequest) and packet.is_start == 1
-        )
+        moves = isinstance(packet, _MOVING) or (isinstance(packet, SetServoParameterRequest) and packet.is_start == 1)
         if moves:
             raise RequestError(f"{type(packet).__name__} was not sent: a stop came first", packet)
 

@@ -18,7 +18,7 @@ from servolink.protocol.packet import Packet
 from tests import processes
 
 ROOT = Path(__file__).parents[2]
-STOP_WHILE_A_UNIT_IS_SET = 97
+STOP_WHILE_A_UNIT_IS_SET = 97  # and 40 is a stop while a servo correction waits
 
 
 def test_seeds_go_through_all_numbers_of_programs_lines_and_boards() -> None:
