@@ -4,7 +4,7 @@ import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { safeText } from "../parts/safe-text.js";
 import { toast } from "../parts/toasts.js";
-import { conflict, differences, draft, edit, isKept, redo, redoLabel, undo, undoLabel } from "../state/project.js";
+import { conflict, differences, draft, edit, keeping, redo, redoLabel, undo, undoLabel } from "../state/project.js";
 import { withEdit } from "../state/records.js";
 import { t } from "../texts/text.js";
 
@@ -18,7 +18,7 @@ export function Edits() {
       <${EditButton} icon="redo" label=${redoLabel.value} none="edit.redo" what="edit.redo_what" onClick=${redoEdit} />
     </div>
     ${count > 0 && html`<div class="hide-t hide-n ell" role="status">
-      <b>${t("edit.not_written", { count })}</b> <span class="mut">${isKept.value ? t("edit.kept") : t("edit.keeping")}</span>
+      <b>${t("edit.not_written", { count })}</b> <span class="mut">${t(`edit.${keeping.value}`)}</span>
     </div>`}`;
 }
 

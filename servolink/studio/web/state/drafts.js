@@ -1,8 +1,11 @@
 // Keeps edits in the studio, record by record: they survive a reload and a crash, and other pages see them. What the
 // studio has not confirmed yet is kept in this browser.
 
+import { LinkLost } from "../link/link.js";
+
 /** @typedef {import("./differences.js").Difference} Difference */
 /** @typedef {import("../link/link.js").Link} Link */
+/** Whether the studio keeps all edits, is about to, or only this browser does. @typedef {"saved" | "saving" | "here"} Keeping */
 /** @typedef {{ kind: Difference["kind"], id: number, known: number, base: any, record: any, is_discarded: boolean }} Edit */
 /** @typedef {{ kind: Difference["kind"], id: number, revision: number, who: string, base: any, record: any, is_discarded: boolean }} Kept */
 
@@ -18,7 +21,7 @@ export class Drafts {
    * @param {object} tools
    * @param {() => Difference[]} tools.differences all edits of this page
    * @param {(kept: Kept, isConflict: boolean) => void} tools.onTheirs called with an edit of another page
-   * @param {(isKept: boolean) => void} tools.onKept
+   * @param {(keeping: Keeping) => void} tools.onKept
    */
   constructor(link, board, { differences, onTheirs, onKept }) {
     this._link = link;
@@ -69,7 +72,7 @@ export class Drafts {
   async _save() {
     const edits = this._unsaved();
     this._write(edits);
-    if (edits.length === 0) return this._onKept(true);
+    if (edits.length === 0) return this._onKept("saved");
     if (this._isSaving) return this.saveSoon();
     this._isSaving = true;
     try {
@@ -77,9 +80,9 @@ export class Drafts {
       for (const one of saved) this._note(one);
       for (const one of conflicts) this._take(one, true);
       this.saveSoon(); // what was edited meanwhile
-    } catch {
-      this._onKept(false); // this browser keeps it
-      this.saveSoon(RETRY);
+    } catch (error) {
+      this._onKept("here");
+      if (error instanceof LinkLost) this.saveSoon(RETRY); // anything else is tried again with the next edit
     } finally {
       this._isSaving = false;
     }

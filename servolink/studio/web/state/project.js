@@ -20,8 +20,8 @@ export const stored = signal(/** @type {Project | null} */ (null));
 export const draft = signal(/** @type {Project | null} */ (null));
 /** How far the board was read. */
 export const reading = signal(/** @type {Reading} */ ({ state: "unasked", done: 0, total: 0, item: "", error: "" }));
-/** Whether the studio keeps the latest edit. */
-export const isKept = signal(true);
+/** Who keeps the latest edit. */
+export const keeping = signal(/** @type {import("./drafts.js").Keeping} */ ("saved"));
 /** An edit of another page that came before one of this page, and what this page wanted instead. */
 export const conflict = signal(/** @type {{ theirs: Kept, mine: any } | null} */ (null));
 
@@ -66,7 +66,7 @@ export async function reread(link) {
  * @param {Project} board
  */
 async function begin(link, board) {
-  const tools = { differences: () => differences.value, onTheirs: takeTheirs, onKept: (/** @type {boolean} */ done) => (isKept.value = done) };
+  const tools = { differences: () => differences.value, onTheirs: takeTheirs, onKept: (/** @type {typeof keeping.value} */ state) => (keeping.value = state) };
   const opened = new Drafts(link, welcome.value?.name ?? "", tools);
   const edits = await opened.load();
   drafts = opened;
@@ -141,7 +141,7 @@ function replace(project, board = stored.value) {
   batch(() => {
     stored.value = board;
     draft.value = project;
-    isKept.value = false;
+    keeping.value = "saving";
   });
   drafts?.saveSoon();
 }

@@ -36,7 +36,7 @@ function TopClip({ clip, all, by }) {
   const handlers = useReorder(clip, all), what = nameOfCommand(command);
   const label = t("macros.clip_aria", { what, time: seconds(clip.from, 1), seconds: seconds(clip.until - clip.from) });
   const style = { ...place(clip), transform: by ? `translateX(${by}px)` : "" };
-  return html`<button class="clip ${command.type} ${by ? "drag" : ""}" style=${style} aria-pressed=${String(index === chosenClip.value)} aria-label=${label} title=${label}
+  return html`<button class="clip ${command.type} ${by ? "drag" : ""}" style=${style} aria-pressed=${String(index === chosenClip.value)} title=${label}
     onClick=${() => (chosenClip.value = index)} onFocus=${() => (chosenClip.value = index)} ...${handlers}>
     ${Array.from({ length: marks }, (_, at) => html`<i class="rep" style=${{ left: `${((at + 1) / (marks + 1)) * 100}%` }}></i>`)}
     <${ClipLabel} clip=${clip} />
@@ -47,7 +47,7 @@ function TopClip({ clip, all, by }) {
 /** @param {{ clip: Clip }} props */
 function ClipLabel({ clip: { command, depth, from, until } }) {
   const part = (until - from) / span.value;
-  if (command.type === "delay") return part > TIME ? html`<span>${seconds(until - from, 1)}</span>` : null;
+  if (command.type === "delay") return html`<span class="sr">${t("macros.pause")} </span>${part > TIME && html`<span>${seconds(until - from, 1)}</span>`}`;
   const action = command.type === "action" && depth === 0 && part > PICTURE && draft.value?.actions.find((one) => one.action_id === command.action_id);
   return html`${action && html`<${PosePicture} pose=${poseOf(action)} distance=${0.9} />`}
     ${command.type === "macro" && html`<${Icon} name="macros" />`}

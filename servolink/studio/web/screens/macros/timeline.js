@@ -21,7 +21,7 @@ const ticks = computed(() => {
 });
 
 export function Timeline() {
-  return html`<section class="card tl" aria-label=${t("macros.timeline")}>
+  return html`<section class="card tl">
     <${TimelineBar} />
     <div class="tlgrid" tabindex="0" role="region" aria-label=${t("macros.timeline")}>
       <div class="tlin" style=${{ minWidth: `max(var(--least-timeline), ${zoom.value * 100}%)` }}>
