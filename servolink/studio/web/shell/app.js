@@ -2,6 +2,7 @@
 
 import { html } from "../html.js";
 import { ActionsScreen } from "../screens/actions/index.js";
+import { BoardScreen } from "../screens/board/index.js";
 import { ButtonsScreen } from "../screens/buttons/index.js";
 import { LiveScreen } from "../screens/live/index.js";
 import { MacrosScreen } from "../screens/macros/index.js";
@@ -20,7 +21,7 @@ import { Dock, Rail } from "./rail.js";
 /** @typedef {{ link: Link, motion: Motion }} Tools */
 
 /** @type {Record<string, (props: Tools) => any>} */
-const SCREENS = { live: LiveScreen, actions: ActionsScreen, macros: MacrosScreen, buttons: ButtonsScreen, project: ProjectScreen };
+const SCREENS = { live: LiveScreen, actions: ActionsScreen, macros: MacrosScreen, buttons: ButtonsScreen, project: ProjectScreen, board: BoardScreen };
 
 /** @param {Tools} tools */
 export function App(tools) {

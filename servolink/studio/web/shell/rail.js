@@ -15,6 +15,7 @@ export const ENTRIES = [
   { name: "macros", icon: "macros", title: "screen.macros" },
   { name: "buttons", icon: "buttons", title: "screen.buttons" },
   { name: "project", icon: "project", title: "screen.project", isBelow: true },
+  { name: "board", icon: "board", title: "screen.board", isBelow: true },
 ];
 
 export function Rail() {
