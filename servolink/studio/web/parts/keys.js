@@ -6,7 +6,7 @@ import { isTyping } from "./hold.js";
 /**
  * Call the function for each key that goes into no text field, while the screen is shown. Keys are named as in `m`,
  * `Control+d`, `Alt+ArrowLeft`.
- * @param {Record<string, () => void>} keys
+ * @param {Record<string, (event: KeyboardEvent) => void>} keys
  */
 export function useKeys(keys) {
   useEffect(() => {
@@ -16,7 +16,7 @@ export function useKeys(keys) {
       const does = keys[nameOf(event)];
       if (does === undefined || (event.key === " " && isButton(event.target))) return;
       event.preventDefault();
-      does();
+      does(event);
     };
     addEventListener("keydown", press);
     return () => removeEventListener("keydown", press);

@@ -7,6 +7,7 @@ import { ButtonsScreen } from "../screens/buttons/index.js";
 import { LiveScreen } from "../screens/live/index.js";
 import { MacrosScreen } from "../screens/macros/index.js";
 import { ProjectScreen } from "../screens/project/index.js";
+import { TeachScreen } from "../screens/teach/index.js";
 import { screen, showsKeys } from "../state/view.js";
 import { Toasts } from "../parts/toasts.js";
 import { t } from "../texts/text.js";
@@ -21,7 +22,15 @@ import { Dock, Rail } from "./rail.js";
 /** @typedef {{ link: Link, motion: Motion }} Tools */
 
 /** @type {Record<string, (props: Tools) => any>} */
-const SCREENS = { live: LiveScreen, actions: ActionsScreen, macros: MacrosScreen, buttons: ButtonsScreen, project: ProjectScreen, board: BoardScreen };
+const SCREENS = {
+  live: LiveScreen,
+  actions: ActionsScreen,
+  macros: MacrosScreen,
+  buttons: ButtonsScreen,
+  teach: TeachScreen,
+  project: ProjectScreen,
+  board: BoardScreen,
+};
 
 /** @param {Tools} tools */
 export function App(tools) {

@@ -14,6 +14,7 @@ export const ENTRIES = [
   { name: "actions", icon: "actions", title: "screen.actions" },
   { name: "macros", icon: "macros", title: "screen.macros" },
   { name: "buttons", icon: "buttons", title: "screen.buttons" },
+  { name: "teach", icon: "teach", title: "screen.teach" },
   { name: "project", icon: "project", title: "screen.project", isBelow: true },
   { name: "board", icon: "board", title: "screen.board", isBelow: true },
 ];

@@ -1,0 +1,164 @@
+// What is being taught: the limbs that may go limp, the poses that were taken, and what can be done to them.
+
+import { computed, effect, signal } from "../../html.js";
+import { editToast } from "../../parts/edit-toast.js";
+import { safeText } from "../../parts/safe-text.js";
+import { toast } from "../../parts/toasts.js";
+import { limbs } from "../../state/figure.js";
+import { capOf } from "../../state/limits.js";
+import { draft, edit } from "../../state/project.js";
+import { actualPose, isLive, isOthers, mayMove, servoIds } from "../../state/robot.js";
+import { chosenAction, chosenMacro } from "../../state/view.js";
+import { t } from "../../texts/text.js";
+import { leastSeconds, whyNot, withLesson, withPose, withSeconds } from "./lesson.js";
+import { Limp, released } from "./limp.js";
+
+/** @typedef {import("./lesson.js").Taken} Taken */
+/** @typedef {import("./lesson.js").Start} Start */
+/** @typedef {import("../../link/link.js").Link} Link */
+
+const KEY = "servolink.taught";
+const GENTLE = 120; // degrees per second that are fast enough for what a hand has shown
+/** @type {Start} */
+const NOWHERE = { pose: {}, at: -Infinity };
+
+/** The limbs that may go limp. */
+export const chosenLimbs = signal(/** @type {ReadonlySet<string>} */ (new Set()));
+export const film = signal(read());
+/** The pose of the film that is shown beside the robot, by its index. */
+export const chosenPose = signal(/** @type {number | null} */ (null));
+export const name = signal("");
+
+export const chosenIds = computed(() => limbs.value.filter(({ limb }) => chosenLimbs.value.has(limb)).flatMap(({ ids }) => ids));
+export const isLimp = computed(() => released.value.size > 0);
+/** Whether limbs may be let go from this page now. */
+export const mayLetGo = computed(() => isLive.value && mayMove.value && !isOthers.value);
+/** Why it cannot be saved under this name. */
+export const problem = computed(() => (draft.value === null || name.value.trim() === "" ? "" : whyNot(draft.value, name.value.trim(), film.value.length)));
+export const maySave = computed(() => draft.value !== null && film.value.length > 0 && name.value.trim() !== "" && problem.value === "");
+
+let start = NOWHERE;
+/** @type {Limp | null} */
+let limp = null;
+
+const caps = () => Object.fromEntries(servoIds.value.map((id) => [id, Math.min(GENTLE, capOf(id))]));
+const now = () => performance.now() / 1000;
+
+effect(() => keep(film.value));
+
+/** @param {Link} link */
+function limpOf(link) {
+  const startAll = () => link.call("servo.set", { servo: "all", start: true, hold: true }).catch((error) => toast({ kind: "bad", title: error.message }));
+  limp ??= new Limp(link, () => {
+    const action = mayLetGo.peek() ? { label: t("stop.start"), run: startAll } : undefined;
+    toast({ name: "held", icon: "lock", title: t("teach.held"), detail: t("stop.done_detail"), action });
+  });
+  return limp;
+}
+
+/**
+ * Choose a limb, or no longer. While limbs are limp, the choice stays.
+ * @param {string} limb
+ */
+export function toggleLimb(limb) {
+  if (isLimp.value) return;
+  const after = new Set(chosenLimbs.value);
+  if (!after.delete(limb)) after.add(limb);
+  chosenLimbs.value = after;
+}
+
+/**
+ * Let the chosen limbs go: they fall. Return whether they are limp.
+ * @param {Link} link
+ */
+export async function letGo(link) {
+  if (!mayLetGo.value || isLimp.value || chosenIds.value.length === 0) return false;
+  start = { pose: actualPose(), at: now() };
+  chosenPose.value = null;
+  try {
+    await limpOf(link).letGo(chosenIds.value);
+  } catch (error) {
+    toast({ kind: "bad", title: t("teach.not_let_go"), detail: error instanceof Error ? safeText(error.message) : "" });
+  }
+  return isLimp.value;
+}
+
+/** Hold the limp limbs where they are. */
+export async function holdAgain() {
+  await limp?.hold();
+}
+
+/** Take the pose in which the limp limbs are. */
+export function take() {
+  if (!isLimp.value || !isLive.value) return;
+  film.value = withPose(film.value, start, { pose: actualPose(), ids: [...released.value.keys()], at: now() }, caps());
+  chosenPose.value = film.value.length - 1;
+}
+
+/** Forget the pose that was taken last. */
+export function forgetLast() {
+  film.value = film.value.slice(0, -1);
+  chosenPose.value = film.value.length > 0 ? film.value.length - 1 : null;
+}
+
+/**
+ * Return the pose before one of the film.
+ * @param {number} at
+ */
+export const poseBefore = (at) => film.value[at - 1]?.pose ?? start.pose;
+
+/**
+ * Return the least time for a pose of the film, seconds.
+ * @param {number} at
+ */
+export const leastOf = (at) => leastSeconds(poseBefore(at), film.value[at], caps());
+
+/**
+ * Set the time for a pose.
+ * @param {number} at
+ * @param {number} seconds
+ */
+export function setSeconds(at, seconds) {
+  film.value = withSeconds(film.value, at, seconds);
+}
+
+/** Hold the limbs, then add the poses to the draft. */
+export async function save() {
+  await holdAgain();
+  const caption = name.value.trim(), poses = film.value;
+  if (!maySave.value || isLimp.value) return;
+  edit(["teach.did_save", { name: safeText(caption) }], (project) => {
+    const made = withLesson(project, caption, poses);
+    chosenAction.value = made.actionId;
+    chosenMacro.value = made.macroId ?? chosenMacro.value;
+    return made.project;
+  });
+  const detail = poses.length > 1 ? t("teach.saved_macro", { count: poses.length }) : t("teach.saved_action");
+  editToast({ title: t("teach.saved", { name: safeText(caption) }), detail });
+  film.value = [];
+  chosenPose.value = null;
+  name.value = "";
+}
+
+/**
+ * Return the poses that were taken before this page was loaded again.
+ * @returns {Taken[]}
+ */
+function read() {
+  try {
+    /** @type {Taken[]} */
+    const kept = JSON.parse(sessionStorage.getItem(KEY) ?? "[]");
+    return kept.map((taken) => ({ ...taken, at: -1 })); // of another clock: before anything that is taken now
+  } catch {
+    return []; // damaged, or the browser keeps nothing
+  }
+}
+
+/** @param {readonly Taken[]} taken */
+function keep(taken) {
+  try {
+    sessionStorage.setItem(KEY, JSON.stringify(taken));
+  } catch {
+    // the browser keeps nothing: the poses last as long as the page
+  }
+}
