@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 from servolink.project.project_file import format_project, parse_project
@@ -27,6 +28,18 @@ def test_a_file_is_read_and_written_as_the_command_line_does() -> None:
         assert [one["action_id"] for one in project["actions"]] == [1, 2]
         text = (await called(place, "studio.file.write", project=project))["result"]["text"]
         assert text == format_project(parse_project(TEXT))
+
+    run(test)
+
+
+def test_a_file_keeps_its_figure() -> None:
+    async def test(place: Place) -> None:
+        figure = {"figure": 1, "name": "Arm", "view": {}, "joints": [{"id": "arm", "servo": 1}]}
+        written = json.dumps({"schema": 1, "figure": figure})
+        project = (await called(place, "studio.file.read", text=written))["result"]["project"]
+        assert project["figure"] == figure
+        text = (await called(place, "studio.file.write", project=project))["result"]["text"]
+        assert json.loads(text)["figure"] == figure
 
     run(test)
 

@@ -1,4 +1,4 @@
-// A figure: joints and shapes of a robot, and where they are in a pose. The format is described in docs/studio/figure.md.
+// A figure: joints and shapes of a robot, and where they are in a pose. Its format is in docs/reference/project-file.md.
 
 import { AXES, apply, identity, multiply, normalize, rigidInverse, rotation, subtract, translation } from "./matrix.js";
 

@@ -3,7 +3,7 @@
 /** @typedef {import("./matrix.js").Vector} Vector */
 /** @typedef {{ shell: Vector, dark: Vector, glow: Vector, line: Vector, accent: Vector, groups: Record<string, Vector>, isNight: boolean, css: Record<"accent" | "ink" | "muted" | "panel", string> }} Palette */
 
-const GROUPS = ["ra", "la", "rl", "ll"];
+const GROUPS = ["ra", "la", "rm", "lm", "rl", "ll"];
 
 /** @type {Palette | null} */
 let current = null;

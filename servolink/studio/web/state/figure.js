@@ -6,7 +6,7 @@ import { safeText } from "../parts/safe-text.js";
 import { language, t } from "../texts/text.js";
 import { captions, servoIds } from "./robot.js";
 
-const TEMPLATES = ["humanoid-16", "arm-6"];
+const TEMPLATES = ["humanoid-16", "arm-6", "quadruped-12", "hexapod-18"];
 
 const templates = signal(/** @type {Figure[]} */ ([]));
 
