@@ -77,7 +77,7 @@ function parameterParts(old, now) {
  * @param {any} record
  */
 function titleOf(change, record) {
-  if (record?.servo_id !== undefined) return nameOf(record.servo_id);
+  if (record?.servo_id !== undefined) return safeText(record.servo_caption) || nameOf(record.servo_id);
   const caption = record?.action_caption ?? record?.macro_caption ?? record?.table_caption;
   return safeText(caption ?? "") || (typeof record === "object" ? t("project.unnamed") : kindOf(change));
 }

@@ -102,12 +102,13 @@ export const captionParts = (before, after) =>
   before === after ? [] : [{ text: t("project.name"), before: safeText(before) || t("project.unnamed"), after: safeText(after) || t("project.unnamed") }];
 
 /**
- * Return what an action, a macro or a table is made of.
+ * Return what a record is made of.
  * @param {any} record
  */
 export function summary(record) {
   if (record?.steps) return t("project.servos_in", { count: record.steps.length, seconds: seconds(secondsOf(record)) });
   if (record?.commands) return t("project.parts_in", { count: record.commands.length, seconds: seconds(totalOf(record), 1) });
+  if (record?.adjusted_degree) return `${t("project.trim")} ${degrees(record.adjusted_degree)}`;
   return record?.buttons ? t("project.buttons_in", { count: record.buttons.length }) : "";
 }
 
