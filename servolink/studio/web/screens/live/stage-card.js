@@ -5,6 +5,7 @@ import { Hold } from "../../parts/hold.js";
 import { Icon } from "../../parts/icon.js";
 import { Segments } from "../../parts/segments.js";
 import { FigureStage } from "../../parts/stage.js";
+import { ViewChoice } from "../../parts/view-choice.js";
 import { figure } from "../../state/figure.js";
 import { targets } from "../../state/motion.js";
 import { actualPose, isLive, isOthers, mayMove, readAt, servos } from "../../state/robot.js";
@@ -24,12 +25,7 @@ export function StageCard({ motion }) {
   return html`<section class="stage" aria-label=${t("live.figure")}>
     ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${scene(motion)} label=${t("live.figure_aria")} view=${view.value} />`}
     <div class="tl col">
-      <${Segments} label=${t("live.view")} small value=${view.value} onChoose=${(/** @type {typeof view.value} */ name) => (view.value = name)}
-        choices=${[
-          { value: "front", label: t("live.front") },
-          { value: "side", label: t("live.side") },
-          { value: "free", label: t("live.free") },
-        ]} />
+      <${ViewChoice} view=${view} />
       <${Draft} />
     </div>
     <div class="tr hide-n"><span class="legend">
