@@ -25,8 +25,11 @@ export const keeping = signal(/** @type {import("./drafts.js").Keeping} */ ("sav
 /** An edit of another page that came before one of this page, and what this page wanted instead. */
 export const conflict = signal(/** @type {{ theirs: Kept, mine: any } | null} */ (null));
 
+const SETTLES = 500; // milliseconds after which all edits that were given up together have been told of
+
 /** @type {Drafts | null} */
 let drafts = null;
+let rereading = 0;
 const steps = /** @type {UndoList<Project>} */ (new UndoList());
 export const { undoLabel, redoLabel } = steps;
 
@@ -66,7 +69,14 @@ export async function reread(link) {
  * @param {Project} board
  */
 async function begin(link, board) {
-  const tools = { differences: () => differences.value, onTheirs: takeTheirs, onKept: (/** @type {typeof keeping.value} */ state) => (keeping.value = state) };
+  /** @param {Kept} theirs @param {boolean} isConflict */
+  const onTheirs = (theirs, isConflict) => {
+    takeTheirs(theirs, isConflict);
+    if (!theirs.is_discarded) return;
+    clearTimeout(rereading);
+    rereading = setTimeout(() => reread(link), SETTLES); // given up, or written: then the board holds something else
+  };
+  const tools = { differences: () => differences.value, onTheirs, onKept: (/** @type {typeof keeping.value} */ state) => (keeping.value = state) };
   const opened = new Drafts(link, welcome.value?.name ?? "", tools);
   const edits = await opened.load();
   drafts = opened;
