@@ -41,7 +41,7 @@ export function Header(tools) {
 /** @param {Tools} tools */
 export function StopButton({ link, motion }) {
   return html`<button class="stop" aria-label=${t("stop.aria")} onClick=${() => stop(link, motion)}>
-    <i aria-hidden="true"></i>${t("stop.label")}<kbd class="hide-t hide-n">Esc</kbd>
+    <i aria-hidden="true"></i>${t("stop.label")} <kbd class="hide-t hide-n">Esc</kbd>
   </button>`;
 }
 

@@ -91,7 +91,7 @@ export const en = {
   "lease.beats_stopped": "This page was too slow to watch over the robot, so it was stopped.",
 
   "stop.label": "STOP",
-  "stop.aria": "STOP the robot (Escape)",
+  "stop.aria": "STOP Esc: stops the robot",
   "stop.done": "Stopped",
   "stop.done_detail": "All servos hold where they are. Start them again to move.",
   "stop.start": "Start all servos",

@@ -91,7 +91,7 @@ export const zh = {
   "lease.beats_stopped": "本页响应太慢，无法看护机器人，因此已停止。",
 
   "stop.label": "停止",
-  "stop.aria": "急停（Esc）",
+  "stop.aria": "停止 Esc：急停",
   "stop.done": "已停止",
   "stop.done_detail": "所有舵机保持当前位置。要再次运动，请先启动舵机。",
   "stop.start": "启动所有舵机",
