@@ -38,7 +38,7 @@ export function Outcome({ link, isUnfinished }) {
   const { state, text } = outcome.value;
   if (progress.value !== null) return null;
   if (state === "broken" || isUnfinished) {
-    const detail = state === "broken" ? `${safeText(text)} ${t("project.broken_detail")}` : t("project.broken_detail");
+    const detail = state === "broken" ? `${safeText(text)}. ${t("project.broken_detail")}` : t("project.broken_detail");
     return html`<div class="pad0"><${Note} kind="bad" urgent title=${t("project.broken")} detail=${detail}>
       <button class="btn s pri" disabled=${!isLive.value} onClick=${() => apply(link)}>${t("project.go_on")}</button>
       <button class="btn s" disabled=${!isLive.value} onClick=${() => rollBack(link, null)}><${Icon} name="rollback" />${t("project.roll_back")}</button>
