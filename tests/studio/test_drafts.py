@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import pytest
 
 from servolink.errors import EncodeError, ProjectError
 from servolink.studio.drafts import MOST_RECORDS, Drafts, Edit, Kept, draft_path
+from tests import processes
 
 ACTION = {"action_id": 3, "action_caption": "bow", "steps": [{"servo_id": 1, "degree": 40, "interval_ms": 500}]}
 BOW = {**ACTION, "action_caption": "deep bow"}
@@ -153,7 +153,7 @@ def test_what_was_confirmed_survives_a_kill() -> None:
         "    os.kill(os.getpid(), signal.SIGKILL)\n"
         "asyncio.run(main())\n"
     )
-    ended = subprocess.run([sys.executable, "-c", program], check=False, timeout=60)
+    ended = processes.run([sys.executable, "-c", program])
     assert ended.returncode == -signal.SIGKILL
     assert [one.record for one in kept()] == [ACTION]
     assert json.loads(draft_path("robbie").read_bytes())["revision"] == 1

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests import processes
 
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="Node.js is not installed")
@@ -20,7 +21,7 @@ def call_all(calls: list[tuple[str, str, list[Any]]]) -> list[Any]:
     """Return the results of functions of the page, each given as module, name and arguments."""
     assert NODE is not None
     command = [NODE, "--experimental-default-type=module", str(_RUNNER)]
-    done = subprocess.run(command, input=json.dumps(calls), capture_output=True, text=True, check=False, timeout=60)
+    done = processes.run(command, json.dumps(calls))
     assert done.returncode == 0, done.stderr
     results: list[Any] = json.loads(done.stdout)
     return results
