@@ -97,6 +97,7 @@ class Reader:
         self.environment = {
             name: value for name, value in os.environ.items() if name not in {"SERVOLINK_BOARD", "SERVOLINK_URL"}
         } | {
+            "XDG_CONFIG_HOME": str(folder / "config"),  # the names that another page has given are not known here
             "XDG_DATA_HOME": str(folder / "data"),
             "PATH": f"{commands}{os.pathsep}{os.environ['PATH']}",
             "PYTHONPATH": str(ROOT),
