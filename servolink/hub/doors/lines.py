@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
+from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 
@@ -26,7 +27,7 @@ _NOT_READ = "it does not read what it asked for"
 _logger = logging.getLogger(__name__)
 
 
-class Line(asyncio.BufferedProtocol):
+class Line(asyncio.BufferedProtocol, ABC):
     """A connection of one program; a kind of door says how it begins, in `_begin`."""
 
     def __init__(self) -> None:
@@ -67,9 +68,9 @@ class Line(asyncio.BufferedProtocol):
     def _who(self) -> str:
         return "a program" if self._program is None else self._program.who
 
+    @abstractmethod
     def _begin(self, data: bytes) -> None:
         """Take the first bytes, up to the call of `_joined`."""
-        raise NotImplementedError
 
     def _joined(self, program: Program) -> None:
         """Carry everything from now on to and from `program`."""
