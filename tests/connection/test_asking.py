@@ -9,15 +9,17 @@ from typing import Any
 import pytest
 
 from servolink.connection.connection import Connection
+from servolink.connection.deadlines import FIRST_TRY
 from servolink.errors import ConnectionLost, RequestTimeout
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
+from servolink.protocol.frame import HEADER, MAGIC
 from servolink.protocol.packet import Query
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoResponse
 from servolink.protocol.settings import QueryMemorySizeRequest
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, connected, late
+from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, Fate, connected, late
 from tests.virtual_time import run
 
 QUERY = QueryServoListRequest()
@@ -111,6 +113,19 @@ def test_a_query_is_given_up_like_any_other() -> None:
         assert asked.ask(QueryProjectIDRequest())
         await asyncio.sleep(1)
         assert asked.outcomes[1:] == [QueryProjectIDResponse(0)]
+
+    asking(use)
+
+
+def test_a_response_behind_a_false_start_is_there_once_that_is_given_up() -> None:
+    false_start = HEADER["little"].pack(MAGIC, QueryServoResponse.packet_id, 1 + 11 * 200)
+
+    async def use(asked: Asked, fake: FakeBoard) -> None:
+        fake.plan(QueryServoListRequest, Fate(mangle=lambda frame: false_start + frame))
+        assert asked.ask()
+        await asyncio.sleep(FIRST_TRY + 0.01)
+        assert asked.outcomes == [QueryServoListResponse((1, 2, 3, 4))]
+        assert len(fake.sent) == 1
 
     asking(use)
 

@@ -343,6 +343,20 @@ def test_cancellation_reaches_its_task_also_when_all_are_refused_in_the_same_mom
     run(main())
 
 
+def test_who_is_cancelled_wants_no_more_depth() -> None:
+    async def main() -> None:
+        line = Line()
+        for name, packet in zip("ab", (A, B), strict=True):
+            line.ask(name, packet)
+        assert await line.got() == ["a"]
+        assert line.scheduler.load().wants_more
+        line.tasks["b"].cancel()
+        assert line.scheduler.waiting  # b is about to leave
+        assert not line.scheduler.load().wants_more
+
+    run(main())
+
+
 # --- extra permits ------------------------------------------------------------------------------------------------
 
 

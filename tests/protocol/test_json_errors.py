@@ -15,6 +15,14 @@ class Inner(Struct, frozen=True, forbid_unknown_fields=True):
     flag: bool = False
 
 
+class Turn(Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="turn"):
+    servo: int
+
+
+class Wait(Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="wait"):
+    ms: Annotated[int, Meta(ge=0, le=990, multiple_of=10)]
+
+
 class Outer(Struct, forbid_unknown_fields=True):
     speed: Annotated[float, Meta(gt=0, le=5)] = 1.0
     small: Annotated[float, Meta(ge=-1, lt=1)] = 0.0
@@ -25,6 +33,10 @@ class Outer(Struct, forbid_unknown_fields=True):
     kind: Literal["action", "macro"] | None = None
     inner: Inner = Inner()
     reason: Annotated[str, Meta(max_length=5)] = ""
+    caption: Annotated[str, Meta(max_length=5, pattern=r"^[^\x00-\x1f]*$")] = ""
+    sides: dict[str, dict[str, int]] = {}
+    steps: Annotated[tuple[Turn | Wait, ...], Meta(max_length=2)] = ()
+    pair: tuple[int, int] = (0, 0)
 
 
 @pytest.mark.parametrize(
@@ -46,6 +58,20 @@ class Outer(Struct, forbid_unknown_fields=True):
         ({"kind": "table"}, "kind: must be one of action, macro, not 'table'"),
         ({"kind": []}, "kind: must be action, macro or null, not []"),
         ({"reason": "too long"}, "reason: 'too long' has 8 characters; at most 5"),
+        ({"reason": 5}, "reason: must be text, not 5"),
+        ({"caption": "too long"}, "caption: 'too long' has 8 characters; a caption has at most 5 bytes"),
+        ({"caption": "\a"}, "caption: '\\x07' holds control characters; captions are plain text"),
+        ({"sides": {"left": []}}, "sides: 'left': must be an object, not []"),
+        ({"sides": {"left": {"hip": "1"}}}, "sides: 'left': 'hip' must be an integer, not '1'"),
+        ({"steps": 1}, "steps: must be a list, not 1"),
+        ({"steps": [{}, {}, {}]}, "steps: has 3 items; at most 2"),
+        ({"steps": [{}]}, 'steps[0]: "type" is missing; it must be one of turn, wait'),
+        ({"steps": [{"type": "turn"}]}, "steps[0]: 'servo' is missing"),
+        ({"steps": [{"type": "wait", "ms": "x"}]}, "steps[0].ms: must be an integer, not 'x'"),
+        ({"steps": [{"type": "wait", "ms": 15}]}, "steps[0].ms: must be a multiple of 10, the unit in which boards"),
+        ({"steps": [{"type": "wait", "ms": 1000}]}, "steps[0].ms: 1000 is outside 0..990"),
+        ({"pair": 1}, "pair: must be a list of 2 items, not 1"),
+        ({"pair": [1]}, "pair: must be a list of 2 items, not [1]"),
         ({"kinds": 1}, "'kinds' is not a field; the fields are speed, small"),
     ],
 )
