@@ -1,0 +1,1 @@
+"""Many boards on many machines, through an MQTT broker."""

@@ -1,0 +1,275 @@
+"""The topics of a fleet and what is sent there, each declared once.
+
+The methods, their params and their results are those of the hub's control interface (`servolink.hub.control`); a fleet
+adds `prepare` and `cancel`. From these types come the checks of what is received, the reference page and the JSON
+Schema.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeAlias
+
+import msgspec
+from msgspec import UNSET, Meta, Struct, UnsetType
+
+from servolink.client.reconnect import ConnectionState
+from servolink.errors import InvalidAddress
+from servolink.escaping import quote
+from servolink.files import is_name
+from servolink.hub.control.faults import ErrorObject
+from servolink.hub.control.messages import Done, Run, about
+from servolink.hub.control.notifications import ButtonPressed, ServosFrame
+from servolink.project.transfer.results import Phase
+from servolink.transports.share import RoleName
+
+PREFIX = "servolink"
+MOST_BYTES = 1024 * 1024
+"""The longest payload of a command."""
+CONTENT_TYPE = "application/json"
+ONLINE, OFFLINE = "online", "offline"
+"""What is sent to `available`."""
+MOTION = frozenset({"move", "run", "release", "servo.set", "prepare"})
+"""The methods whose message must have an expiry: a robot must not move late."""
+DEFAULT_EXPIRY = 10
+"""Seconds until a command expires if its sender does not say otherwise."""
+SESSION_METHODS = frozenset(
+    {
+        "lease.take",
+        "lease.give",
+        "lease.beat",
+        "lease.ask",
+        "board.hold",
+        "board.release",
+        "servos.watch",
+        "servos.ack",
+        "servos.unwatch",
+        "buttons.subscribe",
+        "buttons.unsubscribe",
+    }
+)
+"""The methods of the control interface that a fleet does not have: they belong to one program's connection."""
+
+BoardTopic: TypeAlias = Literal["available", "state", "servos", "event", "log", "cmd", "stop", "result", "pulse"]
+FleetTopic: TypeAlias = Literal["start", "stop", "echo"]
+CommandId: TypeAlias = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+(?!\n)$")]
+Who: TypeAlias = Annotated[str, Meta(max_length=60, description="the sender as people call it")]
+
+_FLEET = "_fleet"  # no board is called so: names begin with a letter or a digit
+_LONGEST_PREFIX = 200
+_PREFIX = re.compile(r"[^\x00-\x1f\x7f-\x9f\ud800-\udfff+#/$][^\x00-\x1f\x7f-\x9f\ud800-\udfff+#]*")
+
+
+@dataclass(frozen=True, slots=True)
+class Topics:
+    """The topics of one fleet."""
+
+    prefix: str = PREFIX
+
+    def __post_init__(self) -> None:
+        """Raise InvalidAddress for a prefix under which no topics can lie."""
+        wrong = not _PREFIX.fullmatch(self.prefix) or "//" in self.prefix or self.prefix.endswith("/")
+        if wrong or len(self.prefix) > _LONGEST_PREFIX:
+            raise InvalidAddress(
+                f"{quote(self.prefix)} cannot be a prefix of topics: use text such as servolink or school/room1, "
+                "without + # $ and control characters"
+            )
+
+    def board(self, name: str, topic: BoardTopic) -> str:
+        """Return a topic of one board, or of every board if `name` is `+`. Raise InvalidAddress for another name."""
+        if name != "+" and not is_name(name):
+            raise InvalidAddress(f"{quote(name)} cannot be the name of a board: use up to 64 letters, digits, - and _")
+        return f"{self.prefix}/{name}/{topic}"
+
+    def fleet(self, topic: FleetTopic) -> str:
+        """Return a topic of all boards together."""
+        return f"{self.prefix}/{_FLEET}/{topic}"
+
+    def parse(self, topic: str) -> tuple[str, str] | None:
+        """Return the board and the kind of a topic, as in `("rex", "state")`; None if it is not one of a board."""
+        if not topic.startswith(f"{self.prefix}/"):
+            return None
+        name, _, kind = topic.removeprefix(f"{self.prefix}/").partition("/")
+        return (name, kind) if is_name(name) and kind and "/" not in kind else None
+
+    def may_answer(self, topic: str) -> bool:
+        """Return whether a board sends results to this response topic: one below the prefix, with nothing odd in it."""
+        below = topic.removeprefix(f"{self.prefix}/")
+        return below != topic and len(topic) <= _LONGEST_PREFIX * 2 and bool(_PREFIX.fullmatch(below))
+
+
+# --- from a board -----------------------------------------------------------------------------------------------------
+
+
+class Stored(Struct, frozen=True):
+    """A stored action or macro."""
+
+    id: int
+    caption: str
+
+
+class BoardNow(Struct, frozen=True, kw_only=True):
+    """A board. Sent to `state`, retained, when something of it changes."""
+
+    board: str
+    host: Annotated[str, about("the machine that it is connected to")]
+    version: Annotated[str, about("of servolink on that machine")]
+    connection: ConnectionState
+    allow: Annotated[RoleName, about("what may be done from afar")]
+    battery_percent: Annotated[float | None, about("to 0.1; null if the board does not say")] = None
+    problems: Annotated[tuple[str, ...], about("the latest, which people should look at")] = ()
+    noise: Annotated[int, about("bytes from the board that belong to no frame")] = 0
+    programs: Annotated[int, about("that use the board on its machine")] = 0
+    lease: Annotated[str | None, about("the program that moves the board; null if none does")] = None
+    hold: Annotated[str | None, about("the program that has the board alone; null if none has")] = None
+    servos: int = 0
+    actions: tuple[Stored, ...] = ()
+    macros: tuple[Stored, ...] = ()
+    project_id: int | None = None
+    at: Annotated[float, about("seconds since 1970, by the clock of its machine")]
+
+
+class ServosNow(ServosFrame, frozen=True):
+    """The latest state of the servos. Sent to `servos`, QoS 0: one that is late is left out."""
+
+
+class EventNow(ButtonPressed, frozen=True, kw_only=True):
+    """A button of the joystick. Sent to `event`."""
+
+    id: Annotated[int, about("counts up from the start of the bridge")]
+    at: Annotated[float, about("seconds since 1970, by the clock of its machine")]
+
+
+class LogLine(Struct, frozen=True):
+    """Something that people should know. Sent to `log`, QoS 0."""
+
+    level: Literal["info", "warning", "error"]
+    text: str
+    at: Annotated[float, about("seconds since 1970, by the clock of its machine")]
+
+
+# --- to a board, and back ---------------------------------------------------------------------------------------------
+
+
+class Command(Struct, forbid_unknown_fields=True):
+    """A method to carry out, once however often it is delivered. Sent to `cmd`, with a message expiry."""
+
+    id: CommandId
+    method: Annotated[str, Meta(max_length=40)]
+    params: dict[str, Any] = {}
+    who: Who = ""
+
+
+class Prepare(Struct, forbid_unknown_fields=True):
+    """Params of the method `prepare`: have the lease, and wait for the message that starts all boards together."""
+
+    start: Annotated[CommandId, about("the `id` of the message `start` to wait for")]
+    run: Annotated[Run, about("what to run then")]
+    expires: Annotated[float, Meta(gt=0, le=60, description="seconds after which it is forgotten")] = 10.0
+
+
+class Cancel(Struct, forbid_unknown_fields=True):
+    """Params of the method `cancel`: forget what was prepared, and give the lease back."""
+
+    start: CommandId
+
+
+class Prepared(Struct, frozen=True):
+    """The result of `prepare`."""
+
+    seconds: Annotated[float | None, about("the planned duration; null for a macro")]
+
+
+class Start(Struct, forbid_unknown_fields=True):
+    """Sent to `_fleet/start`: each board that has prepared for this id begins, and sends a result with this id."""
+
+    id: CommandId
+    who: Who = ""
+
+
+class Started(Struct, frozen=True):
+    """The result of a start."""
+
+    host: str
+    after: Annotated[float, about("seconds from the message to the board's confirmation")]
+    monotonic: Annotated[float, about("the moment of the confirmation; comparable between boards of one machine")]
+
+
+class Stop(Struct, forbid_unknown_fields=True):
+    """Sent to `stop` of a board, or to `_fleet/stop` for all. An empty payload is a stop, too."""
+
+    id: CommandId = "stop"
+    who: Who = ""
+
+
+class Echo(Struct, forbid_unknown_fields=True):
+    """Sent to `_fleet/echo`: each board sends a result at once, from which the delay of the network is known."""
+
+    id: CommandId
+
+
+class Echoed(Struct, frozen=True):
+    """The result of an echo."""
+
+    monotonic: Annotated[float, about("when it was received; comparable between boards of one machine")]
+
+
+class Step(Struct, frozen=True):
+    """How far a command is: export, plan, apply, rollback, and changes of records."""
+
+    phase: Phase
+    done: int
+    total: Annotated[int, about("items of this phase")]
+    item: Annotated[str, about("such as `action 3`")]
+
+
+class Result(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The one answer to a command. Sent to `result`, or to the response topic of the command if it names one.
+
+    A message with `progress` is not the answer yet: it has no `ok`.
+    """
+
+    id: Annotated[str | None, about("that of the command; null if it has none that can be read")]
+    board: str
+    ok: bool | UnsetType = UNSET
+    result: Annotated[Any, about("what the method returns, if `ok`")] = UNSET
+    error: Annotated[ErrorObject | UnsetType, about("why it was not done, unless `ok`")] = UNSET
+    progress: Step | UnsetType = UNSET
+
+
+SENT: dict[str, tuple[type[Struct], int, bool]] = {
+    "state": (BoardNow, 1, True),
+    "servos": (ServosNow, 0, False),
+    "event": (EventNow, 1, False),
+    "log": (LogLine, 0, False),
+    "result": (Result, 1, False),
+    "cmd": (Command, 1, False),
+    "stop": (Stop, 1, False),
+    "_fleet/start": (Start, 1, False),
+    "_fleet/stop": (Stop, 1, False),
+    "_fleet/echo": (Echo, 0, False),
+}
+"""The payload, the QoS and whether it is retained, by topic. `available` is plain text: `online` or `offline`."""
+
+METHODS: dict[str, tuple[type[Struct], type[Struct]]] = {"prepare": (Prepare, Prepared), "cancel": (Cancel, Done)}
+"""Params and result of the methods that a fleet adds to those of the control interface."""
+
+
+def schema() -> dict[str, Any]:
+    """Return the JSON Schema of the payloads: `topics` and `methods` refer to the types in `$defs`."""
+    types = [payload for payload, _, _ in SENT.values()] + [params for params, _ in METHODS.values()]
+    found, definitions = msgspec.json.schema_components(
+        [*types, Prepared, Started, Echoed], ref_template="#/$defs/{name}"
+    )
+    of = dict(zip(map(id, types), found, strict=False))
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "servolink fleet",
+        "topics": {
+            topic: {"payload": of[id(payload)], "qos": qos, "retain": retain}
+            for topic, (payload, qos, retain) in SENT.items()
+        },
+        "methods": {name: {"params": of[id(params)]} for name, (params, _) in METHODS.items()},
+        "$defs": definitions,
+    }

@@ -1,0 +1,75 @@
+"""A real broker: mosquitto, on a free port of this machine."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import socket
+import subprocess
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+from tests.processes import finish, start
+
+FOUND = shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin:/usr/bin:/usr/local/bin:/opt/homebrew/sbin")
+
+needs_broker = [
+    pytest.mark.broker,
+    pytest.mark.skipif(FOUND is None, reason="mosquitto is not installed"),
+]
+"""What `pytestmark` of a module with a broker is."""
+
+OPEN = ("allow_anonymous true",)
+"""The configuration of a broker that lets everybody in."""
+
+
+class Broker:
+    """A broker that can be ended and started again."""
+
+    def __init__(self, folder: Path, lines: Iterable[str] = OPEN, listener: Iterable[str] = ()) -> None:
+        """Have it configured with `lines`; `listener` configures its port."""
+        self.port = _free_port()
+        self._config = folder / "mosquitto.conf"
+        self._log = folder / "mosquitto.log"
+        text = [f"listener {self.port} 127.0.0.1", *listener, *lines, "log_type all", "log_dest stderr"]
+        self._config.write_text("\n".join(text) + "\n", encoding="utf-8")
+        self._config.chmod(0o644)
+        self._process: subprocess.Popen[str] | None = None
+
+    @property
+    def url(self) -> str:
+        """The address of the broker."""
+        return f"mqtt://127.0.0.1:{self.port}"
+
+    def start(self) -> None:
+        """Start it, and return when it listens."""
+        assert FOUND is not None
+        with open(self._log, "a+", encoding="utf-8") as log:
+            end = log.seek(0, 2)
+            self._process = start([FOUND, "-c", str(self._config)], stderr=log)
+            while " running" not in self._log.read_text(encoding="utf-8")[end:]:
+                assert self._process.poll() is None, self._log.read_text(encoding="utf-8")
+
+    def end(self, by: signal.Signals = signal.SIGTERM) -> None:
+        """End it."""
+        if self._process is not None:
+            finish(self._process, by)
+            self._process = None
+
+    def pause(self, *, paused: bool = True) -> None:
+        """Stop it as a machine that stands still, or let it go on."""
+        assert self._process is not None
+        self._process.send_signal(signal.SIGSTOP if paused else signal.SIGCONT)
+
+    def log(self) -> str:
+        """Return what it has logged."""
+        return self._log.read_text(encoding="utf-8")
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
