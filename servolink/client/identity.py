@@ -11,6 +11,8 @@ from servolink.protocol.editing import QueryProjectIDRequest
 
 _NOT_DONE = (EncodeError, Rejected, RequestTimeout)
 """After these errors the board is unchanged: nothing was sent, or the board says so."""
+SETTLES_AFTER = 3.0
+"""Seconds for which a write may not last: a board that loses power sooner may come back as it was before."""
 
 
 class BoardIdentity:
@@ -21,6 +23,8 @@ class BoardIdentity:
         self._project_ids: frozenset[int] = frozenset()
         self.changes = 0
         """How many times the set of possible ids has changed."""
+        self._former: list[tuple[frozenset[int], float]] = []
+        """The possible ids before each of the latest changes of the board, and when it has surely stored the change."""
 
     def set(self, project_id: int) -> None:
         """Record the one id that the board is known to have."""
@@ -30,6 +34,21 @@ class BoardIdentity:
     def add(self, project_id: int) -> None:
         """Record an id that the board may have, besides those it may have already."""
         self._project_ids |= {project_id}
+        self.changes += 1
+
+    def changes_now(self, now: float) -> None:
+        """Record that the board confirmed a change of its id at `now`, before `set` or `add`.
+
+        It may keep the change in its memory for a moment before that outlives a loss of power.
+        """
+        self._former = [(ids, until) for ids, until in self._former if until > now]
+        self._former.append((self._project_ids, now + SETTLES_AFTER))
+
+    def lost(self, now: float) -> None:
+        """Record that the connection was lost at `now`, perhaps as the board has lost power."""
+        for ids, until in self._former:
+            if until > now:
+                self._project_ids |= ids
         self.changes += 1
 
     def learn(self, project_id: int, since: int) -> None:

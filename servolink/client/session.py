@@ -139,6 +139,7 @@ class Session:
     async def _clear_all_data(self) -> None:
         with self.identity.changing(self.connection, 0):
             await self.command(ClearAllDataRequest(), "its data was not deleted")
+        self.identity.changes_now(self._loop.time())
         self.identity.add(0)  # some boards keep the project id, others reset it to 0
         if self._reconnector is not None:
             # Only to recognise the board later; the data is deleted, so a failure here is not a failure of the call.
@@ -156,6 +157,7 @@ class Session:
         """Write the project id (3.3.12). Raise Rejected if the board refuses."""
         with self.identity.changing(self.connection, project_id):
             await self.command(WriteProjectIDRequest(project_id), "it was not written")
+        self.identity.changes_now(self._loop.time())
         self.identity.set(project_id)
         if self._reconnector is not None:
             # Only to recognise the board later: it may keep less of the id than it was given.
@@ -192,6 +194,7 @@ class Session:
             self._states.change("closed")
 
     def _connection_ended(self, error: ConnectionLost) -> None:
+        self.identity.lost(self._loop.time())
         self._states.change("lost")
         if self._reconnector is None or not self._reconnector.start():
             self._end(error)

@@ -159,6 +159,29 @@ def test_a_board_that_is_lost_right_after_it_was_cleared_has_been_cleared(monkey
     run(main())
 
 
+@pytest.mark.parametrize("is_cleared", [False, True])
+@pytest.mark.parametrize(("seconds", "reconnects"), [(0.3, 1), (60, 0)])
+def test_a_board_may_lose_power_before_it_has_stored_its_new_id(
+    seconds: float, reconnects: int, is_cleared: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        ours = VirtualBoard()
+        ours.storage.project_id = 5
+        socket = Socket(ours)
+        monkeypatch.setattr(connecting, "create", socket.transport)
+        async with connect("virtual://", reconnect=True) as board:
+            await (board.clear_all_data() if is_cleared else board.write_project_id(6))
+            assert await board.project_id() == (0 if is_cleared else 6)
+            await asyncio.sleep(seconds)
+            socket.pull()
+            ours.storage.project_id = 5
+            socket.plug(ours)
+            await asyncio.sleep(20)
+            assert board.stats.reconnects == reconnects  # later it is another board, with the id that ours had once
+
+    run(main())
+
+
 def test_a_board_that_refuses_an_id_has_the_one_it_had() -> None:
     async def main() -> None:
         fake = FakeBoard()

@@ -23,6 +23,7 @@ from servolink import (
     reconnecting,
 )
 from servolink.client import connect as connecting
+from servolink.client.identity import SETTLES_AFTER
 from servolink.client.reconnect import LONGEST_PAUSE
 from servolink.connection.connection import Connection
 from servolink.protocol.editing import QueryProjectIDRequest
@@ -382,6 +383,7 @@ def test_the_old_transmission_mode_is_there_again_on_this_board_only(forgets: bo
             assert ours is not None
             await board.write_project_id(7)
             await board.servos()  # sets the angle unit, which is to be there again too
+            await asyncio.sleep(SETTLES_AFTER)  # sooner lost, it could come back with the id that the other has
             await board.set_transmission_mode(0)
             socket.pull()
             socket.plug(other)
