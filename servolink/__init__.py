@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from servolink.errors import PacketError as PacketError
     from servolink.errors import ProfileError as ProfileError
     from servolink.errors import ProjectError as ProjectError
+    from servolink.errors import RecordingError as RecordingError
     from servolink.errors import Rejected as Rejected
     from servolink.errors import RequestError as RequestError
     from servolink.errors import RequestTimeout as RequestTimeout
@@ -131,6 +132,7 @@ else:
         "ProfileError": "servolink.errors",
         "Project": "servolink.project.model",
         "ProjectError": "servolink.errors",
+        "RecordingError": "servolink.errors",
         "RaisedAlarm": "servolink.client.alarms",
         "reconnecting": "servolink.client.connect",
         "Rejected": "servolink.errors",

@@ -18,7 +18,8 @@ ServolinkError
 │  ├─ AmbiguousName                   several things on the board have this caption; the text lists them
 │  ├─ WrongBoard                      another board than the one of that name; nothing was moved or written
 │  └─ OutcomeUnknown                  sent without a response: the board may have obeyed or not
-└─ ProjectError (ValueError)          a project, its file or a board's content is unusable; the text says where
+├─ ProjectError (ValueError)          a project, its file or a board's content is unusable; the text says where
+└─ RecordingError (ValueError)        a recording cannot be written or read; the text says what to do
 
 Each is also the built-in error in brackets, so `except TimeoutError` and `except ConnectionError` work as usual.
 """
@@ -133,3 +134,7 @@ class OutcomeUnknown(RequestError):
 
 class ProjectError(ServolinkError, ValueError):
     """A project cannot be used as it is; the text says where inside it, such as `actions[3].steps[7].degree`."""
+
+
+class RecordingError(ServolinkError, ValueError):
+    """A recording cannot be written or read; the text says what to do."""

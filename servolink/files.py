@@ -10,6 +10,7 @@ import sys
 import time
 import warnings
 from contextlib import suppress
+from io import FileIO
 from pathlib import Path
 from typing import IO, Literal
 
@@ -35,14 +36,27 @@ def read_file(path: Path, limit: int) -> bytes:
     Raise OSError, without waiting, for a pipe or a device, which may never come to an end, and for a larger file.
     Raise ValueError for a name that no system has, such as one with NUL.
     """
-    _refuse_irregular(path, path.stat())  # a device must not even be opened: that alone can change its state
-    with open(path, "rb", buffering=0, opener=_open_without_waiting) as file:
+    with open_file(path) as file:
         status = os.fstat(file.fileno())
-        _refuse_irregular(path, status)  # it may be another file by now
         content = _read_up_to(file, limit + 1) if status.st_size <= limit else b""
     if max(status.st_size, len(content)) > limit:
         raise OSError(errno.EFBIG, f"is larger than {_size(limit)}, the most that is read", str(path))
     return content
+
+
+def open_file(path: Path) -> FileIO:
+    """Open a regular file for reading, without a buffer.
+
+    Raise OSError, without waiting, for a pipe or a device. Raise ValueError for a name that no system has.
+    """
+    _refuse_irregular(path, path.stat())  # a device must not even be opened: that alone can change its state
+    file = open(path, "rb", buffering=0, opener=_open_without_waiting)  # noqa: SIM115 - the caller closes it
+    try:
+        _refuse_irregular(path, os.fstat(file.fileno()))  # it may be another file by now
+    except BaseException:
+        file.close()
+        raise
+    return file
 
 
 def write_atomically(path: Path, content: bytes, *, private: bool = False) -> None:

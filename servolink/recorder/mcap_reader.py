@@ -1,0 +1,249 @@
+"""Read MCAP records from a file that anybody may have written: in order, in bounded memory, and cut anywhere.
+
+The file is read from the beginning to the end and no offset in it is followed, so that no loop is possible. Indexes,
+attachments and whatever else is not needed is skipped without being read.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from struct import Struct
+from typing import IO, Any, NamedTuple
+
+from servolink.errors import RecordingError
+from servolink.escaping import quote
+from servolink.files import MIB, open_file, reason
+
+MAGIC = b"\x89MCAP0\r\n"
+"""The first and the last bytes of a file."""
+LARGEST = 16 * MIB
+"""The largest record, and the largest content of a chunk, that is read; a recorder's chunks have 256 KiB."""
+
+FOOTER, CHANNEL, MESSAGE, CHUNK, METADATA = 0x02, 0x04, 0x05, 0x06, 0x0C
+_IN_CHUNKS = {CHANNEL, MESSAGE}
+_READ = {CHANNEL, MESSAGE, CHUNK, METADATA}
+_HEAD = Struct("<BQ")
+_MESSAGE = Struct("<HIQQ")
+_CHUNK = Struct("<QQQI")
+_LONG, _SHORT, _ID = Struct("<Q"), Struct("<I"), Struct("<H")
+_LONGEST_NAME, _LONGEST_TEXT = 256, 0x10000
+_MOST_METADATA = 100  # entries
+_DAMAGED = "damaged chunks were left out"
+
+
+class Message(NamedTuple):
+    """One message, as it stands in the file."""
+
+    topic: str
+    encoding: str
+    time: int
+    """Nanoseconds since 1970."""
+    data: bytes
+
+
+class Metadata(NamedTuple):
+    """Names and texts that somebody has written into the file."""
+
+    name: str
+    texts: dict[str, str]
+
+
+class McapReader:
+    """The messages and metadata of one file, in the order of the file."""
+
+    def __init__(self, path: Path) -> None:
+        """Open the file at `path`. Raise RecordingError if it cannot be read or is not an MCAP file."""
+        self.path = path
+        self.remarks: Counter[str] = Counter()
+        """What was left out, and how often; complete after the last record."""
+        self.is_cut = False
+        """Whether the file ends too early: its writer was killed, or the disk was full."""
+        self._channels: dict[int, tuple[str, str]] = {}
+        try:
+            self._file = open_file(path)
+        except (OSError, ValueError) as error:
+            raise RecordingError(f"cannot read the recording {path}: {reason(error)}") from error
+        if self._take(len(MAGIC)) != MAGIC:
+            self.close()
+            raise RecordingError(f"{path} is not an MCAP file; `servolink record` writes one")
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def records(self) -> Iterator[Message | Metadata]:
+        """Yield everything that can be read, once, and close the file. Raise RecordingError for a broken disk."""
+        with self._file:
+            while (record := self._next(self._file)) is not None:
+                yield from self._understood(*record)
+
+    def _next(self, file: IO[bytes]) -> tuple[int, bytes] | None:
+        """Return kind and content of the next record that is needed; None at the end of the file."""
+        while True:
+            head = self._take(_HEAD.size)
+            if len(head) < _HEAD.size:
+                self.is_cut = True
+                return None
+            kind, size = _HEAD.unpack(head)
+            if kind == FOOTER:
+                return None
+            if kind in _READ and size <= LARGEST:
+                content = self._take(size)
+                if len(content) == size:
+                    return kind, content
+            elif size <= self._left(file):
+                if kind in _READ:
+                    self.remarks[f"records larger than {LARGEST // MIB} MiB were left out"] += 1
+                file.seek(size, 1)
+                continue
+            self.is_cut = True
+            return None
+
+    def _left(self, file: IO[bytes]) -> int:
+        place = file.tell()
+        end = file.seek(0, 2)
+        file.seek(place)
+        return end - place
+
+    def _take(self, size: int) -> bytes:
+        try:
+            parts = bytearray()
+            while len(parts) < size and (part := self._file.read(min(size - len(parts), MIB))):
+                parts += part  # a length that lies costs no memory: only what is there is read
+            return bytes(parts)
+        except OSError as error:
+            raise RecordingError(f"cannot read the recording {self.path}: {reason(error)}") from error
+
+    def _understood(self, kind: int, content: bytes) -> Iterator[Message | Metadata]:
+        if kind != CHUNK:
+            yield from self._one(kind, memoryview(content))
+            return
+        try:
+            data = memoryview(self._decompressed(content))
+        except _Unusable as error:
+            self.remarks[str(error)] += 1
+            return
+        except (struct.error, ValueError):
+            self.remarks[_DAMAGED] += 1
+            return
+        at = 0
+        while at + _HEAD.size <= len(data):
+            kind, size = _HEAD.unpack_from(data, at)
+            at += _HEAD.size
+            if kind in _IN_CHUNKS:
+                yield from self._one(kind, data[at : at + size])
+            at += size
+
+    def _one(self, kind: int, content: memoryview) -> Iterator[Message | Metadata]:
+        """Yield a message or metadata, or keep a channel."""
+        try:
+            if kind == CHANNEL:
+                self._keep_channel(_Fields(content))
+            elif kind == METADATA:
+                yield _metadata(_Fields(content))
+            else:
+                channel, _, time, _ = _MESSAGE.unpack_from(content)
+                yield Message(*self._channels[channel], time, bytes(content[_MESSAGE.size :]))
+        except KeyError:
+            self.remarks["messages of unknown channels were left out"] += 1
+        except (struct.error, ValueError):
+            self.remarks["records that contradict themselves were left out"] += 1
+
+    def _keep_channel(self, fields: _Fields) -> None:
+        number, _ = fields.take(_ID), fields.take(_ID)
+        topic, encoding = fields.text(_LONGEST_NAME), fields.text(_LONGEST_NAME)
+        self._channels[number] = topic, encoding
+
+    def _decompressed(self, content: bytes) -> bytes:
+        """Return the records in a chunk. Raise _Unusable, struct.error or ValueError for a damaged one."""
+        _, _, size, crc = _CHUNK.unpack_from(content)
+        fields = _Fields(memoryview(content), _CHUNK.size)
+        compression = fields.text(_LONGEST_NAME)
+        packed = fields.raw(fields.take(_LONG))
+        if size > LARGEST:
+            raise _Unusable(f"chunks larger than {LARGEST // MIB} MiB were left out")
+        try:
+            data = _decompress(compression, packed, size)
+        except ImportError as error:
+            raise RecordingError(
+                f"{self.path} is compressed with {compression}, and the library for it is missing: "
+                "pip install 'servolink[record]'"
+            ) from error
+        if len(data) != size or (crc and zlib.crc32(data) != crc):
+            raise _Unusable(_DAMAGED)
+        return data
+
+
+class _Unusable(Exception):
+    """A chunk cannot be used; the text is the remark."""
+
+
+class _Fields:
+    """Reads the fields of a record one after the other. Raise ValueError or struct.error past its end."""
+
+    def __init__(self, content: memoryview, at: int = 0) -> None:
+        self.at = at
+        self._content = content
+
+    def take(self, number: Struct) -> int:
+        (value,) = number.unpack_from(self._content, self.at)
+        self.at += number.size
+        return int(value)
+
+    def raw(self, size: int) -> bytes:
+        if size > len(self._content) - self.at:
+            raise ValueError("a field ends behind its record")
+        self.at += size
+        return bytes(self._content[self.at - size : self.at])
+
+    def text(self, longest: int) -> str:
+        if (size := self.take(_SHORT)) > longest:
+            raise ValueError("a text is too long")
+        return self.raw(size).decode()
+
+
+def _metadata(fields: _Fields) -> Metadata:
+    name = fields.text(_LONGEST_NAME)
+    end = fields.take(_SHORT) + fields.at
+    texts: dict[str, str] = {}
+    while fields.at < end and len(texts) < _MOST_METADATA:
+        name_of_text = fields.text(_LONGEST_NAME)
+        texts[name_of_text] = fields.text(_LONGEST_TEXT)
+    return Metadata(name, texts)
+
+
+def _decompress(compression: str, packed: bytes, size: int) -> bytes:
+    """Return at most `size` + 1 bytes. Raise _Unusable for what is not compressed in this way."""
+    if compression == "zstd":
+        return _zstd(packed, size)
+    if compression == "lz4":
+        return _lz4(packed, size)
+    if compression:
+        raise _Unusable(f"chunks compressed with {quote(compression)} were left out")
+    return packed
+
+
+def _zstd(packed: bytes, size: int) -> bytes:
+    import zstandard
+
+    # As a stream: the size in the header of a frame may be a lie, and would be allocated at once.
+    try:
+        with zstandard.ZstdDecompressor(max_window_size=LARGEST).stream_reader(BytesIO(packed)) as stream:
+            return stream.read(size + 1)
+    except zstandard.ZstdError as error:
+        raise _Unusable(_DAMAGED) from error
+
+
+def _lz4(packed: bytes, size: int) -> bytes:
+    import lz4.frame
+
+    decompressor: Any = lz4.frame.LZ4FrameDecompressor()
+    try:
+        return bytes(decompressor.decompress(packed, max_length=size + 1))
+    except (RuntimeError, EOFError) as error:
+        raise _Unusable(_DAMAGED) from error

@@ -1,0 +1,179 @@
+"""Read a recording: what it is of, its messages in order, and what is wrong with the file."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Generator, Iterator, Mapping
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import msgspec
+
+from servolink.errors import DecodeError
+from servolink.protocol.codec import Codec
+from servolink.recorder.channels import (
+    CHANNELS,
+    MESSAGE_ENCODING,
+    METADATA,
+    CommandDone,
+    Event,
+    Message,
+    PacketSeen,
+    ProblemFound,
+    Recorded,
+    ServosRead,
+    decode,
+)
+from servolink.recorder.mcap_reader import McapReader, Metadata
+
+ALL_SERVOS = 255
+GOOD = {"answered", "sent"}
+"""Outcomes of commands that are no problem."""
+
+
+class Entry(NamedTuple):
+    """One message of a recording."""
+
+    seconds: float
+    """Since the first message."""
+    time: int
+    """Nanoseconds since 1970."""
+    topic: str
+    message: Message
+
+
+class Selection(msgspec.Struct, frozen=True):
+    """Which messages are wanted."""
+
+    since: float | None = None
+    """Seconds since the first message."""
+    until: float | None = None
+    topics: frozenset[str] = frozenset()
+    """Empty for all."""
+    packet: str = ""
+    """Name of a packet, with or without Request or Response; empty for all messages."""
+    servo_id: int | None = None
+    only_problems: bool = False
+
+    def takes(self, entry: Entry) -> bool:
+        """Return whether the message is wanted."""
+        return (
+            (self.since is None or entry.seconds >= self.since)
+            and (self.until is None or entry.seconds <= self.until)
+            and (not self.topics or entry.topic in self.topics)
+            and (not self.packet or base_name(getattr(entry.message, "packet", "")) == base_name(self.packet))
+            and (self.servo_id is None or _is_about(entry.message, self.servo_id))
+            and (not self.only_problems or is_problem(entry.message))
+        )
+
+
+class Recording:
+    """A recording in a file; use it in `with`. Its messages can be read once."""
+
+    def __init__(self, path: str | Path) -> None:
+        """Open the file at `path`. Raise RecordingError if it cannot be read or is not an MCAP file."""
+        self.path = Path(path)
+        self.about: Recorded | None = None
+        """What was recorded; None if the file does not say."""
+        self._reader = McapReader(self.path)
+        self._unreadable: Counter[str] = Counter()
+        self._all = self._read()
+        self._first = next(self._all, None)  # by then `about` is known, which stands in front
+
+    def __enter__(self) -> Self:
+        """Return the recording."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self._all.close()
+        self._reader.close()
+
+    def entries(self, selection: Selection | None = None) -> Iterator[Entry]:
+        """Yield the messages, without those that cannot be read. Raise RecordingError if the disk fails."""
+        wanted = selection or Selection()
+        for entry in chain((self._first,) if self._first else (), self._all):
+            if wanted.takes(entry):
+                yield entry
+
+    @property
+    def started(self) -> int:
+        """The time of the first message, in nanoseconds since 1970; 0 if there is none."""
+        return self._first.time if self._first else 0
+
+    @property
+    def codec(self) -> Codec:
+        """Byte order and caption encoding of the recorded board; the usual ones if the file does not say."""
+        about = self.about
+        try:
+            return Codec(about.byte_order, about.caption_encoding) if about else Codec()  # type: ignore[arg-type]
+        except ValueError:
+            return Codec()
+
+    @property
+    def remarks(self) -> list[str]:
+        """What is wrong with the file, for people; complete after the last message."""
+        found = [f"{text} ({count})" for text, count in (self._reader.remarks + self._unreadable).items()]
+        if self._reader.is_cut:
+            found.append(f"the file is cut, and its end is missing: `servolink record --repair {self.path}` mends it")
+        return found
+
+    def _read(self) -> Generator[Entry]:
+        start: int | None = None
+        for record in self._reader.records():
+            if isinstance(record, Metadata):
+                self._take_about(record)
+            elif record.topic not in CHANNELS or record.encoding != MESSAGE_ENCODING:
+                self._unreadable["messages of channels that are not ours were left out"] += 1
+            else:
+                start = record.time if start is None else start
+                try:
+                    message = decode(record.topic, record.data)
+                except DecodeError:
+                    self._unreadable[f"unreadable messages of {record.topic} were left out"] += 1
+                else:
+                    yield Entry((record.time - start) / 1e9, record.time, record.topic, message)
+
+    def _take_about(self, record: Metadata) -> None:
+        if record.name == METADATA:
+            try:
+                self.about = msgspec.convert(record.texts, Recorded)
+            except msgspec.ValidationError:
+                self._unreadable["unreadable descriptions of the recording were left out"] += 1
+
+
+def base_name(packet: str) -> str:
+    """Return the name of a packet without Request or Response, in small letters."""
+    return packet.lower().removesuffix("request").removesuffix("response")
+
+
+def is_problem(message: Message) -> bool:
+    """Return whether a message says that something went wrong."""
+    if isinstance(message, CommandDone):
+        return message.outcome not in GOOD
+    if isinstance(message, PacketSeen):
+        return bool(message.error or message.noise)
+    if isinstance(message, Event):
+        return message.kind == "alarm" or message.what == "lost"
+    return isinstance(message, ProblemFound)
+
+
+def _is_about(message: Message, servo_id: int) -> bool:
+    if isinstance(message, ServosRead):
+        return any(servo.servo_id == servo_id for servo in message.servos)
+    return isinstance(message, (CommandDone, PacketSeen)) and _names(message.fields, servo_id)
+
+
+def _names(fields: Any, servo_id: int) -> bool:
+    """Return whether fields of a packet name this servo, at any depth; 255 is all servos."""
+    waiting = [fields]
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, Mapping):
+            if value.get("servo_id") in (servo_id, ALL_SERVOS) and type(value.get("servo_id")) is int:
+                return True
+            waiting += value.values()
+        elif isinstance(value, list):
+            waiting += value
+    return False
