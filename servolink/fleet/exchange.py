@@ -1,0 +1,79 @@
+"""Exchange: the results of boards to one message, of which each board sends one."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Collection
+
+from msgspec import UNSET
+
+from servolink.client.rpc_channel import error_of
+from servolink.errors import ServolinkError
+from servolink.fleet.topics import Result, Step
+
+OnStep = Callable[[Step], None]
+"""Called with each step of a long command."""
+
+
+class Exchange:
+    """Collects the results to one message. A second result of a board is ignored: it was delivered twice."""
+
+    def __init__(self, message_id: str, *, board: str | None = None, on_step: OnStep | None = None) -> None:
+        """Wait for results with the id `message_id`, of one `board` or of any."""
+        self.id = message_id
+        self.results: dict[str, Result] = {}
+        """By board, in the order in which they came."""
+        self.seconds: dict[str, float] = {}
+        """When each came, in seconds of the clock of the event loop."""
+        self.heard = asyncio.get_running_loop().time()
+        """When anything came last."""
+        self._board = board
+        self._on_step = on_step
+        self._changed = asyncio.Event()
+
+    def take(self, result: Result) -> None:
+        """Take a result or a step."""
+        if self._board not in {None, result.board}:
+            return
+        self.heard = asyncio.get_running_loop().time()
+        if result.progress is not UNSET:
+            if self._on_step is not None:
+                self._on_step(result.progress)
+        elif result.ok is not UNSET and result.board not in self.results:
+            self.results[result.board] = result
+            self.seconds[result.board] = self.heard
+        self._changed.set()
+
+    def wake(self) -> None:
+        """End a wait: the connection is back, and what was sent may have to be sent again."""
+        self._changed.set()
+
+    async def wait(self, deadline: float) -> bool:
+        """Wait until something comes. Return whether it did before `deadline`."""
+        try:
+            async with asyncio.timeout_at(deadline):
+                await self._changed.wait()
+        except TimeoutError:
+            return False
+        self._changed.clear()
+        return True
+
+    def missing(self, boards: Collection[str]) -> tuple[str, ...]:
+        """Return those of `boards` whose result has not come."""
+        return tuple(board for board in boards if board not in self.results)
+
+    async def until(self, boards: Collection[str], deadline: float) -> tuple[str, ...]:
+        """Wait for the results of `boards`. Return those that have sent none before `deadline`."""
+        while missing := self.missing(boards):
+            if not await self.wait(deadline):
+                return missing
+        return ()
+
+
+def failure_of(result: Result) -> ServolinkError | None:
+    """Return the error of the library that a result reports; None if the command was carried out."""
+    if result.ok is True:
+        return None
+    if result.error is UNSET:
+        return error_of("", f"{result.board} refused, and did not say why")
+    return error_of(result.error.data.kind, f"{result.board}: {result.error.message}")

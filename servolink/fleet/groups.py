@@ -1,0 +1,90 @@
+"""Groups of boards in the user's `fleet.toml`, and which boards a text such as `front,rex` means."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from servolink.errors import NotFound, ServolinkError
+from servolink.escaping import quote
+from servolink.files import read_file, reason, user_folder
+from servolink.profiles.toml_text import TextError, line_of, read_toml
+
+ALL = "all"
+"""The group of every board that is there; no other group can have this name."""
+_MOST_BYTES = 0x40000
+
+Groups = Mapping[str, tuple[str, ...]]
+"""Names of boards by the name of their group."""
+
+
+def fleet_file() -> Path:
+    """Return where the user's groups and policies are kept. Raise ServolinkError for a user without a home."""
+    try:
+        return user_folder("config") / "fleet.toml"
+    except OSError as error:
+        raise ServolinkError(f"there is no folder for fleet.toml: {reason(error)}") from error
+
+
+def load_groups(path: Path | None = None) -> Groups:
+    """Return the groups in `path`, by default the user's `fleet.toml`; empty if that does not exist.
+
+    Raise ServolinkError, which names file and line, if the file cannot be used.
+    """
+    file = fleet_file() if path is None else path
+    try:
+        text = read_file(file, _MOST_BYTES).decode("utf-8-sig")
+    except FileNotFoundError as error:
+        if path is None:
+            return {}
+        raise ServolinkError(f"{file} does not exist; create it, or choose another file") from error
+    except UnicodeDecodeError as error:
+        raise ServolinkError(f"{file} is not text in UTF-8; save it as UTF-8") from error
+    except OSError as error:
+        raise ServolinkError(f"{file} cannot be read: {reason(error)}; correct it or remove it") from error
+    try:
+        return _groups(text, read_toml(text))
+    except TextError as error:
+        raise ServolinkError(f"{file}, line {error.line}: {error.text}") from None
+
+
+def _groups(text: str, values: Mapping[str, Any]) -> Groups:
+    tables = values.get("groups", {})
+    if not isinstance(tables, dict):
+        raise TextError("groups must be a table: write [groups], and a line for each group below it", 1)
+    for name, boards in tables.items():
+        line = line_of(text, ["groups", name])
+        if name == ALL:
+            raise TextError(f"{ALL!r} means every board and cannot be the name of a group", line)
+        if not (isinstance(boards, list) and all(isinstance(board, str) for board in boards)):
+            raise TextError(f'the group {quote(name)} must be a list of names, such as ["rex", "fido"]', line)
+    return {name: tuple(dict.fromkeys(boards)) for name, boards in tables.items()}
+
+
+def chosen_boards(words: str | Iterable[str], there: Sequence[str], groups: Groups) -> tuple[str, ...]:
+    """Return the names of the boards that `words` mean, each once: names, groups and `all`, separated by commas.
+
+    `there` are the boards that `all` means. A name of a board may be one that is not there. Raise NotFound for `all`
+    if no board is there, and for words that are neither a group nor one of `there` nor in any group.
+    """
+    parts = [part.strip() for word in ([words] if isinstance(words, str) else words) for part in word.split(",")]
+    known = {*there, *(board for boards in groups.values() for board in boards)}
+    found: dict[str, None] = {}
+    for part in filter(None, parts):
+        if part == ALL:
+            found |= dict.fromkeys(there)
+        elif part in groups:
+            found |= dict.fromkeys(groups[part])
+        elif part in known:
+            found[part] = None
+        else:
+            raise NotFound(f"there is no board and no group {quote(part)}; {_known(there, groups)}")
+    if not found:
+        raise NotFound(f"no board was chosen; {_known(there, groups)}")
+    return tuple(found)
+
+
+def _known(there: Sequence[str], groups: Groups) -> str:
+    boards = ", ".join(there) or "none"
+    return f"boards: {boards}" + (f"; groups: {', '.join(groups)}" if groups else "")

@@ -1,0 +1,90 @@
+"""Commands to boards: one result each, whatever the board and the broker do."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from servolink.errors import MotionRefused, OpenError, OutcomeUnknown, RequestTimeout
+from servolink.fleet.controller import Controller
+from tests.fleet.mosquitto import Broker, needs_broker
+from tests.fleet.stand_in import TOPICS, Refused, client_of, stand_ins
+
+pytestmark = needs_broker
+
+
+def controller_of(broker: Broker, *, with_servos: bool = False) -> Controller:
+    return Controller(lambda: client_of(broker), TOPICS, with_servos=with_servos)
+
+
+def test_everybody_who_is_there_is_known(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex", "fido") as (rex, _), controller_of(broker) as controller:
+            await controller.settle()
+            assert controller.roster.online == ("fido", "rex")
+            assert controller.roster["rex"].now == rex.now
+
+    asyncio.run(main())
+
+
+def test_a_command_has_one_result(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex") as (rex,), controller_of(broker) as controller:
+            rex.answers["battery"] = lambda params: {"percent": 50.5}
+            rex.copies = 3  # delivered again
+            assert await controller.call("rex", "battery") == {"percent": 50.5}
+            assert [command.method for command in rex.commands] == ["battery"]
+
+    asyncio.run(main())
+
+
+def test_an_error_of_a_board_is_raised_with_its_name(broker: Broker) -> None:
+    def refuse(params: object) -> None:
+        raise Refused("MotionRefused", "servo 1 would turn too far")
+
+    async def main() -> None:
+        async with stand_ins(broker, "rex") as (rex,), controller_of(broker) as controller:
+            rex.answers["move"] = refuse
+            with pytest.raises(MotionRefused, match="rex: servo 1 would turn too far"):
+                await controller.call("rex", "move", {"targets": {"1": 500}})
+
+    asyncio.run(main())
+
+
+def test_silence_says_whether_something_may_have_been_done(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex") as (rex,), controller_of(broker) as controller:
+            rex.is_silent = True
+            with pytest.raises(OutcomeUnknown, match="rex has not answered move within"):
+                await controller.call("rex", "move", {"targets": {"1": 5}}, patience=0.05)
+            with pytest.raises(RequestTimeout, match="rex has not answered battery"):
+                await controller.call("rex", "battery", patience=0.05)
+
+    asyncio.run(main())
+
+
+def test_without_a_broker_there_is_an_error(broker: Broker) -> None:
+    async def main() -> None:
+        broker.end()
+        async with controller_of(broker):
+            pass
+
+    with pytest.raises(OpenError):
+        asyncio.run(main())
+
+
+def test_a_command_outlives_the_broker(broker: Broker) -> None:
+    async def main() -> None:
+        async with controller_of(broker) as controller:
+            broker.end()
+            asked = asyncio.create_task(controller.call("rex", "battery"))
+            broker.start()
+            async with stand_ins(broker, "rex") as (rex,):
+                rex.answers["battery"] = lambda params: {"percent": 1.0}
+                await controller.settle()
+                assert controller.roster.online == ("rex",)
+                asked.cancel()
+                assert await controller.call("rex", "battery") == {"percent": 1.0}
+
+    asyncio.run(main())
