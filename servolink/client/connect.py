@@ -13,6 +13,7 @@ from servolink.client.session import Session, set_mode
 from servolink.connection.connection import Connection, HubLink
 from servolink.connection.options import ConnectionOptions, TransmissionMode, options_in
 from servolink.connection.stats import Stats
+from servolink.connection.taps import Taps
 from servolink.errors import ConnectionLost, OpenError, ProfileError, RequestError, RequestTimeout, TransportUnavailable
 from servolink.escaping import escape, quote
 from servolink.motion.angles import AngleUnit
@@ -112,6 +113,8 @@ class connect:  # noqa: N801 - reads as the function it stands for
         self._angle_unit: AngleUnit | None = angle_unit
         self._limits = motion_limits(angle_limits, speed_cap, soft_start, "an argument")
         self._board: Board | None = None
+        self.taps = Taps()
+        """Who hears what passes, from the first byte on."""
 
     if not TYPE_CHECKING:  # a type checker would take it as a promise that every attribute exists
 
@@ -227,6 +230,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
             unsupported=(profile and profile.settings.unsupported) or (),
             repeats=hub is None,
             stats=stats,
+            taps=self.taps,
         )
         guard = _guard(connection, profile)
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Awaitable, Callable, Collection
+from collections.abc import Awaitable, Callable, Collection, Coroutine
 from contextlib import AbstractAsyncContextManager, AbstractContextManager
 from random import Random
 from typing import Any, NoReturn, Protocol, TypeVar
@@ -20,6 +20,7 @@ from servolink.connection.scheduler import RequestScheduler
 from servolink.connection.sender import RequestSender
 from servolink.connection.slots import Obstacle, Slots
 from servolink.connection.stats import Stats
+from servolink.connection.taps import Taps
 from servolink.connection.window import Window
 from servolink.errors import ServolinkError
 from servolink.escaping import escape
@@ -76,6 +77,7 @@ class Connection:
         unsupported: Collection[str] = (),
         repeats: bool = True,
         stats: Stats | None = None,
+        taps: Taps | None = None,
         random: Random | None = None,
     ) -> None:
         """Give a request up after `patience` seconds. Have at most `depth` under way, or `write_depth`.
@@ -91,6 +93,8 @@ class Connection:
         self.patience = patience
         self.stats = stats or Stats()
         """Counters of everything seen."""
+        self.taps = taps or Taps()
+        """Who hears what passes."""
         self.guard: Callable[[Packet], Awaitable[None]] | None = None
         """Awaited before each packet except queries; it raises for one that must not reach this board."""
         self.hub: HubLink | None = None
@@ -110,7 +114,7 @@ class Connection:
         self._takes_at_once: bool = getattr(transport, "takes_at_once", False)
         self._reopened_at = -_REOPEN_PAUSE
         self.answers = ResponseDispatcher(
-            transport.url, codec, self._slots, self._scheduler, patience, self._loop.time, self.stats
+            transport.url, codec, self._slots, self._scheduler, patience, self._loop.time, self.stats, self.taps
         )
         self._sender = RequestSender(transport, codec, self._slots, self._scheduler, self.answers, repeats=repeats)
         self._margin = 0.0 if repeats else HUB_MARGIN
@@ -251,7 +255,7 @@ class Connection:
 
     # --- requests -----------------------------------------------------------------------------------------------
 
-    async def request(
+    def request(
         self,
         packet: Request[R],
         *,
@@ -259,14 +263,25 @@ class Connection:
         first: bool = False,
         unchecked: bool = False,
         unless_units_since: int | None = None,
-    ) -> R:
-        """Send `packet` and return its response.
+    ) -> Coroutine[Any, Any, R]:
+        """Return what sends `packet`, when it is awaited, and returns its response.
 
         What may be repeated is repeated until `patience` ends, and raises RequestTimeout. What changes the board
         otherwise is sent once, and raises OutcomeUnknown. `timeout` limits the whole call, waiting included. `first`
         goes before all who wait; `unchecked` sends back what was read from a board (see Codec.encode). If `units_sent`
         is no longer `unless_units_since`, RequestError is raised and nothing sent, as for a movement after a stop.
         """
+        asking = self._request(packet, timeout, first, unchecked, unless_units_since)
+        return self.taps.follow(packet, asking) if self.taps.heard_by else asking
+
+    async def _request(
+        self,
+        packet: Request[R],
+        timeout: float | None,
+        first: bool,  # noqa: FBT001 - passed on by `request`, on the way of every request
+        unchecked: bool,  # noqa: FBT001 - likewise
+        unless_units_since: int | None,
+    ) -> R:
         if asyncio.get_running_loop() is not self._loop:
             self._refuse_loop()
         frame = self.codec.encode(packet, unchecked=unchecked)
@@ -302,13 +317,17 @@ class Connection:
         self._asker.ask(self._call(packet, None), packet, frame, done)
         return True
 
-    async def send(
+    def send(
         self, packet: Command, *, unless_stopped_since: int | None = None, unless_units_since: int | None = None
-    ) -> bool:
-        """Send a packet that is never answered; return when it is sent, or False if it must not be any more.
+    ) -> Coroutine[Any, Any, bool]:
+        """Return what sends a packet that is never answered; it returns when that is sent, or False if it must not be.
 
         That is when `units_sent` is no longer `unless_units_since`. After a stop movements raise RequestError.
         """
+        sending = self._send(packet, unless_stopped_since, unless_units_since)
+        return self.taps.follow(packet, sending) if self.taps.heard_by else sending
+
+    async def _send(self, packet: Command, unless_stopped_since: int | None, unless_units_since: int | None) -> bool:
         self._check_loop()
         frame = self.codec.encode(packet)
         call = self._call(packet, None)
@@ -328,14 +347,19 @@ class Connection:
             self._leave(call)
         return True
 
-    async def send_stop(self, packet: SetServoParameterRequest) -> None:
-        """Send `packet` before everything else, without waiting for anything, not even its response."""
+    def send_stop(self, packet: SetServoParameterRequest) -> Coroutine[Any, Any, bool]:
+        """Return what sends `packet` before everything else, and waits for nothing, not even its response."""
+        sending = self._send_stop(packet)
+        return self.taps.follow(packet, sending) if self.taps.heard_by else sending
+
+    async def _send_stop(self, packet: SetServoParameterRequest) -> bool:
         self._check_loop()
         self._sender.raise_if_ended()
         self._sender.stops += 1
         lane = self._slots.lanes[packet.packet_id + 1]
         self.answers.open_stop(Slot(packet, lane, None, self._loop.time()))
         await self._sender.write(self.codec.encode(packet))
+        return True
 
     def _call(self, packet: Request[Any] | Command, timeout: float | None) -> Call:
         patience = self.patience + self._margin if timeout is None else timeout

@@ -18,6 +18,7 @@ from servolink.connection.opening import Opening
 from servolink.connection.scheduler import Load, RequestScheduler
 from servolink.connection.slots import FENCES_ONLY, Slots
 from servolink.connection.stats import Stats
+from servolink.connection.taps import Taps
 from servolink.errors import ConnectionLost, DecodeError
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import MAGIC, OVERHEAD, Frame
@@ -46,6 +47,14 @@ class _Arrival(Struct):
     paused_until: float = 0.0
 
 
+class _Silence(Struct):
+    """A time in which the board was asked and sent no frame."""
+
+    since: float | None = None
+    """None if nothing was asked since the latest frame."""
+    sendings: int = 0
+
+
 class ResponseDispatcher:
     """Receives from a transport, settles slots, wakes calls and delivers button events."""
 
@@ -58,9 +67,11 @@ class ResponseDispatcher:
         patience: float,
         now: Callable[[], float],
         stats: Stats,
+        taps: Taps,
     ) -> None:
         """Settle `slots` with what comes from `url`; after `patience` seconds of silence the board is gone."""
         self.stats = stats
+        self.taps = taps
         self.ended: ConnectionLost | None = None
         """What ended the connection; None while it is up."""
         self.on_event: Callable[[ButtonEventResponse], None] = lambda event: None
@@ -90,8 +101,7 @@ class ResponseDispatcher:
         self._heard_at = 0.0  # when the latest bytes came
         self._restarted_at = 0.0  # from when the time of the oldest slot counts
         self._arrival: _Arrival | None = None  # since then
-        self._silent_since: float | None = None
-        self._silent_sendings = 0
+        self._silence = _Silence()
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Done when the connection has ended."""
         self._parser = FrameParser(codec.byte_order)
@@ -104,6 +114,8 @@ class ResponseDispatcher:
     def data(self, chunk: bytes, /) -> None:
         """Take bytes from the transport."""
         self.stats.bytes_received += len(chunk)
+        if self.taps.heard_by:
+            self.taps.received(chunk)
         self._heard_at = self._now()
         self._load = None
         for frame in self._parser.feed(chunk):
@@ -126,9 +138,10 @@ class ResponseDispatcher:
         if not self._slots.live:
             self._restart(now)
         self._slots.open(slot)
-        if self._silent_since is None:
-            self._silent_since, self._silent_sendings = now, 0
-        self._silent_sendings += 1
+        silence = self._silence
+        if silence.since is None:
+            silence.since, silence.sendings = now, 0
+        silence.sendings += 1
         self._timer.arm(now + slot.timeout)
 
     def leave(self, call: Call) -> None:
@@ -175,7 +188,7 @@ class ResponseDispatcher:
 
     def _take(self, frame: Frame) -> None:
         self.stats.frames_received += 1
-        self._silent_since = None
+        self._silence.since = None
         if frame_logger.isEnabledFor(logging.DEBUG):
             self.frame_log.received(frame)
         packet_id, content = frame
@@ -284,8 +297,8 @@ class ResponseDispatcher:
         """Count all times from now: no other program has the board alone any more."""
         self.held = ""
         self._restart(self._now())
-        if self._silent_since is not None:
-            self._silent_since = self._now()
+        if self._silence.since is not None:
+            self._silence.since = self._now()
 
     def _restart(self, now: float) -> None:
         """Count the time of the oldest slot from now: nothing older delays its response any more."""
@@ -344,12 +357,13 @@ class ResponseDispatcher:
             return
         if self._slots.overdue >= _MOST_OVERDUE:
             self.lost(TimeoutError(f"the board has left {_MOST_OVERDUE} queries in a row unanswered"))
-        if self._silent_since is None or self._silent_sendings < _SILENT_SENDINGS:
+        since = self._silence.since
+        if since is None or self._silence.sendings < _SILENT_SENDINGS:
             return
         calls = [slot.call for lane in self._slots.lanes.values() for slot in lane.slots if slot.call is not None]
         patience = max([self._patience, *(call.patience for call in calls if not call.is_over)])
-        if now - self._silent_since >= _SILENT_PATIENCES * patience:
-            self.lost(TimeoutError(f"the board has sent nothing for {now - self._silent_since:.1f} s"))
+        if now - since >= _SILENT_PATIENCES * patience:
+            self.lost(TimeoutError(f"the board has sent nothing for {now - since:.1f} s"))
 
     def _await_partial_frame(self, slot: Slot, now: float) -> None:
         """Put the deadline off while its response, or anything else, is arriving; else give a false start up."""

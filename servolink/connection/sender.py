@@ -75,6 +75,7 @@ class RequestSender:
         self._repeats = repeats
         self._window = scheduler.window
         self._stats = answers.stats
+        self._taps = answers.taps
         self._loop = asyncio.get_running_loop()
         self._drain = PendingDrain(transport, scheduler)
         self._wrote = False  # whether the latest request is one that is sent only once
@@ -294,6 +295,8 @@ class RequestSender:
             raise same(self._answers.ended)
         self._stats.frames_sent += 1
         self._stats.bytes_sent += len(frame)
+        if self._taps.heard_by:
+            self._taps.sent(frame)
         if frame_logger.isEnabledFor(logging.DEBUG):
             self._answers.frame_log.sent(frame)
         return frame
