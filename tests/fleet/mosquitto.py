@@ -33,7 +33,8 @@ class Broker:
         self.port = _free_port()
         self._config = folder / "mosquitto.conf"
         self._log = folder / "mosquitto.log"
-        text = [f"listener {self.port} 127.0.0.1", *listener, *lines, "log_type all", "log_dest stderr"]
+        # As root, or it would change to a user that cannot read the files of the test.
+        text = [f"listener {self.port} 127.0.0.1", *listener, *lines, "user root", "log_type all", "log_dest stderr"]
         self._config.write_text("\n".join(text) + "\n", encoding="utf-8")
         self._config.chmod(0o644)
         self._process: subprocess.Popen[str] | None = None

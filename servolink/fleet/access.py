@@ -1,0 +1,159 @@
+"""Where the broker of a fleet is, and how a program proves who it is."""
+
+from __future__ import annotations
+
+import os
+import ssl
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NoReturn
+from urllib.parse import unquote, urlsplit
+
+from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
+from servolink.escaping import quote
+from servolink.files import read_file, reason
+
+PASSWORD_VARIABLE = "SERVOLINK_MQTT_PASSWORD"  # noqa: S105 - its name, not its value
+_PORTS = {"mqtt": 1883, "mqtts": 8883}
+_MOST_PORT = 65535
+_MOST_PASSWORD = 4096  # bytes
+_FORMS = "write it as mqtt://HOST, mqtts://HOST:8883 or mqtt://USER@HOST"
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerAddress:
+    """The address of a broker."""
+
+    host: str
+    port: int
+    is_encrypted: bool
+    user: str | None = None
+
+    def __str__(self) -> str:
+        """Return the address as people write it, without the user."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{'mqtts' if self.is_encrypted else 'mqtt'}://{host}:{self.port}"
+
+
+def parse_broker(url: str) -> BrokerAddress:
+    """Return the address in `url`. Raise InvalidAddress, which says what to write instead."""
+    if not url.isprintable() or any(map(str.isspace, url)):
+        _refuse(url, "holds spaces or control characters")
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError as error:
+        _refuse(url, f"cannot be read ({error})")
+    if parts.scheme not in _PORTS:
+        _refuse(url, "is not the address of an MQTT broker")
+    if not parts.hostname:
+        _refuse(url, "names no host")
+    if parts.password is not None:
+        raise InvalidAddress(
+            "a password in an address can be read by every user of this machine: give it with --password-file, in "
+            f"{PASSWORD_VARIABLE} or in the keyring of the system"
+        )
+    if parts.path.strip("/") or parts.query or parts.fragment:
+        _refuse(url, "has something behind the host")
+    port = _PORTS[parts.scheme] if port is None else port
+    if not 0 < port <= _MOST_PORT:
+        _refuse(url, f"has no port from 1 to {_MOST_PORT}")
+    user = None if parts.username is None else unquote(parts.username)
+    return BrokerAddress(parts.hostname, port, parts.scheme == "mqtts", user)
+
+
+def _refuse(url: str, why: str) -> NoReturn:
+    raise InvalidAddress(f"{quote(url)} {why}; {_FORMS}")
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerAccess:
+    """A broker, and how to get in."""
+
+    address: BrokerAddress
+    user: str | None = None
+    password: str | None = field(default=None, repr=False)
+    tls: ssl.SSLContext | None = None
+
+
+def broker_access(
+    url: str,
+    *,
+    user: str | None = None,
+    password_file: Path | None = None,
+    ca: Path | None = None,
+    certificate: Path | None = None,
+    key: Path | None = None,
+) -> BrokerAccess:
+    """Return how to get into the broker at `url`. Blocks: it reads files, and may ask the keyring of the system.
+
+    The user is that of `url` unless given. The password is in the first line of `password_file`, in the environment
+    (SERVOLINK_MQTT_PASSWORD) or in the keyring of the system, where it belongs to the address of the broker. `ca` holds
+    the certificates that the broker's is checked against, those of the system unless given; `certificate` and `key`
+    are this program's own.
+
+    Raise InvalidAddress for an impossible address, and OpenError for a file that cannot be used.
+    """
+    address = parse_broker(url)
+    if not address.is_encrypted and (ca or certificate or key):
+        raise InvalidAddress(f"certificates are for mqtts://, and {address} is not encrypted")
+    if key and not certificate:
+        raise InvalidAddress("a key needs the certificate that belongs to it: give both")
+    user = user or address.user
+    tls = _tls(ca, certificate, key) if address.is_encrypted else None
+    return BrokerAccess(address, user, _password(address, user, password_file), tls)
+
+
+def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
+    try:
+        context = ssl.create_default_context(cafile=ca)
+    except (OSError, ssl.SSLError) as error:
+        raise OpenError(f"{quote(str(ca))} cannot be used as certificates of authorities: {reason(error)}") from error
+    if certificate is not None:
+        try:
+            context.load_cert_chain(certificate, key, password=_no_password)
+        except (OSError, ssl.SSLError, ValueError) as error:
+            raise OpenError(
+                f"{quote(str(certificate))} and its key cannot be used: {reason(error)}; both must be PEM files, and "
+                "the key must not be encrypted"
+            ) from error
+    return context
+
+
+def _no_password() -> str:
+    """Answer OpenSSL, which would ask at the terminal otherwise."""
+    return ""
+
+
+def _password(address: BrokerAddress, user: str | None, file: Path | None) -> str | None:
+    if file is not None:
+        try:
+            text = read_file(file, _MOST_PASSWORD).decode()
+        except (OSError, ValueError) as error:
+            raise OpenError(f"{quote(str(file))} cannot be used as a password: {reason(error)}") from error
+        return _with_user(user, text.partition("\n")[0].removesuffix("\r"), f"the password in {quote(str(file))}")
+    if (text := os.environ.get(PASSWORD_VARIABLE, "")) or user is None:
+        return _with_user(user, text, f"the password in {PASSWORD_VARIABLE}") if text else None
+    return _from_keyring(str(address), user)
+
+
+def _with_user(user: str | None, password: str, what: str) -> str:
+    if user is None:
+        raise OpenError(f"{what} belongs to a user: name one, as in mqtt://USER@HOST or --user")
+    return password
+
+
+def _from_keyring(service: str, user: str) -> str | None:
+    """Return the password in the keyring of the system, None if there is none."""
+    try:
+        import keyring
+        from keyring.errors import KeyringError
+    except ModuleNotFoundError:
+        return None
+    try:
+        return keyring.get_password(service, user)
+    except (KeyringError, OSError, RuntimeError) as error:
+        raise TransportUnavailable(
+            f"the keyring of the system cannot be read: {error}; give the password with --password-file or in "
+            f"{PASSWORD_VARIABLE}"
+        ) from error

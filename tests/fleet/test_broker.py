@@ -1,0 +1,167 @@
+"""A connection with a real broker."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from servolink.errors import ConnectionLost, OpenError
+from servolink.fleet import broker as module
+from servolink.fleet.access import broker_access
+from servolink.fleet.broker import Denied, Publication, Received, Wire, WireOptions
+from tests.fleet.mosquitto import OPEN, Broker, needs_broker
+
+pytestmark = needs_broker
+
+
+@asynccontextmanager
+async def running(wire: Wire) -> AsyncIterator[Wire]:
+    """Run a wire that is connected."""
+    task = asyncio.create_task(wire.run())
+    connected = asyncio.create_task(wire.until_connected())
+    try:
+        await asyncio.wait((task, connected), return_when=asyncio.FIRST_COMPLETED)
+        if task.done():
+            await task
+        yield wire
+    finally:
+        for each in (task, connected):
+            each.cancel()
+        with suppress(asyncio.CancelledError, OpenError):
+            await task
+
+
+def wire_to(url: str, name: str = "test", **options: Any) -> Wire:
+    return Wire(broker_access(url), WireOptions(name, **options))
+
+
+def limited(test: Callable[..., Awaitable[None]], *arguments: Any) -> None:
+    async def run() -> None:
+        async with asyncio.timeout(30):
+            await test(*arguments)
+
+    asyncio.run(run())
+
+
+def test_a_message_arrives_with_all_that_belongs_to_it(broker: Broker) -> None:
+    async def test() -> None:
+        heard: asyncio.Queue[Received] = asyncio.Queue()
+        wire = wire_to(broker.url)
+        wire.on_message = heard.put_nowait
+        wire.subscriptions = [("servolink/rex/cmd", 1)]
+        async with running(wire):
+            await wire.send(Publication("servolink/rex/cmd", b"{}", 1, False, 9, "servolink/rex/result", b"\x01"))
+            message = await heard.get()
+        assert message[:5] == ("servolink/rex/cmd", b"{}", 1, False, False)
+        assert message.expiry in {8, 9}
+        assert message[7:] == ("servolink/rex/result", b"\x01")
+
+    limited(test)
+
+
+def test_what_is_not_acknowledged_is_delivered_again(broker: Broker) -> None:
+    async def test() -> None:
+        heard: asyncio.Queue[Received] = asyncio.Queue()
+        for times in range(2):
+            wire = wire_to(broker.url, session_seconds=60, acknowledges=True)
+            wire.on_message = heard.put_nowait
+            wire.subscriptions = [("t", 1)]
+            async with running(wire):
+                if not times:
+                    await wire.send(Publication("t", b"once", 1))
+                message = await heard.get()
+                assert (message.payload, message.is_duplicate) == (b"once", bool(times))
+                if times:
+                    wire.acknowledge(message)
+        wire = wire_to(broker.url, session_seconds=60)
+        wire.on_message = heard.put_nowait
+        async with running(wire):
+            await wire.send(Publication("t", b"other", 1))
+            assert (await heard.get()).payload == b"other"
+
+    limited(test)
+
+
+def test_the_will_is_sent_for_a_wire_that_is_lost(broker: Broker) -> None:
+    async def test() -> None:
+        heard: asyncio.Queue[Received] = asyncio.Queue()
+        listener = wire_to(broker.url, "listener")
+        listener.on_message = heard.put_nowait
+        listener.subscriptions = [("gone", 1)]
+        async with running(listener):
+            lost = wire_to(broker.url, will=Publication("gone", "offline", 1, True, content_type="text/plain"))
+            async with running(lost):
+                assert lost._client is not None
+                lost._client._client.socket().shutdown(socket.SHUT_RDWR)  # type: ignore[union-attr]
+                assert (await heard.get()).payload == b"offline"
+
+    limited(test)
+
+
+def test_a_wire_comes_back_after_the_broker(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "FIRST_PAUSE", 0.01)
+
+    async def test() -> None:
+        states: asyncio.Queue[bool] = asyncio.Queue()
+        heard: asyncio.Queue[Received] = asyncio.Queue()
+        wire = wire_to(broker.url)
+        wire.on_state = lambda is_connected, text: states.put_nowait(is_connected)
+        wire.on_message = heard.put_nowait
+        wire.subscriptions = [("t", 0)]
+        async with running(wire):
+            assert await states.get() is True
+            broker.end(signal.SIGKILL)
+            assert await states.get() is False
+            with pytest.raises(ConnectionLost):
+                await wire.send(Publication("t", b"x", 1))
+            broker.start()
+            while not await states.get():
+                pass
+            await wire.send(Publication("t", b"back"))
+            assert (await heard.get()).payload == b"back"
+
+    limited(test)
+
+
+def test_denied_topics_are_named_once(tmp_path: Path) -> None:
+    access = tmp_path / "acl"
+    access.write_text("topic read servolink/#\ntopic write servolink/+/state\n", encoding="utf-8")
+    broker = Broker(tmp_path, [*OPEN, f"acl_file {access}"])
+    broker.start()
+
+    async def test() -> None:
+        told: list[str] = []
+        wire = wire_to(broker.url)
+        wire.on_problem = told.append
+        wire.subscriptions = [("servolink/rex/cmd", 1)]
+        async with running(wire):
+            await wire.send(Publication("servolink/rex/state", b"", 1))
+            for _ in range(2):
+                with pytest.raises(Denied, match="servolink/rex/event: not authorized"):
+                    await wire.send(Publication("servolink/rex/event", b"", 1))
+        assert told == [
+            "the broker does not allow to write to servolink/rex/event: not authorized; correct its access list"
+        ]
+
+    limited(test)
+
+
+def test_a_broker_that_refuses_is_an_error_that_says_what_to_do(tmp_path: Path) -> None:
+    broker = Broker(tmp_path, ["allow_anonymous false"])
+    broker.start()
+
+    async def test() -> None:
+        with pytest.raises(OpenError, match="does not let this program in: correct user and password"):
+            await wire_to(broker.url).run()
+        broker.end()
+        with pytest.raises(OpenError, match="no broker listens there"):
+            await wire_to(broker.url).run()
+
+    limited(test)
