@@ -2,13 +2,15 @@
 
 import uPlot from "../vendor/uplot.js";
 import { html, useEffect, useRef } from "../html.js";
-import { LENGTH } from "../state/history.js";
+import { Stretch } from "../state/stretch.js";
 
 /** @typedef {import("../state/history.js").History} History */
 /** @typedef {import("../state/history.js").Quantity} Quantity */
 /** @typedef {{ history: History, ids: number[], quantity: Quantity, seconds: number, chosen: number | null, limbOf: (id: number) => string, unit: string, label: string, nowLabel: string, look: string }} Props */
 
 const FRAME = 33; // milliseconds between two drawings
+const PIXELS = 2; // from one point to the next, at least
+const THIN = 1, WIDE = 2.4; // pixels; without a graphics card, drawing lines of 1.4 takes three times as long as of 1
 const FAINT = 0.3;
 const ANGLES = [-180, 180];
 
@@ -38,15 +40,8 @@ export function Plot(props) {
  * @param {Props} props
  */
 function draw(plot, { history, ids, quantity, seconds }) {
-  const count = Math.min(history.count, LENGTH), latest = history.times[(history.count - 1) % LENGTH];
-  if (count === 0) return;
-  let first = history.count - count;
-  while (first < history.count && history.times[first % LENGTH] < latest - seconds) first++;
-  const length = history.count - first;
-  /** @param {Float32Array | Float64Array} ring */
-  const tail = (ring) => Array.from({ length }, (_, at) => ring[(first + at) % LENGTH]);
-  const times = tail(history.times).map((time) => time - latest);
-  plot.setData([times, ...ids.map((id) => tail(history.of(id)[quantity]))], quantity !== "angle");
+  const stretch = new Stretch(history, seconds, plot.width / PIXELS);
+  plot.setData([stretch.times(history.times), ...ids.map((id) => stretch.values(history.of(id)[quantity]))], quantity !== "angle");
   plot.setScale("x", { min: -seconds, max: 0 });
   if (quantity === "angle") plot.setScale("y", { min: ANGLES[0], max: ANGLES[1] });
 }
@@ -74,7 +69,7 @@ function options(element, { ids, chosen, limbOf, unit, nowLabel }) {
       {},
       ...ids.map((id) => ({
         stroke: colour(limbOf(id) ? `--limb-${limbOf(id)}` : "--accent"),
-        width: id === chosen ? 2.4 : 1.4,
+        width: id === chosen ? WIDE : THIN,
         alpha: chosen === null || id === chosen ? 1 : FAINT,
         points: { show: false },
       })),

@@ -8,6 +8,8 @@ export default class uPlot {
   constructor(options: Options, data: ArrayLike<number | null>[], parent: HTMLElement);
   setData(data: ArrayLike<number | null>[], resetScales?: boolean): void;
   setSize(size: { width: number; height: number }): void;
+  /** CSS pixels. */
+  readonly width: number;
   setScale(key: string, range: { min: number; max: number }): void;
   destroy(): void;
 }

@@ -16,27 +16,34 @@ const THRESHOLD = 4; // pixels before a press becomes a drag
 const PICTURE = 0.07, TIME = 0.028; // share of the timeline from which picture or time fit a clip
 const MOST_MARKS = 50;
 
-/** The clip that is dragged, by how many pixels, and its place if it is dropped now. */
-const dragged = signal(/** @type {{ index: number, by: number, to: number } | null} */ (null));
+/** The clip that is dragged, and its place if it is dropped now. */
+const dragged = signal(/** @type {{ index: number, to: number } | null} */ (null));
 
 export function ClipsLane() {
-  const all = (course.value?.clips ?? []).filter((clip) => clip.depth === 0), drag = dragged.value;
-  const others = drag === null ? [] : all.filter((clip) => clip.index !== drag.index);
-  const gap = drag === null ? null : (others[drag.to]?.from ?? others.at(-1)?.until ?? 0);
+  const all = (course.value?.clips ?? []).filter((clip) => clip.depth === 0);
   return html`<div class="bd">
-    ${all.map((clip) => html`<${TopClip} key=${clip.index} clip=${clip} all=${all} by=${drag?.index === clip.index ? drag.by : 0} />`)}
-    ${gap !== null && html`<i class="drop" style=${{ left: share(gap) }}></i>`}
+    ${all.map((clip) => html`<${TopClip} key=${clip.index} clip=${clip} all=${all} />`)}
+    <${Gap} all=${all} />
     ${all.length === 0 && html`<span class="quiet">${course.value === null ? t("macros.endless_detail") : t("macros.empty")}</span>`}
   </div>`;
 }
 
-/** @param {{ clip: Clip, all: Clip[], by: number }} props */
-function TopClip({ clip, all, by }) {
+/**
+ * Where the dragged clip falls if it is dropped now.
+ * @param {{ all: Clip[] }} props
+ */
+function Gap({ all }) {
+  if (dragged.value === null) return null;
+  const { index, to } = dragged.value, others = all.filter((clip) => clip.index !== index);
+  return html`<i class="drop" style=${{ left: share(others[to]?.from ?? others.at(-1)?.until ?? 0) }}></i>`;
+}
+
+/** @param {{ clip: Clip, all: Clip[] }} props */
+function TopClip({ clip, all }) {
   const { command, index } = clip, marks = command.loop > 1 ? Math.min(MOST_MARKS, command.loop) - 1 : 0;
   const handlers = useReorder(clip, all), what = nameOfCommand(command);
   const label = t("macros.clip_aria", { what, time: seconds(clip.from, 1), seconds: seconds(clip.until - clip.from) });
-  const style = { ...place(clip), transform: by ? `translateX(${by}px)` : "" };
-  return html`<button class="clip ${command.type} ${by ? "drag" : ""}" style=${style} aria-pressed=${String(index === chosenClip.value)} title=${label}
+  return html`<button class="clip ${command.type}" style=${place(clip)} aria-pressed=${String(index === chosenClip.value)} title=${label}
     onClick=${() => (chosenClip.value = index)} onFocus=${() => (chosenClip.value = index)} ...${handlers}>
     ${Array.from({ length: marks }, (_, at) => html`<i class="rep" style=${{ left: `${((at + 1) / (marks + 1)) * 100}%` }}></i>`)}
     <${ClipLabel} clip=${clip} />
@@ -84,34 +91,41 @@ function Edge({ clip }) {
 }
 
 /**
- * Return what makes a clip move to another place when it is dragged.
+ * Return what makes a clip move to another place when it is dragged. The clip alone is drawn again with each movement:
+ * there may be a thousand.
  * @param {Clip} clip
  * @param {Clip[]} all
  */
 function useReorder(clip, all) {
-  const grip = useRef(/** @type {{ x: number, perPixel: number } | null} */ (null));
+  const grip = useRef(/** @type {{ x: number, perPixel: number, element: HTMLElement } | null} */ (null));
   /** @param {PointerEvent} event */
   const grab = (event) => {
     if (event.button !== 0) return;
     const element = /** @type {HTMLElement} */ (event.currentTarget);
-    grip.current = { x: event.clientX, perPixel: span.value / (element.closest(".bd")?.clientWidth ?? 1) };
+    grip.current = { x: event.clientX, perPixel: span.value / (element.closest(".bd")?.clientWidth ?? 1), element };
     element.setPointerCapture(event.pointerId);
   };
   /** @param {PointerEvent} event */
   const pull = (event) => {
     if (grip.current === null) return;
-    const by = event.clientX - grip.current.x;
+    const { x, perPixel, element } = grip.current, by = event.clientX - x;
     if (dragged.value === null && Math.abs(by) < THRESHOLD) return;
-    const middle = (clip.from + clip.until) / 2 + by * grip.current.perPixel;
+    element.classList.add("drag");
+    element.style.transform = `translateX(${by}px)`;
+    const middle = (clip.from + clip.until) / 2 + by * perPixel;
     const to = all.filter((other) => other !== clip && (other.from + other.until) / 2 < middle).length;
-    dragged.value = { index: clip.index, by, to };
+    if (dragged.value?.to !== to) dragged.value = { index: clip.index, to };
+  };
+  const cancel = () => {
+    grip.current?.element.classList.remove("drag");
+    grip.current?.element.style.removeProperty("transform");
+    grip.current = dragged.value = null;
   };
   const drop = () => {
     const drag = dragged.value;
-    grip.current = dragged.value = null;
+    cancel();
     if (drag?.index === clip.index) move(drag.index, drag.to);
   };
-  const cancel = () => (grip.current = dragged.value = null);
   return { onPointerDown: grab, onPointerMove: pull, onPointerUp: drop, onPointerCancel: cancel };
 }
 
