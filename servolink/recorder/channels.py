@@ -25,9 +25,9 @@ Direction: TypeAlias = Literal["sent", "received"]
 Outcome: TypeAlias = Literal["answered", "rejected", "sent", "refused", "unanswered", "unknown", "failed"]
 """What became of a request.
 
-answered: the board did, `rejected`: with the result 0, sent: it is one that boards do not answer, refused: it was not
-sent, unanswered: it is a query, so nothing was changed, unknown: whether it was carried out, failed: the connection was
-lost before it was sent.
+answered: the board did, rejected: it did with the result 0, sent: boards do not answer it, or it is a stop, which waits
+for nothing, refused: it was not sent, unanswered: it is a query, so nothing was changed, unknown: it was sent, and may
+have been carried out or not, failed: the connection was lost, perhaps before it was sent.
 """
 
 
@@ -147,8 +147,11 @@ class Recorded(Struct, frozen=True):
 
 
 def encode(message: Message) -> bytes:
-    """Return the JSON of a message."""
-    return _encoder.encode(message)
+    """Return the JSON of a message. Bytes of a caption that are not text become question marks."""
+    try:
+        return _encoder.encode(message)
+    except UnicodeEncodeError:
+        return json.dumps(msgspec.to_builtins(message), ensure_ascii=False).encode(errors="replace")
 
 
 def decode(topic: str, data: bytes) -> Message:

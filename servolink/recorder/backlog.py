@@ -1,0 +1,94 @@
+"""Backlog: what was not written yet, in bounded memory."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from typing import NamedTuple
+
+from servolink.files import MIB
+from servolink.recorder.channels import TOPICS, Message, ProblemFound, ServosRead, Wire
+
+TELEMETRY_BYTES = 4 * MIB
+"""While so much waits, readings of servos are dropped: they come again."""
+MOST_BYTES = 32 * MIB
+"""While so much waits, everything is dropped, wire bytes too."""
+
+_OVERHEAD = 200  # bytes of a message in memory, about
+
+
+class Timed(NamedTuple):
+    """A message, and when it was: seconds on the monotonic clock."""
+
+    seconds: float
+    message: Message
+
+
+class Backlog:
+    """A queue from the thread that listens to the one that writes; neither ever waits for the other.
+
+    Each counter is changed by one of them only, and a deque needs no lock.
+    """
+
+    def __init__(self, telemetry_bytes: int = TELEMETRY_BYTES, most_bytes: int = MOST_BYTES) -> None:
+        """Start empty. The bounds are on the sum of the sizes of messages."""
+        self._telemetry_bytes = telemetry_bytes
+        self._most_bytes = most_bytes
+        self._waiting: deque[Timed] = deque()
+        self._put = self._taken = 0  # bytes so far
+        self._is_late = self._is_full = False  # dropping telemetry, or everything; up to half of the bound
+        self._dropped: Counter[str] = Counter()  # by topic, since it was last told
+        self.dropped = 0
+        """Messages dropped so far."""
+
+    @property
+    def size(self) -> int:
+        """About how many bytes wait."""
+        return self._put - self._taken
+
+    def put(self, seconds: float, message: Message) -> None:
+        """Append a message, or drop it."""
+        size = self.size
+        if size >= self._telemetry_bytes or self._is_late:
+            self._is_late = size >= self._telemetry_bytes // 2
+            self._is_full = size >= (self._most_bytes // 2 if self._is_full else self._most_bytes)
+            if self._is_full or (self._is_late and isinstance(message, ServosRead)):
+                self._dropped[TOPICS[type(message)]] += 1
+                self.dropped += 1
+                return
+        if self._dropped and (not self._is_late or "/wire" in self._dropped):
+            self.tell_dropped(seconds)
+        self._append(seconds, message)
+
+    def take(self) -> Timed | None:
+        """Remove the oldest message and return it; None if there is none."""
+        if not self._waiting:
+            return None
+        timed = self._waiting.popleft()
+        self._taken += size_of(timed.message)
+        return timed
+
+    def tell_dropped(self, seconds: float) -> None:
+        """Append how many messages are missing, if some are."""
+        dropped, self._dropped = self._dropped, Counter()
+        for topic, count in dropped.items():
+            self._append(seconds, ProblemFound("dropped", _TEXTS.get(topic, _TEXT), channel=topic, count=count))
+
+    def _append(self, seconds: float, message: Message) -> None:
+        self._put += size_of(message)
+        self._waiting.append(Timed(seconds, message))
+
+
+_TEXT = "the disk was too slow: messages are missing here"
+_TEXTS = {
+    "/wire": "the disk was too slow for long: bytes of the line are missing here, and packets with them",
+    "/servos": "the disk was too slow: readings of the servos are missing here",
+}
+
+
+def size_of(message: Message) -> int:
+    """Return about how many bytes a message takes in memory."""
+    if isinstance(message, Wire):
+        return _OVERHEAD + len(message.data)
+    if isinstance(message, ServosRead):
+        return _OVERHEAD * (1 + len(message.servos))
+    return 2 * _OVERHEAD

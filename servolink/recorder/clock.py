@@ -1,0 +1,30 @@
+"""Clock: from the monotonic clock of an event loop to wall time that never goes back."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+BILLION = 1_000_000_000
+
+
+class Clock:
+    """Wall time as it was at the start of a recording, and the monotonic time since."""
+
+    def __init__(self, now: Callable[[], float] = time.monotonic, wall: int | None = None) -> None:
+        """Start now; `wall` is in nanoseconds since 1970, that of the system unless given."""
+        self.now = now
+        """Returns the monotonic time in seconds."""
+        self.monotonic = now()
+        """When it was started."""
+        self._wall = time.time_ns() if wall is None else wall
+
+    def wall(self, seconds: float) -> int:
+        """Return monotonic time as nanoseconds since 1970."""
+        return self._wall + round((seconds - self.monotonic) * BILLION)
+
+    @property
+    def started(self) -> str:
+        """When it was started: ISO 8601, UTC."""
+        return datetime.fromtimestamp(self._wall // BILLION, UTC).isoformat().replace("+00:00", "Z")

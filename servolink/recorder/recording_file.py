@@ -1,0 +1,77 @@
+"""RecordingFile: a file that at any time ends with a whole block, whatever the disk does."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol
+
+from servolink.errors import RecordingError
+from servolink.files import reason
+
+
+class Disk(Protocol):
+    """The calls of the system that a recording needs, so that tests can have a bad one."""
+
+    def write(self, descriptor: int, data: memoryview, /) -> int:
+        """Write some bytes and return how many."""
+        ...
+
+    def fsync(self, descriptor: int, /) -> None:
+        """Return when everything is on the disk."""
+
+    def ftruncate(self, descriptor: int, length: int, /) -> None:
+        """Cut the file."""
+
+
+class RecordingFile:
+    """Writes blocks one after the other, each whole or, for now, not at all."""
+
+    def __init__(self, path: Path, *, disk: Disk = os) -> None:
+        """Create the file. Raise RecordingError if it exists already, or cannot be created."""
+        self.path = path
+        self.size = 0
+        """Bytes on the disk, all of whole blocks."""
+        self.problem = ""
+        """Why the block that waits cannot be written; empty while nothing waits."""
+        self._disk = disk
+        self._waiting = b""
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+        try:
+            self._descriptor = os.open(path, flags, 0o666)
+        except FileExistsError as error:
+            raise RecordingError(f"{path} exists already; remove it or record to another file") from error
+        except (OSError, ValueError) as error:
+            raise RecordingError(f"cannot record to {path}: {reason(error)}; choose another file") from error
+
+    def put(self, block: bytes) -> bool:
+        """Write a block behind the one that waits, if one does. Return whether all of it is on the disk."""
+        self._waiting = self._waiting + block if self._waiting else block
+        return self.retry()
+
+    def retry(self) -> bool:
+        """Write what waits. Return whether nothing waits any more."""
+        if not self._waiting:
+            return True
+        try:
+            left = memoryview(self._waiting)
+            while left:
+                left = left[self._disk.write(self._descriptor, left) :]
+            self._disk.fsync(self._descriptor)
+        except OSError as error:
+            self.problem = reason(error)
+            with suppress(OSError):  # then the file ends with a part of a block, which readers skip
+                self._disk.ftruncate(self._descriptor, self.size)
+                os.lseek(self._descriptor, self.size, os.SEEK_SET)
+            return False
+        self.size += len(self._waiting)
+        self._waiting, self.problem = b"", ""
+        return True
+
+    def close(self) -> None:
+        """Close the file. What waits is lost."""
+        if self._descriptor >= 0:
+            descriptor, self._descriptor = self._descriptor, -1
+            with suppress(OSError):
+                os.close(descriptor)

@@ -1,0 +1,160 @@
+"""RecordingWriter: messages to a file, on a thread of its own."""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+
+from msgspec import Struct
+
+from servolink.errors import RecordingError
+from servolink.protocol.codec import Codec
+from servolink.recorder.backlog import Backlog, Timed
+from servolink.recorder.channels import TOPICS, Message, ProblemFound, Recorded, Wire, encode
+from servolink.recorder.clock import Clock
+from servolink.recorder.mcap_stream import McapStream
+from servolink.recorder.packet_stream import PacketStream
+from servolink.recorder.recording_file import Disk, RecordingFile
+
+CHUNK_SECONDS = 1.0
+"""After so long what was recorded is on the disk: it is all that a crash can cost."""
+CHUNK_BYTES = 256 * 1024
+"""Or after so many bytes, before they are compressed."""
+_LOOK_EVERY = 0.1  # seconds: waking the thread for each message would cost the program more than the message
+_PATIENCE = 5.0  # seconds that closing waits for a disk that takes nothing
+
+
+class RecorderStatus(Struct, frozen=True):
+    """How a recording goes on."""
+
+    path: str
+    seconds: float
+    """Since it began."""
+    size: int
+    """Bytes on the disk."""
+    messages: int
+    dropped: int
+    """Messages that are missing, because the disk was too slow or full."""
+    problem: str
+    """What is wrong with the disk now; empty if nothing is."""
+
+
+class MessageEncoder:
+    """Turns messages into the bytes of an MCAP file; packets are derived from the wire bytes here."""
+
+    def __init__(self, about: Recorded, clock: Clock, *, with_packets: bool = True) -> None:
+        """Raise RecordingError, which says what to install, if a library is missing."""
+        self.stream = McapStream(about)
+        self._clock = clock
+        codec = Codec(about.byte_order, about.caption_encoding)  # type: ignore[arg-type]  # checked there
+        self._packets = PacketStream(codec) if with_packets else None
+
+    def add(self, timed: Timed) -> None:
+        """Add a message, and the packets in it."""
+        time, message, stream = self._clock.wall(timed.seconds), timed.message, self.stream
+        stream.add(TOPICS[type(message)], time, encode(message))
+        if self._packets is None:
+            return
+        if isinstance(message, Wire):
+            for found in self._packets.feed(message):
+                stream.add(TOPICS[type(found)], time, encode(found))
+        elif isinstance(message, ProblemFound) and message.channel == "/wire":
+            self._packets.start_over()
+
+
+class RecordingWriter:
+    """Writes a recording; whoever takes part in the conversation with the board never waits for it."""
+
+    def __init__(
+        self,
+        path: Path,
+        about: Recorded,
+        clock: Clock,
+        *,
+        with_packets: bool = True,
+        backlog: Backlog | None = None,
+        disk: Disk = os,
+    ) -> None:
+        """Create the file and begin. Raise RecordingError, which says what to do."""
+        self._clock = clock
+        self._backlog = backlog or Backlog()
+        self._encoder = MessageEncoder(about, clock, with_packets=with_packets)
+        self._file = RecordingFile(path, disk=disk)
+        self._file.put(self._encoder.stream.head())
+        self._chunk_began = clock.now()
+        self._closing = threading.Event()
+        self._failure: Exception | None = None
+        self._thread = threading.Thread(target=self._run, name=f"recorder of {path.name}", daemon=True)
+        self._thread.start()
+
+    def take(self, seconds: float, message: Message) -> None:
+        """Record a message; never waits, and never raises."""
+        self._backlog.put(seconds, message)
+
+    def status(self) -> RecorderStatus:
+        """Return how it goes on."""
+        file, backlog = self._file, self._backlog
+        seconds = self._clock.now() - self._clock.monotonic
+        problem = str(self._failure) if self._failure else file.problem
+        return RecorderStatus(
+            str(file.path), seconds, file.size, self._encoder.stream.messages, backlog.dropped, problem
+        )
+
+    def close(self) -> None:
+        """Write what is left and the end of the file; waits for the disk.
+
+        Raise RecordingError if that is impossible: whole chunks that were written before stay readable.
+        """
+        self._closing.set()
+        self._thread.join()
+        if self._failure is not None:
+            raise RecordingError(f"{self._file.path}: the recording has failed: {self._failure}") from self._failure
+        if self._file.problem:
+            raise RecordingError(
+                f"{self._file.path} is not complete: {self._file.problem}; what was written before can be read"
+            )
+
+    # --- on the thread ------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            while not self._closing.wait(_LOOK_EVERY):
+                if self._file.retry():
+                    self._drain()
+                    self._write_chunk_if_due()
+            self._finish()
+        except Exception as error:  # noqa: BLE001 - a defect of ours, which `close` raises
+            self._failure = error
+        finally:
+            self._file.close()
+
+    def _drain(self) -> None:
+        """Take what waits, and write chunks that are full."""
+        stream = self._encoder.stream
+        while (timed := self._backlog.take()) is not None:
+            self._encoder.add(timed)
+            if stream.waiting >= CHUNK_BYTES and not self._write_chunk():
+                return
+
+    def _write_chunk_if_due(self) -> None:
+        if self._clock.now() - self._chunk_began >= CHUNK_SECONDS:
+            self._write_chunk()
+
+    def _write_chunk(self) -> bool:
+        self._chunk_began = self._clock.now()
+        chunk = self._encoder.stream.chunk()
+        return not chunk or self._file.put(chunk)
+
+    def _finish(self) -> None:
+        begun = self._clock.now()
+        while not self._file.retry():
+            if self._clock.now() - begun >= _PATIENCE:
+                return
+            threading.Event().wait(_LOOK_EVERY)
+        self._backlog.tell_dropped(self._clock.now())
+        self._drain()
+        if self._file.problem:
+            return
+        if self._write_chunk():
+            self._file.put(self._encoder.stream.end())
