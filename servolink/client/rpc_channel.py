@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import msgspec
@@ -29,14 +30,25 @@ class _Error(Struct):
     data: _ErrorData = msgspec.field(default_factory=_ErrorData)
 
 
-class _Message(Struct):
+class Reply(Struct):
+    """What a hub answers: the result of a method, or an error as the reference has it; both as JSON."""
+
+    result: Raw = Raw(b"")
+    error: Raw | None = None
+
+
+class _Message(Reply):
     """A response or a notification; a newer hub may say more."""
 
     id: int | None = None
-    result: Raw = Raw(b"")
-    error: _Error | None = None
     method: str | None = None
     params: Raw = Raw(b"{}")
+
+
+class _Progress(Struct):
+    """The part of a notification `progress` by which it is passed on."""
+
+    id: int | None = None
 
 
 class RpcChannel(asyncio.Protocol):
@@ -55,7 +67,8 @@ class RpcChannel(asyncio.Protocol):
         self._heard = bytearray()
         self._searched = 0  # bytes of it in which no line ends
         self._number = 0
-        self._calls: dict[int, asyncio.Future[Raw]] = {}
+        self._calls: dict[int, asyncio.Future[Reply]] = {}
+        self._progress: dict[int, Callable[[Raw], None]] = {}
         self._lost = asyncio.get_running_loop().create_future()
 
     async def open(self, greeting: Greeting) -> Welcome:
@@ -69,22 +82,37 @@ class RpcChannel(asyncio.Protocol):
 
         Raise RequestTimeout after `timeout` seconds, and ConnectionLost if the hub is gone.
         """
-        if self.ended is not None or self._pipe is None:
-            raise self._gone()
-        self._number += 1
-        number = self._number
-        answer: asyncio.Future[Raw] = asyncio.get_running_loop().create_future()
-        self._calls[number] = answer
         try:
-            self._send({"id": number, "method": method, "params": params})
             async with asyncio.timeout(timeout):
-                return await answer
+                reply = await self.ask(method, params)
         except TimeoutError as error:
             if isinstance(error, ServolinkError):
                 raise
             raise RequestTimeout(f"the hub of {self._name} has not answered {method} within {timeout:g} s") from None
+        if reply.error is not None:
+            told = msgspec.json.decode(reply.error, type=_Error)
+            raise error_of(told.data.kind, told.message)
+        return reply.result
+
+    async def ask(self, method: str, params: object, on_progress: Callable[[Raw], None] | None = None) -> Reply:
+        """Return what the hub answers, be it an error; `on_progress` is called with each notification of progress.
+
+        Raise ConnectionLost if the hub is gone.
+        """
+        if self.ended is not None or self._pipe is None:
+            raise self._gone()
+        self._number += 1
+        number = self._number
+        reply: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()
+        self._calls[number] = reply
+        if on_progress is not None:
+            self._progress[number] = on_progress
+        try:
+            self._send({"id": number, "method": method, "params": params})
+            return await reply
         finally:
             self._calls.pop(number, None)
+            self._progress.pop(number, None)
 
     def tell(self, method: str, **params: Any) -> None:
         """Call a method without waiting for it."""
@@ -124,9 +152,9 @@ class RpcChannel(asyncio.Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Fail all calls: the hub is gone."""
         self.ended = self._gone()
-        for answer in self._calls.values():
-            if not answer.done():
-                answer.set_exception(self._gone())
+        for reply in self._calls.values():
+            if not reply.done():
+                reply.set_exception(self._gone())
         if not self._lost.done():
             self._lost.set_result(None)
         if self.on_end is not None:
@@ -139,16 +167,19 @@ class RpcChannel(asyncio.Protocol):
             _logger.warning("%s: a message of the hub cannot be read: %s", escape(self._name), escape(str(error)))
             return
         if message.method is not None:
-            if self.on_notification is not None:
-                self.on_notification(message.method, message.params)
+            self._hear(message.method, message.params)
             return
-        answer = None if message.id is None else self._calls.get(message.id)
-        if answer is None or answer.done():
-            return
-        if message.error is None:
-            answer.set_result(message.result)
-        else:
-            answer.set_exception(error_of(message.error.data.kind, message.error.message))
+        reply = None if message.id is None else self._calls.get(message.id)
+        if reply is not None and not reply.done():
+            reply.set_result(message)
+
+    def _hear(self, method: str, params: Raw) -> None:
+        if method == "progress" and self._progress:
+            with suppress(msgspec.MsgspecError):  # of a request that is not ours
+                if on_progress := self._progress.get(msgspec.json.decode(params, type=_Progress).id or 0):
+                    on_progress(params)
+        if self.on_notification is not None:
+            self.on_notification(method, params)
 
 
 def error_of(kind: str, text: str) -> ServolinkError:

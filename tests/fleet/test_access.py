@@ -12,7 +12,6 @@ from keyring.errors import KeyringError
 from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
 from servolink.fleet.access import PASSWORD_VARIABLE, BrokerAddress, broker_access, parse_broker
 
-
 SESAME = "sesame"
 
 

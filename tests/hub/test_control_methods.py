@@ -42,6 +42,29 @@ def test_the_status_says_who_is_connected_and_who_has_the_lease() -> None:
     run(main())
 
 
+def test_a_program_can_have_tighter_limits_than_the_board() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program() as far, here.program("near") as near:
+            await far.call("limits.tighten", angles={"1": [-30, 30], "all": [-80, 80]}, source="policy")
+            await far.call("limits.tighten", speed_cap=90)
+            with pytest.raises(RpcFailed, match=r"-30\.\.30 \(from policy\)") as failed:
+                await far.call("move", targets={"1": 31}, duration=2)
+            assert failed.value.kind == "MotionRefused"
+            with pytest.raises(RpcFailed, match=r"-80\.\.80 \(from policy\)"):
+                await far.call("move", targets={"2": 81}, duration=2)
+            with pytest.raises(RpcFailed, match="its cap is 90"):
+                await far.call("move", targets={"2": 10}, duration=0.01)
+            await far.call("move", targets={"1": 30}, duration=2, wait=True)
+            with pytest.raises(RpcFailed, match="has used the board already"):
+                await far.call("limits.tighten", angles={"all": [-90, 90]})
+            await far.call("lease.give")
+            await near.call("move", targets={"1": 60}, duration=0.1)
+            with pytest.raises(RpcFailed, match="'hip' must be a servo id"):
+                await near.call("limits.tighten", angles={"hip": [0, 1]})
+
+    run(main())
+
+
 def test_servos_move_by_id_and_by_caption() -> None:
     async def main() -> None:
         async with shared() as here, here.program() as studio:

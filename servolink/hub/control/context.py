@@ -16,6 +16,7 @@ from servolink.hub.hub import Hub
 from servolink.hub.local import LocalTransport
 from servolink.hub.notices import HoldChanged, HoldStatus, LeaseStatus, Notice
 from servolink.hub.roles import Role, is_motion
+from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.protocol.packet import Packet
 from servolink.transports.share import Greeting
@@ -67,6 +68,7 @@ class Control:
         self.wants_programs = False
         """Whether it is told which programs join and leave."""
         self._readings = readings
+        self._limits: MotionLimits | None = None
         self._dead_man = greeting.dead_man
         self._transport: LocalTransport | None = None
         if greeting.session is None:
@@ -100,7 +102,7 @@ class Control:
         await self.until_free()
         async with self._opening:
             if self._board is None:
-                self._board = await _open(self.hub, self._transport)
+                self._board = await _open(self.hub, self._transport, self._limits)
                 self._guard(self._board)
             return self._board
 
@@ -126,6 +128,16 @@ class Control:
             except RequestTimeout:
                 if self.hub.held_by is None:
                     raise
+
+    def tighten(self, limits: MotionLimits) -> None:
+        """Allow what this program moves only what `limits` allow, too."""
+        if self._board is not None:
+            raise RpcError(
+                Code.INVALID_REQUEST,
+                "this program has used the board already",
+                remedy="tighten the limits before anything else",
+            )
+        self._limits = limits if self._limits is None else self._limits.tightened(limits)
 
     # --- lease and hold -----------------------------------------------------------------------------------------
 
@@ -197,8 +209,8 @@ class Control:
         board.connection.guard = pass_packet
 
 
-async def _open(hub: Hub, transport: LocalTransport) -> Board:
-    """Connect to the board of `hub`, as it was connected itself."""
+async def _open(hub: Hub, transport: LocalTransport, limits: MotionLimits | None = None) -> Board:
+    """Connect to the board of `hub`, as it was connected itself; `limits` hold beside those of the board."""
     upstream, known = hub.board, hub.board.connection
     connection = Connection(
         transport,
@@ -211,4 +223,5 @@ async def _open(hub: Hub, transport: LocalTransport) -> Board:
     await connection.open(handshake=False)
     interval_unit = upstream.profile and upstream.profile.profile.settings.interval_unit
     session = Session(connection, None, upstream.profile)
-    return Board(session, "degree", upstream.limits, interval_unit or INTERVAL_UNIT)
+    allowed = upstream.limits if limits is None else upstream.limits.tightened(limits)
+    return Board(session, "degree", allowed, interval_unit or INTERVAL_UNIT)

@@ -168,6 +168,16 @@ class ServoSet(Struct, forbid_unknown_fields=True):
     hold: Annotated[bool, about("whether it holds its angle")]
 
 
+class Tighten(Struct, forbid_unknown_fields=True):
+    """Limits that hold beside those of the board."""
+
+    angles: Annotated[
+        dict[str, tuple[float, float]], about('lowest and highest angle in degrees, by servo id or "all"')
+    ] = {}
+    speed_cap: Annotated[float | None, about("highest speed in degrees per second; null for no further cap")] = None
+    source: Annotated[str, Meta(max_length=200, description="where they come from, as errors say")] = ""
+
+
 # --- records ----------------------------------------------------------------------------------------------------------
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from servolink.client.board import Board
+from servolink.escaping import quote
 from servolink.hub.control.context import Control
 from servolink.hub.control.feeds import ButtonsFeed, ServosFeed, servos_now
 from servolink.hub.control.messages import (
@@ -26,11 +27,13 @@ from servolink.hub.control.messages import (
     ServosAck,
     ServoSet,
     ServosWatch,
+    Tighten,
     Watching,
 )
 from servolink.hub.control.rpc import Methods
 from servolink.hub.notices import HubStatus
 from servolink.hub.roles import Role
+from servolink.motion.limits import MotionLimits
 
 
 class Caller(NamedTuple):
@@ -112,6 +115,24 @@ async def board_release(caller: Caller, params: NoParams) -> HoldNow:
     """Share the board again."""
     caller.control.hub.release_hold(caller.control.session)
     return HoldNow(caller.control.hub.held_by)
+
+
+@METHODS.add("limits.tighten", Role.WATCH)
+def limits_tighten(caller: Caller, params: Tighten) -> Done:
+    """Limit what this program moves, beside the limits of the board, until it leaves. Nothing can loosen them.
+
+    Call it first: it is refused once the program has moved or changed something.
+    """
+    angles = dict(params.angles)
+    pair = angles.pop("all", None)
+    if wrong := [key for key in angles if not (key.isascii() and key.isdecimal())]:
+        raise ValueError(f'angles: {quote(wrong[0])} must be a servo id, or "all"')
+    by_servo = {int(key): value for key, value in angles.items()}
+    for found in ([pair] if pair else []) + ([by_servo] if by_servo else []):
+        caller.control.tighten(MotionLimits(found, source=params.source))
+    if params.speed_cap is not None:
+        caller.control.tighten(MotionLimits(speed_cap=params.speed_cap, source=params.source))
+    return Done()
 
 
 # --- servos -----------------------------------------------------------------------------------------------------------
