@@ -23,7 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink studio`."""
     parser.set_defaults(run=run)
     parser.add_argument("--demo", action="store_true", help="use a new virtual board, whatever is plugged in")
-    parser.add_argument("--port", type=_port, default=0, metavar="N", help="port of the page; 0 takes a free one (0)")
+    parser.add_argument("--port", type=_port, default=0, metavar="N", help="port of the page; 0: as last time (0)")
     parser.add_argument("--no-browser", action="store_true", help="only print the address")
     group = parser.add_argument_group("for tablets and other machines")
     group.add_argument("--host", default=_LOOPBACK, metavar="ADDRESS", help="where to listen (127.0.0.1)")

@@ -26,13 +26,16 @@ from servolink.protocol.record_types import STORED_TYPES
 MOST_RECORDS = 4096
 """Records in a draft, with those whose edits were given up."""
 
-Kind: TypeAlias = Literal["servo_parameters", "actions", "macros", "joystick_tables", "active_joystick_table"]
-"""A field of project files. The record of the last one is an id, or null."""
+Kind: TypeAlias = Literal[
+    "servo_parameters", "actions", "macros", "joystick_tables", "active_joystick_table", "project_id"
+]
+"""A field of project files. The record of the last two is a number."""
 
 _FORMS: dict[str, Any] = {
     kind.field: json_type(cast("type[Struct]", kind.record_class), unchecked=True) | None for kind in STORED_TYPES
 }
 _FORMS["active_joystick_table"] = int | None
+_FORMS["project_id"] = int | None
 _logger = logging.getLogger(__name__)
 
 
@@ -143,11 +146,15 @@ class Drafts:
 
 def draft_path(board: str) -> Path:
     """Return where the draft of the board of this name is kept. Raise ProjectError for a user without a home."""
-    name = board if is_name(board) else f"_{board.encode().hex()[:120]}"
     try:
-        return user_folder("data") / "drafts" / f"{name}.json"
+        return user_folder("data") / "drafts" / f"{file_name(board)}.json"
     except OSError as error:
         raise ProjectError(f"drafts cannot be kept: {reason(error)}") from error
+
+
+def file_name(board: str) -> str:
+    """Return a name for files of the board of this name, whatever it has in it."""
+    return board if is_name(board) else f"_{board.encode().hex()[:120]}"
 
 
 def _check(edit: Edit, place: str) -> None:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
+from socket import socket
 
 from aiohttp import web
 
+from servolink.errors import OpenError
 from servolink.listeners import listening_sockets
 from servolink.studio.files import PageFile, page_files
 from servolink.studio.gate import Gate
 from servolink.studio.methods import Studio
 from servolink.studio.page import MOST_MESSAGE, serve_page
+from servolink.studio.ports import keep_port, last_port
 
 HEADERS = {
     # Nothing from elsewhere, nothing inline, and no page may show this one in a frame.
@@ -35,11 +38,12 @@ _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 async def serve_studio(
     studio: Studio, host: str, port: int, allowed_hosts: Iterable[str] = ()
 ) -> AsyncIterator[tuple[Gate, int]]:
-    """Serve `studio` at `host` and `port`, 0 for any free one; yield the gate and the port in use.
+    """Serve `studio` at `host` and `port`; yield the gate and the port in use.
 
-    Pages reach it under the names of this machine and as `allowed_hosts`. Raise OpenError if the place cannot be had.
+    With port 0 it is the one that the last studio of this board had, or any free one. Pages reach it under the names of
+    this machine and as `allowed_hosts`. Raise OpenError if the place cannot be had.
     """
-    listening = await listening_sockets(host, port)
+    listening = await _listening(studio, host, port)
     used: int = listening[0].getsockname()[1]
     gate = Gate(used, allowed_hosts)
     runner = web.AppRunner(application(studio, gate), access_log=None, handle_signals=False, shutdown_timeout=1.0)
@@ -52,6 +56,16 @@ async def serve_studio(
         await runner.cleanup()
         for each in listening:
             each.close()
+
+
+async def _listening(studio: Studio, host: str, port: int) -> list[socket]:
+    if port == 0 and (last := last_port(studio.hub)):
+        with suppress(OpenError):
+            return await listening_sockets(host, last)
+    listening = await listening_sockets(host, port)
+    if port == 0:
+        keep_port(studio.hub, listening[0].getsockname()[1])
+    return listening
 
 
 def application(studio: Studio, gate: Gate) -> web.Application:

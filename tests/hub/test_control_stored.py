@@ -143,7 +143,8 @@ def test_the_end_of_a_program_in_an_import_frees_the_board() -> None:
     async def main() -> None:
         slow = BoardKind(write_seconds=0.1)
         async with shared(kind=slow) as here, here.program("page") as page:
-            project = {"schema": 1, "actions": [{**POSE, "action_id": number} for number in range(1, 20)]}
+            actions = [{**POSE, "action_id": number} for number in range(1, 20)]
+            project = {"schema": 1, "project_id": 5, "actions": actions}
             async with here.program("studio") as studio:
                 studio.begin("project.apply", project=project)
                 while not any(progress["phase"] == "writing" for progress in studio.of("progress")):
@@ -152,6 +153,9 @@ def test_the_end_of_a_program_in_an_import_frees_the_board() -> None:
             assert (await page.call("status"))["hold"] is None
             with pytest.raises(RpcFailed, match="unfinished import"):
                 await page.call("records.put", type="action", record=POSE)
+            half = (await page.call("project.export"))["project"]
+            assert half["project_id"] == 5  # not that of the interrupted import, which no board may be given
+            assert 0 < len(half["actions"]) < len(actions)
             assert (await page.call("project.apply", project=project))["resumed"]
             assert len((await page.call("records.list"))["records"]) == 19
 

@@ -41,11 +41,19 @@ class Studio(NamedTuple):
         return int(self.board.servo(servo_id).angle)
 
 
-@contextmanager
-def opened(browser: Any, url: str, size: str = "desktop") -> Iterator[Any]:
-    """Open a page of the studio; it must report no error."""
+def new_profile(browser: Any, size: str = "desktop") -> Any:
+    """Return a user of the browser, who has used it for nothing yet."""
     width, height = SIZES[size]
-    page = browser.new_page(viewport={"width": width, "height": height}, locale="en-GB")
+    return browser.new_context(viewport={"width": width, "height": height}, locale="en-GB")
+
+
+@contextmanager
+def opened(browser: Any, url: str, size: str = "desktop", *, profile: Any = None, loss: bool = False) -> Iterator[Any]:
+    """Open a page of the studio, in a new `profile` unless one is given; it must report no error.
+
+    With `loss`, the studio may be killed meanwhile.
+    """
+    page = (profile or new_profile(browser, size)).new_page()
     page.add_init_script(_FLAT)
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
@@ -53,7 +61,7 @@ def opened(browser: Any, url: str, size: str = "desktop") -> Iterator[Any]:
     page.goto(url)
     yield page
     page.close()
-    assert errors == []
+    assert [error for error in errors if not (loss and "WebSocket" in error)] == []
 
 
 def until(is_so: Callable[[], bool]) -> None:

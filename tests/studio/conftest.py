@@ -16,11 +16,17 @@ from tests.studio.browser import CHROMIUM, OPTIONS, Studio
 
 
 @pytest.fixture
-def studio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Studio]:
+def user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Give the user's files folders of their own."""
     runtime = tmp_path / "runtime"
     runtime.mkdir(mode=0o700)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    return tmp_path
+
+
+@pytest.fixture
+def studio(user: Path) -> Iterator[Studio]:
     program = start([sys.executable, "-m", "servolink", "studio", "--demo", "--no-browser"])
     assert program.stdout is not None
     line = program.stdout.readline()

@@ -12,8 +12,10 @@ from typing import Any, NamedTuple
 import pytest
 from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType, WSServerHandshakeError
 
+from servolink.files import user_folder
 from servolink.studio.gate import Gate
 from servolink.studio.methods import Studio
+from servolink.studio.ports import keep_port, last_port
 from servolink.studio.server import HEADERS, serve_studio
 from servolink.studio.start import VIRTUAL, studio_for
 
@@ -220,3 +222,26 @@ def test_a_page_that_may_only_watch_edits_no_draft() -> None:
             assert "needs the role" in (await call(page, "studio.draft.save", edits=[]))["error"]["message"]
 
     run(test)
+
+
+def test_the_next_studio_of_a_board_has_the_same_port_if_that_is_free() -> None:
+    async def main() -> None:
+        async with studio_for(VIRTUAL) as served:
+            async with (
+                serve_studio(served, "127.0.0.1", 0) as (_, first),
+                serve_studio(served, "127.0.0.1", 0) as (_, other),
+            ):
+                assert first != other
+            async with serve_studio(served, "127.0.0.1", 0) as (_, again):
+                assert again == other
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("content", [b"", b"0", b"-1", b"65536", b"x", b"9" * 100, b"\xff"])
+def test_a_damaged_note_of_the_port_is_left_alone(content: bytes) -> None:
+    keep_port("robbie", 8123)
+    assert last_port("robbie") == 8123
+    (path,) = (user_folder("data") / "studio").iterdir()
+    path.write_bytes(content)
+    assert last_port("robbie") == 0

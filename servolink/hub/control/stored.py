@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from typing import Any, cast
+
+from msgspec.structs import replace
 
 from servolink.client.board import Board
 from servolink.errors import NotFound, ProjectError
@@ -29,10 +32,11 @@ from servolink.hub.control.messages import (
 )
 from servolink.hub.control.methods import METHODS, Caller
 from servolink.hub.roles import Role
-from servolink.project.model import Project
+from servolink.project.model import Project, is_unfinished
 from servolink.project.project_file import project_from_form, project_to_form
 from servolink.project.single_record import add_record, remove_records, replace_record
 from servolink.project.transfer.backups import BackupStore
+from servolink.project.transfer.journal import journal_of
 from servolink.project.transfer.results import ApplyResult, Memory, Plan, ProgressCallback
 from servolink.project.validate import validate_project
 from servolink.protocol.json_form import record_to_json, struct_from_json
@@ -119,11 +123,22 @@ async def _change(caller: Caller, edit: Edit, on_progress: ProgressCallback) -> 
 
 @METHODS.add("project.export", Role.WATCH)
 async def project_export(caller: Caller, params: NoParams, on_progress: ProgressCallback) -> ProjectExported:
-    """Return everything that is stored on the board, as a project file."""
+    """Return everything that is stored on the board, as a project file.
+
+    If an import is unfinished, the project id is the one that the board was to get, or 0 if that is not known here.
+    """
     project = await caller.control.read(lambda board: board.export_project(on_progress=on_progress))
+    if is_unfinished(project.project_id):
+        url = caller.control.hub.board.url
+        project = replace(project, project_id=await asyncio.to_thread(_wanted_id, project.project_id, url))
     found = validate_project(project, caption_encoding=caller.control.hub.board.codec.caption_encoding)
     is_odd = any(one.severity == "error" for one in found)
     return ProjectExported(project_to_form(project, unchecked=is_odd))
+
+
+def _wanted_id(marker: int, url: str) -> int:
+    begun = journal_of(BackupStore().journals(marker), marker, url)
+    return 0 if begun is None else begun.project_id
 
 
 @METHODS.add("project.plan", Role.EDIT, in_order=True)

@@ -1,11 +1,12 @@
 // What differs between two projects, record by record.
 
-import { idOf, KINDS } from "./records.js";
+import { idOf, KINDS, NUMBERS } from "./records.js";
 
 /** @typedef {import("./records.js").Project} Project */
 /** @typedef {import("./records.js").Kind} Kind */
-/** `active_joystick_table` is no record, and has the id 0. */
-/** @typedef {{ kind: Kind | "active_joystick_table", id: number, change: "added" | "changed" | "removed", before: any, after: any }} Difference */
+/** @typedef {import("./records.js").ProjectNumber} ProjectNumber */
+/** A number of the project itself has the id 0. */
+/** @typedef {{ kind: Kind | ProjectNumber, id: number, change: "added" | "changed" | "removed", before: any, after: any }} Difference */
 
 /**
  * Return the records in which two projects differ.
@@ -26,9 +27,10 @@ export function differencesOf(before, after) {
         return /** @type {Difference} */ ({ kind, id, change, before: old.get(id), after: now.get(id) });
       });
   });
-  const old = before.active_joystick_table, now = after.active_joystick_table;
-  if (old !== now) records.push({ kind: "active_joystick_table", id: 0, change: "changed", before: old, after: now });
-  return records;
+  const numbers = NUMBERS.filter((kind) => before[kind] !== after[kind]).map(
+    (kind) => /** @type {Difference} */ ({ kind, id: 0, change: "changed", before: before[kind], after: after[kind] }),
+  );
+  return [...records, ...numbers];
 }
 
 /**
@@ -51,7 +53,7 @@ export function rebased(base, draft, board) {
     }
     /** @type {any} */ (result)[kind] = [...records.values()].sort((a, b) => idOf(kind, a) - idOf(kind, b));
   }
-  if (base.active_joystick_table !== draft.active_joystick_table) result.active_joystick_table = draft.active_joystick_table;
+  for (const kind of NUMBERS) if (base[kind] !== draft[kind]) /** @type {any} */ (result)[kind] = draft[kind];
   return result;
 }
 

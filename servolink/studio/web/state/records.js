@@ -41,6 +41,10 @@ export const ID_OF = /** @type {const} */ ({
   joystick_tables: "table_id",
 });
 
+/** What a project holds besides records. */
+export const NUMBERS = /** @type {const} */ (["active_joystick_table", "project_id"]);
+/** @typedef {typeof NUMBERS[number]} ProjectNumber */
+
 export const KINDS = /** @type {Kind[]} */ (Object.keys(ID_OF));
 export const LONGEST = 327_670; // milliseconds of one step
 const CAPTION_BYTES = 32;
@@ -168,11 +172,11 @@ function withoutCommands(project, isUnwanted) {
 /**
  * Return the project with a record as an edit wants it: null for none.
  * @param {Project} project
- * @param {{ kind: Kind | "active_joystick_table", id: number, record: any }} edit
+ * @param {{ kind: Kind | ProjectNumber, id: number, record: any }} edit
  * @returns {Project}
  */
 export function withEdit(project, { kind, id, record }) {
-  if (kind === "active_joystick_table") return { ...project, [kind]: record };
+  if (kind === "active_joystick_table" || kind === "project_id") return { ...project, [kind]: record };
   const others = /** @type {object[]} */ ([...project[kind]]).filter((each) => idOf(kind, each) !== id);
   const records = record === null ? others : [...others, record].sort((a, b) => idOf(kind, a) - idOf(kind, b));
   return { ...project, [kind]: records };
