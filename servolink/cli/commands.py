@@ -9,12 +9,13 @@ from dataclasses import dataclass
 
 FIRST_STEPS = "first steps"
 MOVE = "move"
+RECORDINGS = "recordings"
 STORED = "what is stored"
 PROJECTS = "projects"
 TOGETHER = "together"
 DEVELOPERS = "for developers"
 
-TOPICS = (FIRST_STEPS, MOVE, STORED, PROJECTS, TOGETHER, DEVELOPERS)
+TOPICS = (FIRST_STEPS, MOVE, STORED, PROJECTS, TOGETHER, RECORDINGS, DEVELOPERS)
 """In the order of `servolink --help`."""
 
 
@@ -238,6 +239,13 @@ COMMANDS = {
         "share:configure",
         "share one board among programs that use it at the same time",
         ("share", "share --name rex --tcp 127.0.0.1:0", "share --name rex --watch-tcp 127.0.0.1:0"),
+    ),
+    "show": Command(
+        RECORDINGS,
+        "show:configure",
+        "tell what happened in a recording, and what went wrong",
+        ("show out.mcap", "show out.mcap --problems", "show out.mcap --from 2 --to 5 --servo 3 --json"),
+        takes_board=False,
     ),
     "virtual": Command(
         DEVELOPERS,

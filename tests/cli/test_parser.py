@@ -18,9 +18,11 @@ from servolink.cli.stored import COMMANDS as STORED_COMMANDS
 from servolink.client.board import Board
 from servolink.project.project_file import save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, Step
+from servolink.recorder.channels import Event
 from servolink.virtual.board import VirtualBoard
 from tests.cli.programs import Said, call, program
 from tests.cli.robot import Robot
+from tests.recorder.files import write as write_recording
 
 ALL: dict[str, Command] = {
     **COMMANDS,
@@ -152,6 +154,7 @@ def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch, *, sto
     project = robot.ask(lambda board: board.export_project())
     for name in ("robot.servolink.json", "other.json"):
         save_project(folder / name, project)
+    write_recording(folder / "out.mcap", [(0.0, Event("mark", "mark", text="here"))])
     if stored:
         robot.ask(lambda board: board.add_action(Action(2, "Nod", (Step(2, 10, 5),))))
         robot.ask(lambda board: board.add_macro(Macro(2, "Rest", (MacroCommand(500, 1, total_interval=500),))))

@@ -57,6 +57,7 @@ EXEMPT = {
     "use": "opens nothing",
     "backups": "reads files",
     "decode": "reads files",
+    "show": "reads files",
     "encode": "reads files",
     "completion": "opens nothing",
     "virtual": "is a board",

@@ -171,6 +171,12 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("decode {name}"),
     ),
     "encode": (Trial("encode {name}"), Trial("encode {{}} {name}")),
+    "show": (
+        Trial("show {mcap}", timed=True),
+        Trial("show {mcap} --channel packets --problems", timed=True),
+        Trial("show {noise}"),
+        Trial("show {missing}"),
+    ),
     "studio": (
         Trial("--url serial:///dev/{place} studio --no-browser"),
         Trial("--url serial:///dev/{text} studio --no-browser"),

@@ -25,18 +25,20 @@ from servolink.protocol.joystick import AddJoystickTableRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, TABLE
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.recorder.channels import CommandDone, Event, Message, PacketSeen, ProblemFound, ServosRead, ServoState
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.state_file import save_state
 from servolink.virtual.storage import AnyType
 from tests.hostile.corpus import ONE_OF_EACH, PAYLOADS, Payload
+from tests.recorder.files import write as write_recording
 
 SERVOS = 240
 _SERVOS = {"all": SERVOS, "few": 64}
 """By board; a table of all servos takes long to draw."""
 _MEMORY = 400_000
-_GIVEN = ("mixed", "noise", "stream", "script")
+_GIVEN = ("mixed", "noise", "stream", "script", "mcap")
 _MARK = "?" * 32
 _UNESCAPED = "/[]:$()'\"\\"
 _IN_FILES = "x\x1b[2J\x1b]0;o\x07\r\n\t\x7f\x9b31m\u202e\u2066\u200b\u2028\u3164[bold]:bomb:%00&$(x)=1'\"\\\udcff\udc9b"
@@ -127,6 +129,7 @@ class World:
         ]
         self._write("stream", b"".join(map(bytes.__add__, frames, self.captions)))
         self._write("hex", "\n".join(frame.hex() for frame in frames).encode())
+        self._save_recording([*texts[:16], self.name])
         self._write("script", b"1 press 3\n2 dance " + self.name.encode("utf-8", "surrogateescape"))
 
     def _board(self, name: str) -> Path:
@@ -152,6 +155,25 @@ class World:
         assert board.storage.put(TABLE, {1: table})
         assert board.storage.put(SERVO_PARAMETER, parameters)
         save_state(board, self._board(name))
+
+    def _save_recording(self, texts: Sequence[str]) -> None:
+        """Write a recording in which each text stands wherever a text can stand."""
+        texts = [text.encode("utf-8", "replace").decode() for text in texts]
+        messages: list[tuple[float, Message]] = []
+        for at, text in enumerate(texts):
+            fields = {"action_id": 1, "action_caption": text, text: text, "steps": [text]}
+            state = ServoState(at, 1.0, "degree", 3, 4, 1, is_start=True, is_hold=True, caption=text)
+            messages += [
+                (at, CommandDone("AddActionRequest", fields, "rejected", 0.1, text, text, text, text)),
+                (at, PacketSeen("sent", 30030, "AddActionRequest", fields, 20)),
+                (at, PacketSeen("received", 30031, text, {text: text}, 20, error=text)),
+                (at, ServosRead((state,))),
+                (at, Event("program", text, text, text, text=text)),
+                (at, ProblemFound("line", text, text, 3)),
+            ]
+        name = texts[-1]
+        about = {"version": name, "started": name, "board": name, "through": "hub", "byte_order": name, "hz": name}
+        write_recording(self.path("mcap"), messages, about=about)
 
 
 _STORED: dict[AnyType, Callable[[int], Packet]] = {

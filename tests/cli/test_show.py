@@ -1,0 +1,81 @@
+"""`servolink show` on recordings: text for people, JSON for programs, filters, cut files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.cli.programs import call
+from tests.recorder.files import write
+from tests.recorder.test_reading import MESSAGES
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> str:
+    return str(write(tmp_path / "out.mcap", MESSAGES))
+
+
+def test_story(recording: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "show", recording)
+    assert (said.code, said.err) == (0, "")
+    assert "board       rex, beside other programs on its hub\n" in said.out
+    assert "     0.700  studio      SetAngleUnit servo_id=3 unit_type=0, answered in 200 ms\n" in said.out
+    assert "commands of unknown outcome (1)" in said.out
+
+
+def test_problems_only(recording: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "show", recording, "--problems")
+    assert "SetAngleUnit servo_id=3" not in said.out
+    assert "OUTCOME UNKNOWN" in said.out
+
+
+def test_json(recording: str, capsys: pytest.CaptureFixture[str]) -> None:
+    first, *messages, last = call(capsys, "show", recording, "--json", "--channel", "commands", "--to", "0.75").objects
+    assert first["recording"]["board"] == "rex"
+    assert [(each["seconds"], each["channel"], each["message"]["outcome"]) for each in messages] == [
+        (0.7, "/commands", "answered")
+    ]
+    assert last["summary"]["messages"] == {"/commands": 1}
+
+
+def test_bytes_are_base64_in_json(recording: str, capsys: pytest.CaptureFixture[str]) -> None:
+    _, wire, _ = call(capsys, "show", recording, "--json", "--channel", "wire").objects
+    assert wire["message"]["data"] == "E0w="
+
+
+def test_packet_is_told_with_its_response(recording: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "show", recording, "--packet", "SetAngleUnit")
+    assert "line        SetAngleUnit servo_id=3 unit_type=0, NOT ANSWERED" in said.out
+
+
+def test_cut_file_is_shown_with_a_remark(recording: str, capsys: pytest.CaptureFixture[str]) -> None:
+    path = Path(recording)
+    path.write_bytes(path.read_bytes()[:-400])
+    said = call(capsys, "show", recording)
+    assert said.code == 0
+    assert "the file is cut, and its end is missing: `servolink record --repair" in said.err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--packet", "QuerServo"), "no packet is called 'QuerServo'; did you mean QueryServo"),
+        (("--from", "3", "--to", "2"), "--from 3 is after --to 2"),
+        (("--channel", "sound"), "must be wire or packets"),
+    ],
+)
+def test_wrong_options(
+    options: tuple[str, str], message: str, recording: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = call(capsys, "show", recording, *options)
+    assert said.code == 2
+    assert message in said.err
+
+
+def test_other_file_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "x.json"
+    path.write_text("{}")
+    said = call(capsys, "show", str(path))
+    assert (said.code, said.out) == (1, "")
+    assert "x.json is not an MCAP file" in said.err
