@@ -13,6 +13,17 @@ from servolink import sync
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 OPTIONS = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-gpu"]
+_FILLED = {
+    "Live": ".sv [data-part=angle]",
+    "Actions": ".pose",
+    "Macros": ".mrow",
+    "Buttons": ".asg",
+    "Teach": ".stage canvas",
+    "Project": ".screen h2",
+    "Board": ".screen h2",
+}
+"""What each screen shows when it knows what is on the board."""
+SCREENS = tuple(_FILLED)
 SIZES = {"desktop": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
 
 in_browser = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")]
@@ -41,19 +52,21 @@ class Studio(NamedTuple):
         return int(self.board.servo(servo_id).angle)
 
 
-def new_profile(browser: Any, size: str = "desktop") -> Any:
+def new_profile(browser: Any, size: str = "desktop", theme: str = "light") -> Any:
     """Return a user of the browser, who has used it for nothing yet."""
     width, height = SIZES[size]
-    return browser.new_context(viewport={"width": width, "height": height}, locale="en-GB")
+    return browser.new_context(viewport={"width": width, "height": height}, locale="en-GB", color_scheme=theme)
 
 
 @contextmanager
-def opened(browser: Any, url: str, size: str = "desktop", *, profile: Any = None, loss: bool = False) -> Iterator[Any]:
+def opened(
+    browser: Any, url: str, size: str = "desktop", theme: str = "light", *, profile: Any = None, loss: bool = False
+) -> Iterator[Any]:
     """Open a page of the studio, in a new `profile` unless one is given; it must report no error.
 
     With `loss`, the studio may be killed meanwhile.
     """
-    page = (profile or new_profile(browser, size)).new_page()
+    page = (profile or new_profile(browser, size, theme)).new_page()
     page.add_init_script(_FLAT)
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
@@ -62,6 +75,12 @@ def opened(browser: Any, url: str, size: str = "desktop", *, profile: Any = None
     yield page
     page.close()
     assert [error for error in errors if not (loss and "WebSocket" in error)] == []
+
+
+def show(page: Any, screen: str) -> None:
+    """Go to a screen, and wait until it shows what the board holds."""
+    page.get_by_role("link", name=screen).locator("visible=true").click()
+    page.locator(_FILLED[screen]).first.wait_for()
 
 
 def until(is_so: Callable[[], bool]) -> None:

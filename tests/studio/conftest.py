@@ -13,6 +13,7 @@ import pytest
 from servolink import sync
 from tests.processes import finish, start
 from tests.studio.browser import CHROMIUM, OPTIONS, Studio
+from tests.studio.node_tools import AXE, install
 
 
 @pytest.fixture
@@ -35,6 +36,12 @@ def studio(user: Path) -> Iterator[Studio]:
         yield Studio(line.split()[1], board)
     _, said = finish(program, signal.SIGTERM)
     assert (program.returncode, said) == (0, "ended: the board was left as it is\n")
+
+
+@pytest.fixture(scope="session")
+def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The script that looks for obstacles to people who do not see well, or use no mouse."""
+    return (install(AXE, tmp_path_factory.mktemp("axe")) / "axe-core/axe.min.js").read_text()
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import { Stretch } from "../state/stretch.js";
 /** @typedef {import("../state/history.js").Quantity} Quantity */
 /** @typedef {{ history: History, ids: number[], quantity: Quantity, seconds: number, chosen: number | null, limbOf: (id: number) => string, unit: string, label: string, nowLabel: string, look: string }} Props */
 
-const FRAME = 33; // milliseconds between two drawings
+const FRAME = 30; // milliseconds between two drawings, at least
 const PIXELS = 2; // from one point to the next, at least
 const THIN = 1, WIDE = 2.4; // pixels; without a graphics card, drawing lines of 1.4 takes three times as long as of 1
 const FAINT = 0.3;

@@ -7,8 +7,8 @@ import { t } from "../texts/text.js";
 
 export function Banner() {
   if (!welcome.value?.is_virtual) return null;
-  return html`<div class="banner" role="note">
+  return html`<aside class="banner" aria-label=${t("banner.title")}>
     <${Icon} name="chip" /><b>${t("banner.title")}</b><span>${t("banner.nothing_moves")}</span>
     <span class="hide-n faint">${t("banner.connect")}</span>
-  </div>`;
+  </aside>`;
 }

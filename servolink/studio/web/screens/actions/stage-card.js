@@ -46,7 +46,7 @@ function GhostChoice() {
   };
   const usual = ghostChoice.value === "before" && ghostAction.value ? `: ${nameOfAction(ghostAction.value)}` : "";
   return html`<div class="ghost row">
-    <label class="sw"><input type="checkbox" checked=${showsGhost.value} onChange=${() => (showsGhost.value = !showsGhost.value)} /><span>${t("actions.ghost")}</span></label>
+    <label class="sw"><input type="checkbox" aria-label=${t("actions.ghost")} checked=${showsGhost.value} onChange=${() => (showsGhost.value = !showsGhost.value)} /><span>${t("actions.ghost")}</span></label>
     <select class="inp s" aria-label=${t("actions.ghost_of")} onChange=${choose} value=${String(ghostChoice.value)}>
       <option value="before">${t("actions.ghost_before")}${usual}</option>
       <option value="robot">${t("actions.ghost_robot")}</option>

@@ -22,8 +22,8 @@ export function EventCount() {
 export function EventLog({ macroOf }) {
   const shown = heard.value.slice(0, SHOWN);
   return html`<div class="pad0">
-    <h3>${t("buttons.log")}</h3>
-    <ul class="log" role="log">
+    <h2 class="h3">${t("buttons.log")}</h2>
+    <div role="log"><ul class="log">
       ${shown.map(({ number, id, kind, time }) => {
         const macro = macroOf(id, kind);
         return html`<li key=${number}>
@@ -32,6 +32,6 @@ export function EventLog({ macroOf }) {
         </li>`;
       })}
       ${shown.length === 0 && html`<li class="mut">${t("buttons.log_empty")}</li>`}
-    </ul>
+    </ul></div>
   </div>`;
 }

@@ -37,13 +37,19 @@ function PadButton({ place, chosen, isSet, isDown, caption, macro, onPress, onRe
   const { id, x, y } = place;
   const classes = ["b", isSet(id) && "set", chosen === id && "sel", isDown(id) && "down"].filter(Boolean).join(" ");
   return html`<g class=${classes} tabindex="0" role="button" aria-pressed=${String(chosen === id)}
-    aria-label=${[t("buttons.button", { id }), caption(id), macro(id)].filter(Boolean).join(", ")}
+    aria-label=${nameOf(t("buttons.button", { id }), macro(id), caption(id))}
     ...${pressing(id, onPress, onRelease)}>
     <${Shape} ...${place} />
-    <text class="num" x=${x} y=${y + 5}>${id}</text>
+    <text class="num" x=${x} y=${y + 5}>${id}</text>${" "}
     ${macro(id) && html`<${Label} place=${place} text=${macro(id)} />`}
   </g>`;
 }
+
+/**
+ * Return what a button is called, which begins as what it shows.
+ * @param {string[]} parts
+ */
+const nameOf = (...parts) => [...new Set(parts)].filter(Boolean).join(", ");
 
 /** @param {Place} place */
 function Shape({ x, y, shape }) {

@@ -20,7 +20,7 @@ export function Film() {
   const isPlaying = time.value !== null;
   return html`<section class="card film" aria-label=${t("teach.taken")}>
     <header>
-      <h2 role="status">${t("teach.taken")} <span class="mut num">${t("teach.taken_count", { count, time: seconds(totalOf(film.value), 1) })}</span></h2>
+      <h2>${t("teach.taken")} <span class="mut num" role="status">${t("teach.taken_count", { count, time: seconds(totalOf(film.value), 1) })}</span></h2>
       <button class="btn s" disabled=${count === 0 || isLimp.value} onClick=${togglePreview}>
         <${Icon} name=${isPlaying ? "pause" : "play"} />${isPlaying ? t("teach.preview_end") : t("teach.preview")}
       </button>
