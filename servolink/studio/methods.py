@@ -11,6 +11,7 @@ from msgspec import Struct
 from servolink.hub.control.messages import NoParams
 from servolink.hub.control.rpc import Methods
 from servolink.hub.roles import Role
+from servolink.profiles.profile import ProfileInUse
 from servolink.studio.drafts import Drafts
 from servolink.studio.gate import Token
 from servolink.studio.links import Links
@@ -76,6 +77,8 @@ class Caller(NamedTuple):
     url: str
     """The address of the board."""
     page: OpenPage
+    profile: ProfileInUse | None = None
+    """What the hub knows of the board."""
 
 
 METHODS: Methods[Caller] = Methods()

@@ -14,6 +14,7 @@ from msgspec import Meta, Struct
 from servolink.errors import OpenError
 from servolink.hub.control.rpc import MOST_BYTES, Peer
 from servolink.hub.roles import Role
+from servolink.profiles.profile import BoardProfile, ProfileInUse
 from servolink.studio import board_methods, draft_methods, project_methods  # they add their methods
 from servolink.studio.gate import Gate
 from servolink.studio.methods import METHODS, Caller, Studio
@@ -52,7 +53,7 @@ async def serve_page(studio: Studio, gate: Gate, messages: web.WebSocketResponse
     try:
         async with _connected(studio, hello.who, role) as (welcome, reader, writer):
             await messages.send_str(msgspec.json.encode(studio.welcome(welcome)).decode())
-            await _Page(studio, role, hello, welcome.url, messages, reader, writer).talk()
+            await _Page(studio, role, hello, welcome, messages, reader, writer).talk()
     except OpenError as error:
         await messages.close(code=_NO_BOARD, message=str(error).encode()[:120])
 
@@ -89,7 +90,7 @@ class _Page:
         studio: Studio,
         role: RoleName,
         hello: Hello,
-        url: str,
+        welcome: Welcome,
         messages: web.WebSocketResponse,
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
@@ -100,7 +101,7 @@ class _Page:
         self._responses: asyncio.Queue[bytes] = asyncio.Queue()
         self._studio = studio
         self.token = hello.token
-        caller = Caller(studio, hello.who, url, self)
+        caller = Caller(studio, hello.who, welcome.url, self, _profile_in(welcome))
         self._own = Peer(METHODS, caller, self._responses.put_nowait, self._abort, role=Role[role.upper()])
 
     async def talk(self) -> None:
@@ -149,6 +150,14 @@ class _Page:
 
     def _abort(self, _reason: str) -> None:
         self._writer.transport.abort()
+
+
+def _profile_in(welcome: Welcome) -> ProfileInUse | None:
+    """Return the profile of the board, None if there is none, or one of another version of servolink."""
+    with suppress(msgspec.MsgspecError):
+        found = msgspec.json.decode(welcome.profile, type=BoardProfile | None)
+        return None if found is None else ProfileInUse(welcome.name, found)
+    return None
 
 
 def _method(text: str) -> str:

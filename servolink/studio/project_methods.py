@@ -10,10 +10,19 @@ from msgspec import Meta, Struct
 from servolink.errors import ProjectError
 from servolink.hub.control.messages import ProjectExported, ProjectForm
 from servolink.hub.roles import Role
+from servolink.motion.limits import MotionLimits
+from servolink.motion.movement import INTERVAL_UNIT
+from servolink.profiles.profile import ProfileInUse
+from servolink.project.model import Project
+from servolink.project.preflight import preflight
 from servolink.project.project_file import format_project, parse_project_file, project_from_form, project_to_form
 from servolink.project.transfer.backups import BackupStore
-from servolink.project.validate import validate_project
+from servolink.project.validate import Diagnostic, validate_project
 from servolink.studio.methods import METHODS, Caller
+
+USUAL_CAP = 240.0
+"""Degrees per second that small servos with a load reach, for boards without a cap of their own; only warned of."""
+_USUAL = "what such servos usually reach"
 
 
 class FileText(Struct, forbid_unknown_fields=True):
@@ -72,11 +81,23 @@ async def file_write(caller: Caller, params: SomeProject) -> FileContent:
 
 @METHODS.add("studio.check", Role.WATCH)
 async def check(caller: Caller, params: SomeProject) -> Checked:
-    """Return what is wrong with a project, or odd, as `servolink project validate` finds it."""
+    """Return what is wrong with a project, or odd, and which movements are too fast or go too far for this board."""
     project = project_from_form(params.project).project
-    found = await asyncio.to_thread(validate_project, project)
+    found = await asyncio.to_thread(findings, project, caller.profile)
     ordered = sorted(found, key=lambda one: one.severity != "error")
     return Checked(tuple(Found(one.path, one.text, one.severity) for one in ordered))
+
+
+def findings(project: Project, profile: ProfileInUse | None) -> list[Diagnostic]:
+    """Return what is wrong with a project, or odd, on the board with this profile."""
+    found = validate_project(project)
+    if any(one.severity == "error" for one in found):  # such as macros without end, which take no time
+        return found
+    limits = MotionLimits() if profile is None else profile.limits
+    if limits.speed_cap is None:
+        limits = limits.tightened(MotionLimits(speed_cap=USUAL_CAP, source=_USUAL))
+    interval_unit = (profile and profile.settings.interval_unit) or INTERVAL_UNIT
+    return found + preflight(project, limits=limits, interval_unit=interval_unit)
 
 
 @METHODS.add("studio.backup", Role.WATCH)

@@ -154,3 +154,22 @@ def test_no_page_shows_the_studio_in_a_frame(studio: Studio, browser: Any, other
         studio.url,
     )
     assert not any(frame.url.startswith(studio.origin) and frame.query_selector("#app") for frame in page.frames)
+
+
+def test_what_the_hub_finds_wrong_is_said_until_it_is_put_away(studio: Studio, browser: Any) -> None:
+    pipes: list[Any] = []
+
+    def between(pipe: Any) -> None:
+        pipe.connect_to_server()
+        pipes.append(pipe)
+
+    with opened(browser, studio.url) as page:
+        page.route_web_socket("**/ws", between)
+        page.reload()
+        playwright.expect(page.locator(".sv")).to_have_count(16)
+        main = page.locator(".screen").bounding_box()
+        pipes[-1].send('{"jsonrpc": "2.0", "method": "problem", "params": {"text": "<b>hot</b>\\u202e"}}')
+        playwright.expect(page.get_by_text("<b>hot</b>\\u202e")).to_be_visible()
+        assert page.locator(".screen").bounding_box()["y"] > main["y"]  # it covers nothing
+        page.get_by_role("button", name="Close").click()
+        playwright.expect(page.get_by_text("<b>hot</b>")).to_have_count(0)

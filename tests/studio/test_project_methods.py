@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from servolink import Action, Macro, MacroCommand, Project, Step
+from servolink.profiles.profile import BoardProfile, ProfileInUse, SafetyLimits
 from servolink.project.project_file import format_project, parse_project
 from servolink.project.transfer.backups import BackupStore
+from servolink.studio.project_methods import findings
 from tests.studio.test_server import Place, call, run, runtime, welcomed
 
 __all__ = ["runtime"]
@@ -70,6 +73,25 @@ def test_a_project_is_checked_before_it_is_written() -> None:
         assert (await called(place, "studio.check", project={"schema": 1}))["result"]["found"] == []
 
     run(test)
+
+
+def test_movements_are_checked_against_the_limits_of_the_board() -> None:
+    poses = [Action(number, "", (Step(1, degree, 50),)) for number, degree in ((1, 0), (2, 150))]
+    commands = [MacroCommand(number, 0, 100, 1, 500) for number in (1, 2)]
+    project = Project(actions=tuple(poses), macros=(Macro(1, "Turn", tuple(commands)),))
+
+    def texts(**limits: Any) -> list[str]:
+        profile = ProfileInUse("rex", BoardProfile(limits=SafetyLimits(**limits)))
+        return [one.text for one in findings(project, profile)]
+
+    (usual,) = findings(project, None)
+    assert usual.text.endswith("its cap is 240 (from what such servos usually reach)")
+    assert usual.severity == "warning"
+    assert texts(speed_cap=300.0) == []
+    (text,) = texts(speed_cap=200.0)
+    assert text.endswith('its cap is 200 (from profile "rex")')
+    too_far, _ = texts(angles={1: (-90.0, 90.0)})
+    assert 'its limits are -90..90 (from profile "rex")' in too_far
 
 
 def test_a_backup_can_be_looked_at() -> None:

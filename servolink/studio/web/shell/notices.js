@@ -1,14 +1,22 @@
 // What everybody must know before they read on: the board is gone, somebody else moves it, this page may only watch.
 
 import { html } from "../html.js";
+import { Icon } from "../parts/icon.js";
 import { Note } from "../parts/note.js";
 import { safeText } from "../parts/safe-text.js";
-import { boardState, hold, isOthers, lease, linkReason, linkState, mayMove, welcome } from "../state/robot.js";
+import { boardState, hold, isOthers, lease, linkReason, linkState, mayMove, problem, welcome } from "../state/robot.js";
 import { t } from "../texts/text.js";
 
 export function Notices() {
   const note = present();
-  return note && html`<div class="veil"><${Note} ...${note} /></div>`;
+  return html`${note && html`<div class="veil"><${Note} ...${note} /></div>`}<${ProblemNote} />`;
+}
+
+function ProblemNote() {
+  if (problem.value === "") return null;
+  return html`<div class="veil"><${Note} kind="warn" urgent title=${t("note.problem")} detail=${safeText(problem.value)}>
+    <button class="btn ic ghost" aria-label=${t("app.close")} onClick=${() => (problem.value = "")}><${Icon} name="close" /></button>
+  </${Note}></div>`;
 }
 
 function present() {

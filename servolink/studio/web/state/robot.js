@@ -22,6 +22,8 @@ export const welcome = signal(/** @type {Welcome | null} */ (null));
 export const boardState = signal(/** @type {"connected" | "lost" | "closed"} */ ("connected"));
 export const lease = signal(/** @type {Lease | null} */ (null));
 export const hold = signal(/** @type {Hold | null} */ (null));
+/** What the hub found wrong last, until it is put away. */
+export const problem = signal("");
 export const programs = signal(/** @type {Program[]} */ ([]));
 /** The latest reading, by servo id. It is replaced as a whole, up to 50 times a second. */
 export const servos = signal(/** @type {Map<number, Servo>} */ (new Map()));
@@ -65,6 +67,7 @@ export function follow(link, onLease) {
     onLease(notice, wasMine);
   });
   link.on("hold", (notice) => (hold.value = notice.hold));
+  link.on("problem", ({ text }) => (problem.value = text));
   link.on("button", hear);
   link.on("program", () => refresh(link));
 }
@@ -76,6 +79,7 @@ export function follow(link, onLease) {
  */
 async function begin(link, first) {
   welcome.value = first;
+  problem.value = "";
   forgetButtons();
   await refresh(link);
   await Promise.allSettled([link.call("servos.watch", { hz: HZ }), link.call("buttons.subscribe"), readStored(link)]);

@@ -109,6 +109,7 @@ export const en = {
   "note.others_detail": "STOP works for everybody, at any moment.",
   "note.watching": "This page may only watch.",
   "note.watching_detail": "STOP works all the same.",
+  "note.problem": "Something went wrong",
 
   "live.figure": "The robot now",
   "live.figure_aria": "Figure of the robot. Arrow keys turn it.",

@@ -109,6 +109,7 @@ export const zh = {
   "note.others_detail": "急停对所有人随时有效。",
   "note.watching": "本页只能观看。",
   "note.watching_detail": "急停仍然有效。",
+  "note.problem": "出现问题",
 
   "live.figure": "机器人当前姿势",
   "live.figure_aria": "机器人立体图。方向键转动视角。",
