@@ -1,7 +1,7 @@
 """Drafts: what people have edited of a board's content and not written yet, kept on this computer record by record.
 
-Several pages may edit one draft. Each record has a revision: a save that names an older one is a conflict, and is
-refused with the version that is kept. Every save is on the disk before it is confirmed.
+Several pages may edit one draft, also those of several studios. Each record has a revision: a save that names an older
+one is a conflict, and is refused with the version that is kept. Every save is on the disk before it is confirmed.
 """
 
 from __future__ import annotations
@@ -9,12 +9,15 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, cast
 
 import msgspec
 from msgspec import Meta, Struct
 
+from servolink.discovery.announcements import lock
 from servolink.errors import EncodeError, ProjectError
 from servolink.escaping import escape
 from servolink.files import is_name, read_file, reason, user_folder, write_atomically
@@ -95,10 +98,14 @@ class Drafts:
         for number, edit in enumerate(edits):
             _check(edit, f"edits[{number}]")
         async with self._turn:
-            return await asyncio.to_thread(self._save, edits, who)
+            return await asyncio.to_thread(self._save_alone, edits, who)
+
+    def _save_alone(self, edits: list[Edit], who: str) -> tuple[tuple[Kept, ...], tuple[Kept, ...]]:
+        with _locked(draft_path(self._board).with_suffix(".lock")):
+            return self._save(edits, who)
 
     def _save(self, edits: list[Edit], who: str) -> tuple[tuple[Kept, ...], tuple[Kept, ...]]:
-        file = self._read()  # each time: another studio may serve the same board
+        file = self._read()  # each time: another studio of this board may have written it
         records = {(one.kind, one.id): one for one in file.records}
         saved: list[Kept] = []
         conflicts: list[Kept] = []
@@ -138,10 +145,22 @@ class Drafts:
         if len(content) > MAX_SIZE:
             raise ProjectError(f"the draft is larger than {MAX_SIZE >> 20} MiB; write it to the board, or save it")
         try:
-            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             write_atomically(path, content, private=True)
         except OSError as error:
             raise ProjectError(f"{escape(str(path))}: the draft cannot be kept: {reason(error)}") from error
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Keep all others who lock this file waiting. Raise ProjectError if that is impossible."""
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with path.open("ab", buffering=0) as file:
+            if not lock(file, wait=True):
+                raise ProjectError(f"{escape(str(path))}: another studio is writing the draft for too long")
+            yield
+    except OSError as error:
+        raise ProjectError(f"{escape(str(path))}: the draft cannot be kept: {reason(error)}") from error
 
 
 def draft_path(board: str) -> Path:

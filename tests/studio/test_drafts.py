@@ -143,6 +143,26 @@ def test_the_oldest_edits_that_were_given_up_are_forgotten_first() -> None:
         save(*(edit(2 * MOST_RECORDS + number, is_discarded=False) for number in range(2)))
 
 
+@pytest.mark.slow
+def test_several_studios_of_one_board_lose_none_of_their_edits() -> None:
+    program = (
+        "import asyncio, sys\n"
+        "from servolink.studio.drafts import Drafts, Edit\n"
+        "async def main(mine):\n"
+        "    drafts = Drafts('robbie')\n"
+        "    for number in range(40):\n"
+        "        edits = [Edit('actions', mine + number, 0, is_discarded=True), Edit('project_id', 0, 0, None, mine)]\n"
+        "        print(len((await drafts.save(edits, 'a page'))[1]))\n"
+        "asyncio.run(main(int(sys.argv[1])))\n"
+    )
+    programs = [processes.start([sys.executable, "-c", program, str(mine)]) for mine in (1000, 2000)]
+    conflicts = [sum(map(int, processes.finish(each)[0].split())) for each in programs]
+    assert len(kept()) == 2 * 40 + 1
+    (project,) = [one for one in kept() if one.kind == "project_id"]
+    loser = 0 if project.record == 2000 else 1
+    assert (conflicts[loser], conflicts[1 - loser]) == (40, 0)  # each record belongs to who came first
+
+
 def test_what_was_confirmed_survives_a_kill() -> None:
     program = (
         "import asyncio, os, signal\n"
