@@ -240,6 +240,13 @@ COMMANDS = {
         "share one board among programs that use it at the same time",
         ("share", "share --name rex --tcp 127.0.0.1:0", "share --name rex --watch-tcp 127.0.0.1:0"),
     ),
+    "fleet": Command(
+        TOGETHER,
+        "fleet:configure",
+        "see and command many boards, through an MQTT broker",
+        ("fleet list", "fleet run Wave --on all", "fleet stop"),
+        takes_board=False,
+    ),
     "show": Command(
         RECORDINGS,
         "show:configure",

@@ -86,6 +86,10 @@ class Roster:
         self.refused = 0
         """Messages of boards beyond the first 5,000, and those that are too long."""
 
+    def get(self, name: str) -> BoardSeen | None:
+        """Return what is known of a board; None if nothing is."""
+        return self._boards.get(name)
+
     def __getitem__(self, name: str) -> BoardSeen:
         """Return what is known of a board. Raise KeyError if nothing is."""
         return self._boards[name]

@@ -11,6 +11,7 @@ import pytest
 
 from servolink.cli.board import COMMANDS as BOARD_COMMANDS
 from servolink.cli.commands import COMMANDS, TOPICS, Command
+from servolink.cli.fleet import COMMANDS as FLEET_COMMANDS
 from servolink.cli.parser import EXIT_CODES, build_parser
 from servolink.cli.project import COMMANDS as PROJECT_COMMANDS
 from servolink.cli.servo import COMMANDS as SERVO_COMMANDS
@@ -28,6 +29,7 @@ ALL: dict[str, Command] = {
     **COMMANDS,
     **{f"project {name}": command for name, command in PROJECT_COMMANDS.items()},
     **{f"board {name}": command for name, command in BOARD_COMMANDS.items()},
+    **{f"fleet {name}": command for name, command in FLEET_COMMANDS.items()},
     **{f"servo {name}": command for name, command in SERVO_COMMANDS.items()},
     **{f"{noun} {verb}": command for noun, verbs in STORED_COMMANDS.items() for verb, command in verbs.items()},
 }
@@ -35,6 +37,8 @@ ALL: dict[str, Command] = {
 
 UNTIL_CTRL_C = {"virtual", "share", "studio", "teach", "remote"}
 SLOW = {"demo"}
+NEED_A_BROKER = {"fleet", *(f"fleet {name}" for name in FLEET_COMMANDS)}
+"""Those of the fleet, which `tests/fleet` runs with one."""
 EXAMPLES = {example: name for name, command in ALL.items() for example in command.examples}
 
 
@@ -121,7 +125,7 @@ def test_examples_work(
 ) -> None:
     name = EXAMPLES[example]
     assert example.startswith(name)
-    if name in UNTIL_CTRL_C | SLOW:
+    if name in UNTIL_CTRL_C | SLOW | NEED_A_BROKER:
         assert build_parser().parse_args(shlex.split(example)).run
         return
     _prepare(robot, tmp_path, monkeypatch, stored=ALL[name].needs_records)

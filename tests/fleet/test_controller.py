@@ -7,15 +7,16 @@ import asyncio
 import pytest
 
 from servolink.errors import MotionRefused, OpenError, OutcomeUnknown, RequestTimeout
+from servolink.fleet.access import broker_access
 from servolink.fleet.controller import Controller
 from tests.fleet.mosquitto import Broker, needs_broker
-from tests.fleet.stand_in import TOPICS, Refused, client_of, stand_ins
+from tests.fleet.stand_in import TOPICS, Refused, stand_ins
 
 pytestmark = needs_broker
 
 
 def controller_of(broker: Broker, *, with_servos: bool = False) -> Controller:
-    return Controller(lambda: client_of(broker), TOPICS, with_servos=with_servos)
+    return Controller(broker_access(broker.url), TOPICS, with_servos=with_servos)
 
 
 def test_everybody_who_is_there_is_known(broker: Broker) -> None:

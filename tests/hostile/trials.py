@@ -192,6 +192,14 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("--url {few} share --status"),
         Trial("share --take rex"),
     ),
+    "fleet": (
+        Trial("fleet list --broker mqtt://{text}"),
+        Trial("fleet list --broker mqtt://127.0.0.1:1 --password-file {missing}/{place}"),
+        Trial("fleet stop --broker mqtts://127.0.0.1:1 --ca {noise}"),
+        Trial("fleet apply {other} --yes --broker mqtt://127.0.0.1:1"),
+        Trial("fleet apply {allowed} --yes --broker mqtt://127.0.0.1:1"),
+        Trial("fleet run {text} --broker mqtt://127.0.0.1:1 --groups {noise}"),
+    ),
     "virtual": (
         Trial("virtual --tcp 127.0.0.1:0 --state {noise}"),
         Trial("virtual --tcp 127.0.0.1:0 --script {script}"),

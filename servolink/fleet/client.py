@@ -1,0 +1,166 @@
+"""Fleet: many boards through a broker, with the verbs of `servolink fleet`."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Iterable, Mapping
+from pathlib import Path
+from typing import Any, Self
+
+from servolink.errors import ServolinkError
+from servolink.fleet import stopping, together, transfer
+from servolink.fleet.access import BrokerAccess
+from servolink.fleet.checks import Check, examine_fleet
+from servolink.fleet.controller import Controller
+from servolink.fleet.each import Outcomes
+from servolink.fleet.groups import ALL, Groups, chosen_boards, load_groups
+from servolink.fleet.roster import BoardSeen
+from servolink.fleet.stopping import Stopped
+from servolink.fleet.together import Kind, RanTogether
+from servolink.fleet.topics import PREFIX, Topics
+from servolink.fleet.transfer import PARALLEL, BoardPlan
+from servolink.hub.control.messages import Applied
+from servolink.project.model import Project
+
+On = str | Iterable[str]
+"""Which boards: `all`, and names of boards and groups, in one text with commas or in several."""
+
+
+class Fleet:
+    """The boards that a broker knows. Use `connect`."""
+
+    def __init__(self, access: BrokerAccess, prefix: str, groups: Groups, *, with_servos: bool = False) -> None:
+        """Enter it to connect."""
+        self.groups = groups
+        self.controller = Controller(access, Topics(prefix), with_servos=with_servos)
+
+    async def __aenter__(self) -> Self:
+        """Connect with the broker, and learn which boards are there. Raise OpenError if that fails."""
+        await self.controller.__aenter__()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        """Disconnect."""
+        await self.controller.__aexit__()
+
+    def boards(self, on: On = ALL) -> tuple[str, ...]:
+        """Return the names of the boards that `on` means. Raise NotFound for what is neither a board nor a group."""
+        return chosen_boards(on, self.controller.roster.online, self.groups)
+
+    async def list(self) -> tuple[BoardSeen, ...]:
+        """Return what is known of every board, those that are away too."""
+        await self.controller.settle()
+        return tuple(self.controller.roster)
+
+    async def watch(self, hz: float = 1.0) -> AsyncIterator[tuple[BoardSeen, ...]]:
+        """Yield what is known of every board, `hz` times a second."""
+        await self.controller.settle()
+        while True:
+            yield tuple(self.controller.roster)
+            await asyncio.sleep(1 / hz)
+
+    async def call(
+        self, board: str, method: str, params: Mapping[str, Any] | None = None, *, patience: float | None = None
+    ) -> Any:
+        """Return the result of a method of the control interface. Raise the error of the library that it reports."""
+        return await self.controller.call(board, method, params, patience=patience)
+
+    async def run(
+        self,
+        name: int | str,
+        on: On = ALL,
+        *,
+        kind: Kind | None = None,
+        anyway: bool = False,
+    ) -> RanTogether:
+        """Start an action or a macro, by caption or id, on several boards at the same moment.
+
+        All prepare first. If one cannot, nobody starts, unless `anyway`: then the others do.
+        """
+        await self.controller.settle()
+        runs, failed = {}, dict[str, ServolinkError]()
+        for board in self.boards(on):
+            try:
+                runs[board] = together.run_for(self.controller.roster, board, name, kind)
+            except ServolinkError as error:
+                failed[board] = error
+        return await together.run_together(self.controller, runs, anyway=anyway, failed=failed)
+
+    async def stop(self, *, patience: float = stopping.PATIENCE) -> Stopped:
+        """Stop all servos of all boards. Boards that do not answer within `patience` seconds are named."""
+        return await stopping.stop_all(self.controller, patience=patience)
+
+    async def plan(
+        self,
+        project: Project,
+        on: On = ALL,
+        *,
+        replace: bool = False,
+        unchecked: bool = False,
+        parallel: int = PARALLEL,
+    ) -> Outcomes[BoardPlan]:
+        """Return what `apply` would change on each board. Nothing is changed."""
+        await self.controller.settle()
+        return await transfer.plan_each(
+            self.controller, self.boards(on), project, replace=replace, unchecked=unchecked, parallel=parallel
+        )
+
+    async def apply(
+        self,
+        project: Project,
+        on: On = ALL,
+        *,
+        replace: bool = False,
+        unchecked: bool = False,
+        backup: bool = True,
+        parallel: int = PARALLEL,
+        fail_fast: bool = False,
+    ) -> Outcomes[Applied]:
+        """Make each board hold `project`; the options are those of `Board.apply_project`.
+
+        A failure of one ends nothing on the others; with `fail_fast`, no further board is begun after one. Call it
+        again to go on: what is done is not done again.
+        """
+        await self.controller.settle()
+        return await transfer.apply_each(
+            self.controller,
+            self.boards(on),
+            project,
+            replace=replace,
+            unchecked=unchecked,
+            backup=backup,
+            parallel=parallel,
+            fail_fast=fail_fast,
+        )
+
+    async def export(self, folder: str | Path, on: On = ALL, *, parallel: int = PARALLEL) -> Outcomes[Path]:
+        """Write the content of each board to `BOARD.servolink.json` in `folder`, which is created if it is missing."""
+        await self.controller.settle()
+        path = Path(folder)
+        await asyncio.to_thread(path.mkdir, parents=True, exist_ok=True)
+        return await transfer.export_each(self.controller, self.boards(on), path, parallel=parallel)
+
+    async def doctor(self) -> tuple[Check, ...]:
+        """Return what is wrong with the broker, the network and the boards; empty if nothing is."""
+        return await examine_fleet(self.controller)
+
+
+def connect(
+    broker: str | BrokerAccess = "mqtt://localhost",
+    *,
+    prefix: str = PREFIX,
+    groups: Groups | str | Path | None = None,
+    servos: bool = False,
+) -> Fleet:
+    """Return the boards that join `broker` under `prefix`, to be used with `async with`.
+
+    `broker` is its address, or what `servolink.fleet.access.broker_access` returns, with certificates and a password.
+    `groups` are names by group, or the file they are in: the user's `fleet.toml` unless given. `servos` subscribes to
+    the states of all servos too. Raise InvalidAddress for an impossible address.
+    """
+    from servolink.fleet.access import broker_access
+
+    access = broker_access(broker) if isinstance(broker, str) else broker
+    if groups is None or isinstance(groups, (str, Path)):
+        groups = load_groups(None if groups is None else Path(groups))
+    return Fleet(access, prefix, groups, with_servos=servos)

@@ -1,0 +1,64 @@
+"""One piece of work for each board, several at a time; a failure of one does not end the others."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable
+from typing import Generic, TypeVar
+
+from servolink.errors import ServolinkError
+
+T = TypeVar("T")
+
+Work = Callable[[str], Awaitable[T]]
+"""Does the work for the board of this name, or raises a ServolinkError."""
+
+
+class Outcomes(Generic[T]):
+    """What came of the work for each board."""
+
+    def __init__(self) -> None:
+        """Start without outcomes."""
+        self.done: dict[str, T] = {}
+        """The result for each board for which the work was done, in the order in which they ended."""
+        self.failed: dict[str, ServolinkError] = {}
+        """The error for each board for which it failed."""
+        self.skipped: tuple[str, ...] = ()
+        """The boards for which it was not begun, because it had failed for another one."""
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the work was done for every board."""
+        return not (self.failed or self.skipped)
+
+
+async def for_each(
+    boards: Iterable[str],
+    work: Work[T],
+    *,
+    parallel: int,
+    fail_fast: bool = False,
+    on_outcome: Callable[[str, ServolinkError | None], None] = lambda board, error: None,
+) -> Outcomes[T]:
+    """Do the work for each board, for `parallel` of them at a time.
+
+    With `fail_fast`, begin nothing more after a failure; what was begun goes on to its end. `on_outcome` is called
+    with each board as soon as its work has ended, and the error if it failed.
+    """
+    outcomes: Outcomes[T] = Outcomes()
+    waiting = list(dict.fromkeys(boards))
+
+    async def worker() -> None:
+        while waiting and not (fail_fast and outcomes.failed):
+            board, error = waiting.pop(0), None
+            try:
+                outcomes.done[board] = await work(board)
+            except ServolinkError as raised:
+                outcomes.failed[board] = error = raised
+            on_outcome(board, error)
+
+    async with asyncio.TaskGroup() as group:
+        for _ in range(min(parallel, len(waiting))):
+            group.create_task(worker())
+    outcomes.skipped = tuple(waiting)
+    return outcomes

@@ -1,0 +1,81 @@
+"""Stop every board of a fleet: one message to all, repeated to each that has not answered."""
+
+from __future__ import annotations
+
+import asyncio
+
+import msgspec
+from msgspec import Struct
+
+from servolink.errors import ServolinkError
+from servolink.fleet.controller import Controller, new_id
+from servolink.fleet.exchange import Exchange, failure_of
+from servolink.fleet.topics import Stop
+
+PATIENCE = 5.0
+"""Seconds until a board that has not answered counts as silent."""
+_AGAIN = 0.5  # seconds until a board that has not answered is sent another stop
+
+
+class Stopped(Struct, frozen=True):
+    """What the boards answered to a stop."""
+
+    stopped: dict[str, float]
+    """Seconds from the stop to the answer of each board whose servos report that they are stopped."""
+    failed: dict[str, str]
+    """Why a board could not confirm that it is stopped."""
+    silent: tuple[str, ...]
+    """Boards that are connected with the broker and did not answer."""
+    offline: tuple[str, ...]
+    """Boards that are not connected with the broker, so that nothing can be sent to them."""
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every board that is connected has stopped."""
+        return not (self.failed or self.silent)
+
+
+async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Stopped:
+    """Stop all boards. A slow one holds up no other; one that does not answer for `patience` seconds is silent."""
+    loop = asyncio.get_running_loop()
+    begun, stop = loop.time(), Stop(new_id(), controller.who)
+    with controller.exchange(stop.id) as exchange:
+        sending = asyncio.create_task(_send(controller, exchange, stop, begun + patience))
+        try:
+            await controller.settle()  # meanwhile the stop is under way
+            while missing := exchange.missing(controller.roster.online):
+                if not await exchange.wait(begun + patience):
+                    break
+        finally:
+            sending.cancel()
+            await asyncio.wait((sending,))
+        failures = {board: failure_of(result) for board, result in exchange.results.items()}
+        offline = tuple(board.name for board in controller.roster if not board.is_online)
+        return Stopped(
+            {board: exchange.seconds[board] - begun for board, failure in failures.items() if failure is None},
+            {board: str(failure) for board, failure in failures.items() if failure is not None},
+            tuple(missing),
+            tuple(board for board in offline if board not in failures),
+        )
+
+
+async def _send(controller: Controller, exchange: Exchange, stop: Stop, deadline: float) -> None:
+    """Send the stop to all, and again to each board that has not answered."""
+    loop, payload = asyncio.get_running_loop(), msgspec.json.encode(stop)
+    topic = controller.topics.fleet("stop")
+    topics = [topic]
+    while loop.time() < deadline:
+        left = deadline - loop.time()
+        again = [controller.publish(each, payload, stop.id, expires=left, deadline=deadline) for each in topics]
+        await asyncio.gather(*again, return_exceptions=True)  # a broker that is gone shows in who is silent
+        await asyncio.sleep(_AGAIN)
+        missing = exchange.missing(controller.roster.online)
+        topics = [controller.topics.board(board, "stop") for board in missing]
+
+
+def refusal_of(stopped: Stopped) -> ServolinkError | None:
+    """Return the error that names the boards which may still move; None if all have stopped."""
+    if stopped.is_complete:
+        return None
+    silent = [f"{board} has not answered" for board in stopped.silent]
+    return ServolinkError(f"not every board has stopped: {'; '.join([*stopped.failed.values(), *silent])}")

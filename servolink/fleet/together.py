@@ -1,0 +1,164 @@
+"""Run a stored action or macro on many boards at once: all prepare, and one message starts them."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Literal
+
+import msgspec
+from msgspec import UNSET, Struct
+
+from servolink.errors import AmbiguousName, NotFound, OutcomeUnknown, ServolinkError
+from servolink.escaping import quote
+from servolink.fleet.controller import Controller, new_id
+from servolink.fleet.each import for_each
+from servolink.fleet.exchange import Exchange, failure_of
+from servolink.fleet.roster import Roster
+from servolink.fleet.topics import Cancel, Echo, Prepare, Prepared, Start, Started, Stored
+from servolink.hub.control.messages import Run
+
+Kind = Literal["action", "macro"]
+
+_ECHOES = 3
+_ECHO_LIMIT = 1.0  # seconds for all boards to answer an echo
+
+
+class RanTogether(Struct, frozen=True):
+    """What came of a run on several boards."""
+
+    started: tuple[str, ...]
+    """The boards that say that they have started."""
+    failed: dict[str, str]
+    """Why others did not: they could not prepare, or did not confirm the start."""
+    spread: float | None
+    """Seconds between the first and the last start; None with fewer than two boards, or if it cannot be known."""
+    measured_by: Literal["clock", "echo"] | None
+    """`clock`: all boards are at one machine, whose clock was read. `echo`: estimated from the delay of messages."""
+    duration: float | None
+    """Seconds of the longest run; None for macros."""
+
+
+def run_for(roster: Roster, board: str, name: int | str, kind: Kind | None) -> Run:
+    """Return what `name` means on a board: an action or a macro, by caption or id.
+
+    Raise NotFound if the board is not there, or has nothing of that name, and AmbiguousName if it has both.
+    """
+    seen = roster.get(board)
+    if seen is None or not seen.is_online:
+        raise NotFound(f"{board} is not connected: start `servolink fleet join` on its machine")
+    if seen.now is None:
+        raise NotFound(f"{board} does not say what is stored on it{': ' if seen.problem else ''}{seen.problem}")
+    stored: Mapping[Kind, Sequence[Stored]] = {"action": seen.now.actions, "macro": seen.now.macros}
+    kinds = [each for each in stored if kind in {None, each} and _has(stored[each], name)]
+    if not kinds:
+        raise NotFound(f"{board} has no {kind or 'action or macro'} {quote(name)}")
+    if len(kinds) > 1:
+        raise AmbiguousName(f"{board} has an action and a macro {quote(name)}; say which with the type")
+    return Run(kinds[0], name)
+
+
+def _has(stored: Iterable[Stored], name: int | str) -> bool:
+    return any(name in {one.id, one.caption} for one in stored)
+
+
+async def run_together(
+    controller: Controller,
+    runs: Mapping[str, Run],
+    *,
+    anyway: bool = False,
+    failed: Mapping[str, ServolinkError] | None = None,
+) -> RanTogether:
+    """Prepare every board for its run, and start all with one message.
+
+    If one cannot prepare, or is in `failed` already, nobody starts, unless `anyway`: then the others do.
+    """
+    start = new_id()
+    patience = controller.patience
+    expires = min(60.0, patience + 2 * _ECHO_LIMIT)
+
+    async def prepare(board: str) -> Prepared:
+        found = await controller.call(board, "prepare", Prepare(start, runs[board], expires))
+        return msgspec.convert(found, Prepared)
+
+    prepared = await for_each(runs, prepare, parallel=len(runs))
+    problems = {**(failed or {}), **prepared.failed}
+    if not prepared.done or (problems and not anyway):
+        await _cancel(controller, start, prepared.done)
+        return RanTogether((), {board: str(error) for board, error in problems.items()}, None, None, None)
+    delays = await _delays(controller, prepared.done)
+    with controller.exchange(start) as exchange:
+        loop = asyncio.get_running_loop()
+        await controller.send_to_all("start", Start(start, controller.who), start, expires=2.0)
+        await exchange.until(prepared.done, loop.time() + patience)
+        return _result(exchange, prepared.done, problems, delays)
+
+
+async def _cancel(controller: Controller, start: str, boards: Iterable[str]) -> None:
+    """Tell boards that nothing is going to start, so that others may move them."""
+    await for_each(boards, lambda board: controller.call(board, "cancel", Cancel(start), patience=1.0), parallel=64)
+
+
+async def _delays(controller: Controller, boards: Iterable[str]) -> dict[str, float]:
+    """Return half the shortest of some round trips of a message to each board, in seconds."""
+    loop, there = asyncio.get_running_loop(), list(boards)
+    delays = dict.fromkeys(there, math.inf)
+    for _ in range(_ECHOES):
+        echo = Echo(new_id())
+        with controller.exchange(echo.id) as exchange:
+            sent = loop.time()
+            await controller.send_to_all("echo", echo, echo.id, expires=_ECHO_LIMIT)
+            await exchange.until(there, sent + _ECHO_LIMIT)
+            for board, came in exchange.seconds.items():
+                if board in delays:
+                    delays[board] = min(delays[board], (came - sent) / 2)
+            if exchange.missing(there):
+                break
+    return delays
+
+
+def _result(
+    exchange: Exchange,
+    prepared: Mapping[str, Prepared],
+    problems: Mapping[str, ServolinkError],
+    delays: Mapping[str, float],
+) -> RanTogether:
+    started: dict[str, Started] = {}
+    failed = dict(problems)
+    for board in prepared:
+        result = exchange.results.get(board)
+        if result is None:
+            failed[board] = OutcomeUnknown(f"{board} was prepared, and has not said whether it started: look at it")
+        elif (failure := failure_of(result)) is not None:
+            failed[board] = failure
+        elif (moment := _started(result.result)) is None:
+            failed[board] = OutcomeUnknown(f"{board} has started, and what it says of that cannot be read")
+        else:
+            started[board] = moment
+    spread, measured_by = _spread(started, exchange, delays)
+    durations = [one.seconds for board, one in prepared.items() if board in started and one.seconds is not None]
+    texts = {board: str(error) for board, error in failed.items()}
+    return RanTogether(tuple(sorted(started)), texts, spread, measured_by, max(durations, default=None))
+
+
+def _started(value: object) -> Started | None:
+    try:
+        return None if value is UNSET else msgspec.convert(value, Started)
+    except msgspec.ValidationError:
+        return None
+
+
+def _spread(
+    started: Mapping[str, Started], exchange: Exchange, delays: Mapping[str, float]
+) -> tuple[float | None, Literal["clock", "echo"] | None]:
+    """Return the seconds between the first and the last start, and how that is known."""
+    if len(started) < 2:
+        return None, None
+    if len({one.host for one in started.values()}) == 1:
+        moments = [one.monotonic for one in started.values()]
+        return max(moments) - min(moments), "clock"
+    # A result takes as long as half an echo to come here, so the board had started that much before.
+    moments = [exchange.seconds[board] - delays[board] for board in started]
+    spread = max(moments) - min(moments)
+    return (spread, "echo") if math.isfinite(spread) else (None, None)

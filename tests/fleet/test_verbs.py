@@ -1,0 +1,236 @@
+"""What is done to many boards at once, with boards that misbehave."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from servolink.errors import NotFound
+from servolink.fleet.client import Fleet, connect
+from servolink.fleet.topics import Stored
+from servolink.project.project_file import load_project, project_to_form
+from tests.fleet.mosquitto import Broker, needs_broker
+from tests.fleet.stand_in import Refused, StandIn, stand_ins
+from tests.project.projects import HUMANOID
+
+pytestmark = needs_broker
+
+STARTED = {"host": "here", "after": 0.001, "monotonic": 5.0}
+
+
+def fleet_of(broker: Broker, **groups: tuple[str, ...]) -> Fleet:
+    return connect(broker.url, groups=groups)
+
+
+def ready_to_run(board: StandIn, monotonic: float, host: str = "here") -> None:
+    board.answers |= {
+        "prepare": lambda params: {"seconds": 2.0},
+        "cancel": lambda params: {},
+        "start": lambda params: {"host": host, "after": 0.001, "monotonic": monotonic},
+        "echo": lambda params: {"monotonic": 0.0},
+    }
+
+
+def methods(board: StandIn) -> list[str]:
+    return [command.method for command in board.commands]
+
+
+def refuse(kind: str, text: str) -> Any:
+    def answer(params: object) -> None:
+        raise Refused(kind, text)
+
+    return answer
+
+
+# --- stop -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_stop_names_who_is_silent_and_waits_for_nobody_else(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex", "fido", "bob") as (rex, fido, _), fleet_of(broker) as fleet:
+            fido.is_silent = True
+            rex.answers["stop"] = refuse("OutcomeUnknown", "servo 3 still moves")
+            stopped = await fleet.stop(patience=0.7)
+            assert list(stopped.stopped) == ["bob"]
+            assert stopped.failed == {"rex": "rex: servo 3 still moves"}
+            assert stopped.silent == ("fido",)
+            assert fido.stops == 2, "it is sent again"
+            assert not stopped.is_complete
+
+    asyncio.run(main())
+
+
+def test_a_stop_names_who_is_away(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex") as (rex,):
+            topic = f"servolink/{rex.name}-old/available"
+            await rex._client.publish(topic, "offline", 1, retain=True)
+            async with fleet_of(broker) as fleet:
+                stopped = await fleet.stop()
+                assert stopped.offline == ("rex-old",)
+                assert stopped.is_complete
+
+    asyncio.run(main())
+
+
+# --- run --------------------------------------------------------------------------------------------------------------
+
+
+def test_boards_start_together(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex", "fido") as (rex, fido), fleet_of(broker, front=("rex", "fido")) as fleet:
+            ready_to_run(rex, 5.0)
+            ready_to_run(fido, 5.012)
+            ran = await fleet.run("Wave", "front")
+            assert ran.started == ("fido", "rex")
+            assert ran.spread == pytest.approx(0.012)
+            assert ran.measured_by == "clock"
+            assert ran.duration == 2.0
+            assert rex.commands[0].params["run"] == {"type": "macro", "id": "Wave", "wait": False, "dry_run": False}
+
+    asyncio.run(main())
+
+
+def test_the_spread_over_several_machines_is_estimated_by_echo(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex", "fido") as (rex, fido), fleet_of(broker) as fleet:
+            ready_to_run(rex, 5.0, "a")
+            ready_to_run(fido, 1e6, "b")
+            ran = await fleet.run("Bow")
+            assert ran.measured_by == "echo"
+            assert ran.spread is not None
+            assert 0 <= ran.spread < 1
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("anyway", [False, True])
+def test_one_that_cannot_prepare_keeps_all_from_starting(broker: Broker, anyway: bool) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex", "fido") as (rex, fido), fleet_of(broker) as fleet:
+            ready_to_run(rex, 5.0)
+            ready_to_run(fido, 5.0)
+            fido.answers["prepare"] = refuse("MotionRefused", "somebody else has the lease")
+            ran = await fleet.run("Wave", anyway=anyway)
+            assert ran.started == (("rex",) if anyway else ())
+            assert ran.failed == {"fido": "fido: somebody else has the lease"}
+            assert ("cancel" in methods(rex)) == (not anyway)
+
+    asyncio.run(main())
+
+
+def test_a_board_that_does_not_confirm_its_start_is_named(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex", "fido") as (rex, fido), fleet_of(broker) as fleet:
+            ready_to_run(rex, 5.0)
+            ready_to_run(fido, 5.0)
+            del fido.answers["start"]
+            fleet.controller.patience = 0.2
+            ran = await fleet.run("Wave")
+            assert ran.started == ("rex",)
+            assert "fido was prepared, and has not said whether it started" in ran.failed["fido"]
+
+    asyncio.run(main())
+
+
+def test_what_a_board_does_not_have_is_not_run(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex") as (rex,), fleet_of(broker) as fleet:
+            ran = await fleet.run("Dance")
+            assert ran.failed == {"rex": "rex has no action or macro 'Dance'"}
+            ran = await fleet.run("Wave", kind="action")
+            assert ran.failed == {"rex": "rex has no action 'Wave'"}
+            assert not rex.commands
+            with pytest.raises(NotFound, match="no board and no group 'rax'"):
+                await fleet.run("Wave", "rax")
+
+    asyncio.run(main())
+
+
+def test_a_name_of_two_things_needs_a_type(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex", actions=(Stored(1, "Wave"),)) as _, fleet_of(broker) as fleet:
+            ran = await fleet.run("Wave")
+            assert "an action and a macro 'Wave'" in ran.failed["rex"]
+
+    asyncio.run(main())
+
+
+# --- apply and export -------------------------------------------------------------------------------------------------
+
+APPLIED = {"changed": True, "resumed": False, "backup": None, "project_id_bits": 32}
+
+
+def test_a_full_board_says_so_and_the_others_are_done(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex", "fido", "bob") as boards, fleet_of(broker) as fleet:
+            for board in boards:
+                board.answers["project.apply"] = lambda params: APPLIED
+            boards[1].answers["project.apply"] = refuse("ProjectError", "the board is full")
+            outcomes = await fleet.apply(HUMANOID)
+            assert sorted(outcomes.done) == ["bob", "rex"]
+            assert {board: str(error) for board, error in outcomes.failed.items()} == {
+                "fido": "fido: the board is full"
+            }
+            assert boards[0].commands[0].params["project"] == json.loads(json.dumps(project_to_form(HUMANOID)))
+
+    asyncio.run(main())
+
+
+def test_fail_fast_begins_no_further_board(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "a", "b", "c") as boards, fleet_of(broker) as fleet:
+            for board in boards:
+                board.answers["project.apply"] = refuse("ProjectError", "the board is full")
+            outcomes = await fleet.apply(HUMANOID, parallel=1, fail_fast=True)
+            assert list(outcomes.failed) == ["a"]
+            assert outcomes.skipped == ("b", "c")
+            assert not boards[1].commands
+
+    asyncio.run(main())
+
+
+def test_contents_are_written_to_files(broker: Broker, tmp_path: Path) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex", "fido") as (rex, fido), fleet_of(broker) as fleet:
+            rex.answers["project.export"] = lambda params: {"project": project_to_form(HUMANOID)}
+            fido.answers["project.export"] = lambda params: {"project": {"schema": 1, "actions": "\x1b"}}
+            outcomes = await fleet.export(tmp_path / "boards")
+            assert load_project(outcomes.done["rex"]) == HUMANOID.sorted()
+            assert "fido sends a project that cannot be read: actions" in str(outcomes.failed["fido"])
+
+    asyncio.run(main())
+
+
+# --- doctor -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_doctor_finds_what_is_wrong(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex", "fido", "bob") as (rex, fido, bob):
+            for board in (rex, bob):
+                board.answers |= {"board.state": lambda params: {}, "echo": lambda params: {"monotonic": 0.0}}
+            fido.is_silent = True
+            await bob._client.publish("servolink/bob/state", b"{", 1, retain=True)
+            async with fleet_of(broker) as fleet:
+                fleet.controller.patience = 0.1
+                found = {(one.about, one.observation) for one in await fleet.doctor()}
+        assert ("rex", "") not in found
+        assert any(about == "fido" and "does not answer" in text for about, text in found)
+        assert any(about == "bob" and "cannot be read" in text for about, text in found)
+        assert not any(about == "rex" for about, _ in found)
+
+    asyncio.run(main())
+
+
+def test_the_doctor_says_that_nobody_is_there(broker: Broker) -> None:
+    async def main() -> None:
+        async with fleet_of(broker) as fleet:
+            (found,) = await fleet.doctor()
+            assert "no board has ever joined" in found.observation
+
+    asyncio.run(main())
