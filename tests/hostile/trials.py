@@ -193,7 +193,7 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("share --take rex"),
     ),
     "fleet": (
-        Trial("fleet list --broker mqtt://{text}"),
+        Trial("fleet list --broker {text}"),
         Trial("fleet list --broker mqtt://127.0.0.1:1 --password-file {missing}/{place}"),
         Trial("fleet stop --broker mqtts://127.0.0.1:1 --ca {noise}"),
         Trial("fleet apply {other} --yes --broker mqtt://127.0.0.1:1"),
