@@ -285,6 +285,13 @@ COMMANDS = {
         ("""encode '{"packet":"QueryServoRequest","fields":{"servo_id":7}}'""",),
         takes_board=False,
     ),
+    "wireshark": Command(
+        DEVELOPERS,
+        "wireshark:configure",
+        "print or install a dissector with which Wireshark reads packets",
+        ("wireshark --install", "wireshark --byte-order big --caption-encoding big5"),
+        takes_board=False,
+    ),
     "bench": Command(
         DEVELOPERS, "bench:configure", "measure round trips to the board", ("bench", "bench --requests 20 --json")
     ),

@@ -150,7 +150,7 @@ def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch, *, sto
         await board.add_macro(Macro(1, "Greet", (MacroCommand(1, total_interval=50),)))
         await board.add_joystick_table(JoystickTable(1, "Pad", (Button(3, "greet", button_press_macro=1),)))
 
-    for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME"):
+    for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "HOME", "APPDATA"):
         monkeypatch.setenv(name, str(folder / name))
     monkeypatch.setenv("SERVOLINK_BOARD", "virtual://")
     monkeypatch.chdir(folder)

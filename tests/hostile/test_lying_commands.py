@@ -60,6 +60,7 @@ EXEMPT = {
     "show": "reads files",
     "encode": "reads files",
     "completion": "opens nothing",
+    "wireshark": "opens nothing",
     "virtual": "is a board",
     "share": "goes on until somebody ends it",
     "studio": "goes on until somebody ends it",

@@ -145,6 +145,8 @@ TYPED = (
     "bench --requests {}",
     "demo {}",
     "completion {}",
+    "wireshark {}",
+    "wireshark --caption-encoding {}",
 )
 
 

@@ -171,6 +171,7 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("decode {name}"),
     ),
     "encode": (Trial("encode {name}"), Trial("encode {{}} {name}")),
+    "wireshark": (Trial("wireshark {name}"), Trial("wireshark --caption-encoding {text}")),
     "show": (
         Trial("show {mcap}", timed=True),
         Trial("show {mcap} --channel packets --problems", timed=True),

@@ -1,0 +1,170 @@
+"""The Lua text of the dissector: tables made from the packet declarations, and behind them the code that reads them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+from msgspec import Meta
+
+from servolink.protocol.codec import PACKETS
+from servolink.protocol.frame import ByteOrder
+from servolink.protocol.layout import layout
+from servolink.protocol.packet import Packet, Response, Result, Value, bare, counted, group, value
+
+FIRST_LINE = "-- A Wireshark dissector for servo control boards, written by `servolink wireshark`."
+"""By it, an installed dissector is known to be one of ours."""
+
+ENCODINGS = ("utf-8", "big5", "gb18030", "utf-16-le", "utf-16-be", "latin-1")
+"""The caption encodings among which the dissector lets people choose, in the order of its preference."""
+
+_BYTE_ORDERS: tuple[ByteOrder | None, ...] = (None, "little", "big")
+_MEANING = re.compile(r"(\d+) (?:for )?([a-z][a-zA-Z ]*)")
+
+
+def dissector(byte_order: ByteOrder | None = None, caption_encoding: str = "utf-8") -> str:
+    """Return the dissector in Lua; byte order (None: found for each frame) and encoding are its preferences at first.
+
+    Raise ValueError for an encoding that is not one of ENCODINGS.
+    """
+    if caption_encoding not in ENCODINGS:
+        raise ValueError(f"Wireshark can read captions in {', '.join(ENCODINGS)}, not in {caption_encoding}")
+    defaults = {
+        "byte_order": _BYTE_ORDERS.index(byte_order),
+        "caption_encoding": ENCODINGS.index(caption_encoding),
+    }
+    code = Path(__file__).with_name("dissector.lua").read_text(encoding="utf-8")
+    return "\n".join([FIRST_LINE, "", *_tables(defaults), "", code])
+
+
+def _tables(defaults: dict[str, int]) -> Iterator[str]:
+    yield f"local DEFAULTS = {_lua(defaults)}"
+    yield "local FIELDS = {"
+    yield from (f"  {_lua(field)}," for field in _fields())
+    yield "}"
+    yield "local PACKETS = {"
+    yield from (f"  [{packet_id}] = {_lua(_packet(declared))}," for packet_id, declared in sorted(PACKETS.items()))
+    yield "}"
+    yield "local BIG5 = { -- by lead byte, the characters of all trail bytes"
+    yield from (f"  [{lead}] = {_lua(characters)}," for lead, characters in _big5())
+    yield "}"
+
+
+def _fields() -> list[tuple[str, str, str]]:
+    """Return name, kind and meaning of each field of all packets, each name once."""
+    found: dict[str, tuple[str, str, str]] = {}
+    for _, declared in sorted(PACKETS.items()):
+        for name, hint in _hints(declared).items():
+            if counted(hint) is not None:
+                record, values = group(hint)
+                hints = get_type_hints(record, include_extras=True) if record else {}
+                if record is None:
+                    values = [_named(values[0], name)]
+                else:
+                    found.setdefault(name, (name, "group", ""))
+                for each in values:
+                    found.setdefault(each.name, (each.name, each.code, _meaning(hints.get(each.name))))
+            else:
+                found.setdefault(name, (name, _code(name, hint), _meaning(hint)))
+    return sorted(found.values())
+
+
+def _packet(declared: type[Packet]) -> dict[str, Any]:
+    """Return what the dissector has to know of a packet."""
+    rule = layout(declared, "little").rule
+    described: dict[str, Any] = {
+        "name": declared.__name__,
+        "section": declared.section,
+        "rule": [rule.base, rule.unit, rule.limit],
+        "values": [],
+    }
+    if issubclass(declared, Response):
+        described["from_board"] = True
+        if issubclass(declared, Result):
+            described["is_result"] = True
+    elif echoed := _echoed(declared):
+        described["echoed"] = echoed
+    for name, hint in _hints(declared).items():
+        if (count := counted(hint)) is not None:
+            described["group"] = _group(name, hint, count.count, rule.unit)
+        elif bare(hint) is bytes:
+            described["data"] = name
+        else:
+            described["values"].append(_value(value(name, hint), hint))
+    return described
+
+
+def _group(name: str, hint: Any, count: str, size: int) -> dict[str, Any]:
+    record, values = group(hint)
+    if record is None:
+        described = [_value(_named(values[0], name), None)]
+    else:
+        hints = get_type_hints(record, include_extras=True)
+        described = [_value(each, hints[each.name]) for each in values]
+    return {"name": name, "count": count, "size": size, "values": described}
+
+
+def _value(declared: Value, hint: Any) -> list[Any]:
+    """Return name, `struct` code and the meanings of numbers, which stand in the description: "0 failed, 1 done"."""
+    meanings = {int(number): text.strip() for number, text in _MEANING.findall(_meaning(hint))}
+    is_list = re.match(r"\d+ (?!in )", _meaning(hint)) is not None
+    return [declared.name, declared.code, *([meanings] if is_list else [])]
+
+
+def _echoed(declared: type[Packet]) -> str:
+    """Return the field of a request by which its response is recognised among others; empty if there is none."""
+    response = PACKETS.get(declared.packet_id + 1)
+    if response is None:
+        return ""
+    answered = set(_hints(response))
+    for hint in _hints(response).values():
+        if counted(hint) is not None:
+            answered |= {each.name for each in group(hint)[1]}
+    return getattr(declared, "echoed", "") or next((name for name in _hints(declared) if name in answered), "")
+
+
+def _hints(declared: type[Packet]) -> dict[str, Any]:
+    hints = get_type_hints(declared, include_extras=True)
+    return {name: hints[name] for name in declared.__struct_fields__}
+
+
+def _named(declared: Value, name: str) -> Value:
+    return Value(name, declared.code, declared.low, declared.high)
+
+
+def _code(name: str, hint: Any) -> str:
+    return "data" if bare(hint) is bytes else value(name, hint).code
+
+
+def _meaning(hint: Any) -> str:
+    """Return how a field is described; empty if it is not."""
+    notes = list(getattr(hint, "__metadata__", ()))
+    for choice in get_args(bare(hint)):
+        notes += getattr(choice, "__metadata__", ())
+    return next((note.description for note in notes if isinstance(note, Meta) and note.description), "")
+
+
+def _big5() -> Iterator[tuple[int, str]]:
+    """Yield each lead byte of Big5, which Wireshark does not know, and the characters of its trail bytes in order."""
+    trails = [*range(0x40, 0x7F), *range(0xA1, 0xFF)]
+    for lead in range(0xA1, 0xFA):
+        yield lead, "".join(bytes((lead, trail)).decode("big5", "replace")[0] for trail in trails)
+
+
+def _lua(found: Any) -> str:
+    """Return a value as Lua writes it."""
+    match found:
+        case bool():
+            return "true" if found else "false"
+        case int():
+            return str(found)
+        case str():
+            escaped = found.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+            return f'"{escaped}"'
+        case dict():
+            keys = {key: key if isinstance(key, str) else f"[{key}]" for key in found}
+            return "{ " + ", ".join(f"{keys[key]} = {_lua(each)}" for key, each in found.items()) + " }"
+        case _:
+            return "{ " + ", ".join(map(_lua, found)) + " }"
