@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 import msgspec
-from msgspec import Raw, Struct
+from msgspec import UNSET, Raw, Struct, UnsetType
 
 from servolink import errors
 from servolink.errors import ConnectionLost, OpenError, Rejected, RequestError, RequestTimeout, ServolinkError
@@ -34,7 +34,7 @@ class Reply(Struct):
     """What a hub answers: the result of a method, or an error as the reference has it; both as JSON."""
 
     result: Raw = Raw(b"")
-    error: Raw | None = None
+    error: Raw | UnsetType = UNSET
 
 
 class _Message(Reply):
@@ -89,7 +89,7 @@ class RpcChannel(asyncio.Protocol):
             if isinstance(error, ServolinkError):
                 raise
             raise RequestTimeout(f"the hub of {self._name} has not answered {method} within {timeout:g} s") from None
-        if reply.error is not None:
+        if reply.error is not UNSET:
             told = msgspec.json.decode(reply.error, type=_Error)
             raise error_of(told.data.kind, told.message)
         return reply.result

@@ -105,6 +105,7 @@ def test_who_loses_the_lease_or_is_asked_for_it_is_told(caplog: pytest.LogCaptur
             await board.move({1: 60}, duration=0.05)
             await tablet.call("lease.ask")
             await until(lambda: "tablet\\u202e asks for the right to move the servos" in caplog.text)
+            assert "moves the servos from now on" not in caplog.text
             await tablet.call("lease.take", force=True)
             await until(lambda: "tablet\\u202e moves the servos from now on" in caplog.text)
             await tablet.close()
@@ -253,6 +254,8 @@ def test_an_endless_message_ends_the_channel(monkeypatch: pytest.MonkeyPatch) ->
         channel, _ = await open_channel("rex", Greeting(wants="rpc", who="tablet"))
         channel.data_received(b"x" * 1001)
         await until(lambda: channel.ended)
+        with pytest.raises(ConnectionLost):
+            await channel.call("status")
 
     with_hub(main)
 
