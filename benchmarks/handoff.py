@@ -27,7 +27,7 @@ pause, rounds, *pipes = sys.argv[1:]
 for _ in range(int(rounds)):
     random.shuffle(pipes)
     for pipe in pipes:
-        time.sleep(float(pause))
+        time.sleep(float(pause))  # so that each chunk finds the reader waiting
         os.write(int(pipe), time.perf_counter_ns().to_bytes(8, "little"))
 """
 

@@ -115,7 +115,7 @@ def _frames(answers: Mapping[int, bytes]) -> Callable[[bytes], bytes]:
         held += came
         found = []
         while len(held) >= 8 and len(held) >= (length := 9 + int.from_bytes(held[6:8], "little")):
-            time.sleep(_DELAY)
+            time.sleep(_DELAY)  # for which a board works on each request
             found.append(answers.get(int.from_bytes(held[4:6], "little"), b""))
             held = held[length:]
         return b"".join(found)

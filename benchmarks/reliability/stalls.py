@@ -159,7 +159,7 @@ async def _real(count: int) -> list[int]:
             lambda: SerialTransport(f"serial://{name}", name),
             lambda: responder.arrived,
             _REAL_TIMEOUT,
-            lambda: time.sleep(_REAL_STALL),
+            lambda: time.sleep(_REAL_STALL),  # the loop is to stand still
             count,
         )
     finally:

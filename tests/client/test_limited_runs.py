@@ -82,7 +82,7 @@ def moved(use: Use, seconds: float = 20.0, **options: Any) -> tuple[float, ...]:
     return run(main())
 
 
-def refused(use: Use, words: str, error: type[Exception] = MotionRefused, **options: Any) -> None:
+def assert_refused(use: Use, words: str, error: type[Exception] = MotionRefused, **options: Any) -> None:
     """Check that `use` raises, and that no servo of a virtual board has moved even long after."""
 
     async def attempt(board: Board) -> None:
@@ -116,7 +116,7 @@ def test_what_keeps_to_the_limits_runs() -> None:
 )
 def test_an_angle_beyond_its_limits_is_refused_however_it_is_asked_for(use: Use, words: str) -> None:
     limits = {1: (-60, 60)}
-    refused(use, rf"{words}.*-60\.\.60 \(from an argument\)$", angle_limits=limits)
+    assert_refused(use, rf"{words}.*-60\.\.60 \(from an argument\)$", angle_limits=limits)
 
 
 @pytest.mark.parametrize(
@@ -132,12 +132,12 @@ def test_an_angle_beyond_its_limits_is_refused_however_it_is_asked_for(use: Use,
 )
 @pytest.mark.parametrize("cap", [75, {1: 75}])
 def test_a_step_above_its_speed_cap_is_refused(use: Use, words: str, cap: Any) -> None:
-    refused(use, rf"{words}degrees/s; its cap is 75 \(from an argument\)$", speed_cap=cap)
+    assert_refused(use, rf"{words}degrees/s; its cap is 75 \(from an argument\)$", speed_cap=cap)
 
 
 def test_a_ratio_slows_down_what_would_be_too_fast() -> None:
     assert moved(lambda board: board.run_macro(2), speed_cap={1: 80}) == (-40, -40, 0, 0)
-    refused(
+    assert_refused(
         lambda board: board.run_macro(1), "macro 1 'dance' was not run: command 3: .* 160 degrees/s", speed_cap={1: 80}
     )
 
@@ -181,16 +181,16 @@ def test_a_dry_run_checks_and_moves_nothing() -> None:
     ],
 )
 def test_what_is_missing_or_never_ends_is_not_run(use: Use, error: type[Exception], words: str) -> None:
-    refused(use, words, error, angle_limits=(-60, 60))
+    assert_refused(use, words, error, angle_limits=(-60, 60))
 
 
 def test_angles_that_are_not_in_degrees_cannot_be_checked() -> None:
     words = "action 1 'wave', step 1 moves servo 1, which is not set to degrees"
     for unit in ("adc", None):
-        refused(lambda board: board.run_macro(1), words, angle_limits=(-60, 60), angle_unit=unit)
+        assert_refused(lambda board: board.run_macro(1), words, angle_limits=(-60, 60), angle_unit=unit)
     raw = ExecuteActionRequest((Step(1, 30, 100),))
     for unit in ("adc", None):
-        refused(lambda board: board.send(raw), "servo 1: .* not set to degrees", speed_cap=100, angle_unit=unit)
+        assert_refused(lambda board: board.send(raw), "servo 1: .* not set to degrees", speed_cap=100, angle_unit=unit)
 
 
 def test_a_unit_that_was_set_by_a_packet_counts() -> None:
@@ -235,7 +235,9 @@ def test_a_servo_that_the_board_does_not_report_has_no_known_speed() -> None:
         await board.add_action(Action(8, "more", (Step(9, 10, 100),)))
         await board.run_action(8)
 
-    refused(use, "action 8 'more' was not run: step 1 moves servo 9, which the board does not report", speed_cap=100)
+    assert_refused(
+        use, "action 8 'more' was not run: step 1 moves servo 9, which the board does not report", speed_cap=100
+    )
     assert moved(use, angle_limits=(-10, 10)) == (0, 0, 0, 0)
 
 

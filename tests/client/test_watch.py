@@ -9,7 +9,6 @@ from itertools import pairwise
 import pytest
 
 from servolink.client import connect as connecting
-from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.client.watch import ServoReading, ServoReadings
 from servolink.errors import ConnectionLost, RequestTimeout
@@ -371,11 +370,12 @@ def test_who_reads_in_several_tasks_gets_each_reading_once() -> None:
 def test_all_readers_end_with_the_program_that_forgets_them() -> None:
     """No task, timer or reader is left behind by a board that is closed while they are in use."""
 
-    async def main() -> Board:
+    async def main() -> None:
         board = await connect(FakeBoard())
         readings = [board.watch(hz) for hz in (None, 5, 50)]
         await asyncio.gather(*(anext(each) for each in readings))
         await board.close()
-        return board
+        await asyncio.sleep(0)
+        assert asyncio.all_tasks() == {asyncio.current_task()}
 
     run(main())

@@ -7,7 +7,12 @@ import asyncio
 import pytest
 
 from servolink.errors import RequestTimeout
-from servolink.protocol.editing import QueryActionListRequest, QueryProjectIDRequest, WriteProjectIDRequest
+from servolink.protocol.editing import (
+    QueryActionListRequest,
+    QueryProjectIDRequest,
+    QueryProjectIDResponse,
+    WriteProjectIDRequest,
+)
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 from tests.client.fake_board import SWALLOWED, FakeBoard, Fate, connected, late
 from tests.virtual_time import run
@@ -91,7 +96,7 @@ def test_to_go_on_without_having_waited_changes_nothing() -> None:
     async def main() -> None:
         async with connected(FakeBoard(), handshake=True) as connection:
             connection.resume()
-            await connection.request(QueryProjectIDRequest())
+            assert await connection.request(QueryProjectIDRequest()) == QueryProjectIDResponse(0)
 
     run(main())
 

@@ -1,4 +1,7 @@
-"""Files with any content are read, or refused by one error that is safe to print."""
+"""Files with any content are read, or refused by one error that is safe to print.
+
+The functions of `texts` assert that, for these tests and for those that mutate seeds.
+"""
 
 from __future__ import annotations
 

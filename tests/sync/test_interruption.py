@@ -18,7 +18,7 @@ import servolink.sync
 
 def ctrl_c(when):
     def send():
-        while not when():
+        while not when():  # nothing tells another thread that the main one waits for a response
             time.sleep(0.001)
         os.kill(os.getpid(), signal.SIGINT)
     threading.Thread(target=send).start()

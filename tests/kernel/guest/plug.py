@@ -157,7 +157,7 @@ def until(condition: Callable[[], bool], wanted: str) -> None:
     deadline = time.monotonic() + LIMIT
     while not condition():
         assert time.monotonic() < deadline, f"waited {LIMIT:g} s for {wanted}"
-        time.sleep(0.005)
+        time.sleep(0.005)  # the kernel tells nobody when its files change
 
 
 def _free_port() -> int:

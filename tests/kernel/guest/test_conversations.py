@@ -117,7 +117,7 @@ async def read_list(plug: Plug, kind: str, stall: float = 0.0) -> tuple[ActionEn
                     await asyncio.sleep(0.01)
         finally:
             plug.call(lambda: asyncio.get_running_loop().call_later(0.05, release))
-        time.sleep(stall)
+        time.sleep(stall)  # stands for any code of the program that blocks the loop
         answer = await reading
         assert board.stats.undecodable == board.stats.unsolicited == 0
         return answer
