@@ -161,16 +161,11 @@ def _wrong_literal(info: inspect.LiteralType, value: Any) -> str:
 def _wrong_list(info: inspect.VarTupleType, value: Any) -> str:
     if not isinstance(value, (list, tuple)):
         return f"must be a list, not {quote_json(value)}"
-    if info.max_length is not None and len(value) > info.max_length:
-        return f"has {len(value)} items; at most {info.max_length}"
-    return ""
+    return f"has {len(value)} items; at most {info.max_length}"
 
 
 def _wrong_tuple(info: inspect.TupleType, value: Any) -> str:
-    most = len(info.item_types)
-    if not isinstance(value, (list, tuple)) or len(value) != most:
-        return f"must be a list of {most} items, not {quote_json(value)}"
-    return ""
+    return f"must be a list of {len(info.item_types)} items, not {quote_json(value)}"
 
 
 def _wrong_text(info: inspect.StrType, value: Any) -> str:

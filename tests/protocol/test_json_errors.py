@@ -62,7 +62,7 @@ class Outer(Struct, forbid_unknown_fields=True):
         ({"caption": "too long"}, "caption: 'too long' has 8 characters; a caption has at most 5 bytes"),
         ({"caption": "\a"}, "caption: '\\x07' holds control characters; captions are plain text"),
         ({"sides": {"left": []}}, "sides: 'left': must be an object, not []"),
-        ({"sides": {"left": {"hip": "1"}}}, "sides: 'left': 'hip' must be an integer, not '1'"),
+        ({"sides": {"right": {}, "left": {"hip": "1"}}}, "sides: 'left': 'hip' must be an integer, not '1'"),
         ({"steps": 1}, "steps: must be a list, not 1"),
         ({"steps": [{}, {}, {}]}, "steps: has 3 items; at most 2"),
         ({"steps": [{}]}, 'steps[0]: "type" is missing; it must be one of turn, wait'),
