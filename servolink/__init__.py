@@ -12,6 +12,7 @@ TYPE_CHECKING = False  # as type checkers know it, without the import: nothing c
 if TYPE_CHECKING:
     __all__: list[str]
     __version__: str
+    from servolink import fleet as fleet
     from servolink import sync as sync
     from servolink.client.alarms import Alarm as Alarm
     from servolink.client.alarms import RaisedAlarm as RaisedAlarm
@@ -162,14 +163,16 @@ else:
             from importlib.metadata import version
 
             value: object = version("servolink")
-        elif name in _MODULES or name == "sync":
+        elif name in _MODULES or name in {"fleet", "sync"}:
             from importlib import import_module
 
-            value = import_module("servolink.sync") if name == "sync" else getattr(import_module(_MODULES[name]), name)
+            value = (
+                getattr(import_module(_MODULES[name]), name) if name in _MODULES else import_module(f"servolink.{name}")
+            )
         else:
             raise AttributeError(f"module 'servolink' has no attribute {name!r}")
         globals()[name] = value
         return value
 
     def __dir__() -> list[str]:
-        return [*__all__, "__version__", "sync"]
+        return [*__all__, "__version__", "fleet", "sync"]

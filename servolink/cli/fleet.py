@@ -109,14 +109,9 @@ def add_groups(parser: argparse.ArgumentParser) -> None:
 
 def fleet_of(args: argparse.Namespace, *, servos: bool = False) -> Fleet:
     """Return the fleet of `args`. Raise InvalidAddress or OpenError, which say what to correct."""
-    from servolink.errors import TransportUnavailable
-
-    try:
-        from servolink.fleet.client import connect
-    except ModuleNotFoundError as error:
-        raise TransportUnavailable("servolink fleet needs aiomqtt: pip install 'servolink[fleet]'") from error
+    from servolink import fleet
     from servolink.fleet.topics import PREFIX
 
     url = args.broker or os.environ.get(BROKER_VARIABLE) or _BROKER
     groups = getattr(args, "groups", None)
-    return connect(access_of(args, url), prefix=args.prefix or PREFIX, groups=groups, servos=servos)
+    return fleet.connect(access_of(args, url), prefix=args.prefix or PREFIX, groups=groups, servos=servos)

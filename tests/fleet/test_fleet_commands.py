@@ -1,0 +1,243 @@
+"""`servolink fleet` as a person runs it, with boards that only answer."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import servolink
+from servolink.cli.fleet_watch import picture
+from servolink.cli.main import FAILED, NO_BOARD, OK, USAGE
+from servolink.fleet.roster import BoardSeen
+from servolink.fleet.topics import BoardNow
+from servolink.project.project_file import project_to_form, save_project
+from tests.cli.programs import Said, call, in_terminal
+from tests.fleet.mosquitto import Broker, needs_broker
+from tests.fleet.stand_in import Refused, StandIn, stand_ins
+from tests.project.projects import HUMANOID
+
+pytestmark = needs_broker
+
+APPLIED = {"changed": True, "resumed": False, "backup": "b.json", "project_id_bits": 32}
+PLAN = {
+    "changes": [{"what": "action 3", "old": None, "new": {}}, {"what": "macro 4", "old": {}, "new": None}],
+    "inconsistencies": [],
+    "estimated_seconds": 2.4,
+    "memory": {"warning": None},
+    "is_unfinished": False,
+}
+SAME = {**PLAN, "changes": []}
+
+
+@contextmanager
+def boards(broker: Broker, *names: str, **known: Any) -> Iterator[list[StandIn]]:
+    """Yield boards that answer on a loop of their own."""
+    there: list[StandIn] = []
+    ready, over = threading.Event(), asyncio.Event()
+    loop = asyncio.new_event_loop()
+
+    async def serve() -> None:
+        async with stand_ins(broker, *names, **known) as found:
+            there.extend(found)
+            for board in found:
+                board.answers |= {"board.state": lambda params: {}, "echo": lambda params: {"monotonic": 0.0}}
+            ready.set()
+            await over.wait()
+
+    thread = threading.Thread(target=loop.run_until_complete, args=(serve(),))
+    thread.start()
+    try:
+        assert ready.wait(20)
+        yield there
+    finally:
+        loop.call_soon_threadsafe(over.set)
+        thread.join()
+        loop.close()
+
+
+def refuse(text: str) -> Callable[[object], Any]:
+    def answer(params: object) -> None:
+        raise Refused("ProjectError", text)
+
+    return answer
+
+
+@pytest.fixture
+def said(broker: Broker, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Said]:
+    """Return what runs a command of the fleet."""
+    monkeypatch.setenv("SERVOLINK_BROKER", broker.url)
+    return lambda *words: call(capsys, "fleet", *words)
+
+
+def test_boards_are_listed(broker: Broker, said: Callable[..., Said]) -> None:
+    with boards(broker, "rex", "fido", battery_percent=50.5, servos=16, problems=("it is \x1b[31mhot",)):
+        found = said("list")
+        assert found.code == OK
+        assert found.out.splitlines()[0].split() == ["board", "state", "battery", "may", "servos", "version", "machine"]
+        assert found.out.splitlines()[1].split() == ["fido", "ready", "50.5", "%", "edit", "16", "0.1.0", "here"]
+        assert "rex: it is \\x1b[31mhot" in found.out
+        (fido, _) = said("list", "--json").json["boards"]
+        assert fido["board"] == "fido"
+        assert fido["is_online"]
+        assert fido["battery_percent"] == 50.5
+
+
+def test_nobody_is_listed_with_what_to_do(said: Callable[..., Said]) -> None:
+    found = said("list")
+    assert found.code == NO_BOARD
+    assert "run `servolink fleet join`" in found.err
+
+
+def test_boards_that_left_are_listed_as_offline(broker: Broker, said: Callable[..., Said]) -> None:
+    with boards(broker, "rex") as (rex,):
+        asyncio.run_coroutine_threadsafe(
+            rex._client.publish("servolink/rex/available", "offline", 1, retain=True), _loop_of(rex)
+        ).result(10)
+        found = said("list")
+    assert found.code == NO_BOARD
+    assert found.out.splitlines()[1].split()[:2] == ["rex", "offline"]
+
+
+def _loop_of(board: StandIn) -> asyncio.AbstractEventLoop:
+    return board._client._loop
+
+
+def test_a_stop_names_who_is_silent(broker: Broker, said: Callable[..., Said]) -> None:
+    with boards(broker, "rex", "fido") as (rex, fido):
+        found = said("stop")
+        assert found.code == OK
+        assert "stopped 2 boards within" in found.out
+        fido.is_silent = True
+        found = said("stop", "--within", "0.2", "--json")
+        assert found.code == FAILED
+        assert list(found.json["stopped"]) == ["rex"]
+        assert found.json["silent"] == ["fido"]
+        assert rex.stops >= 2
+
+
+def test_what_starts_together_is_said(broker: Broker, said: Callable[..., Said]) -> None:
+    with boards(broker, "rex", "fido") as both:
+        for board in both:
+            board.answers |= {
+                "prepare": lambda params: {"seconds": 2.0},
+                "start": lambda params: {"host": "here", "after": 0.0, "monotonic": 1.0},
+            }
+        found = said("run", "Wave")
+        assert found.code == OK
+        assert found.out.splitlines() == [
+            "Wave was started on 2 boards: fido, rex",
+            "between the first and the last start: 0.0 ms, by the clock of their machine",
+            "it takes 2 s",
+        ]
+        found = said("run", "Dance", "--on", "rex")
+        assert found.code == FAILED
+        assert "rex has no action or macro 'Dance'" in found.err
+        assert "nobody was started" in found.err
+
+
+def test_a_project_is_applied_to_all_and_each_failure_is_named(
+    broker: Broker, said: Callable[..., Said], tmp_path: Path
+) -> None:
+    file = tmp_path / "robot.servolink.json"
+    save_project(file, HUMANOID)
+    with boards(broker, "rex", "fido", "bob") as (rex, fido, bob):
+        for board in (rex, fido):
+            board.answers |= {"project.plan": lambda params: PLAN, "project.apply": lambda params: APPLIED}
+        bob.answers["project.plan"] = lambda params: SAME
+        fido.answers["project.apply"] = refuse("the board is full: action 3 does not fit")
+        found = said("apply", str(file), "--yes")
+        assert found.code == FAILED
+        assert "done, and verified, on 1 board: rex" in found.out
+        assert "held it already: bob" in found.out
+        assert "fido: the board is full: action 3 does not fit" in found.err
+        assert "deletes 1 record" in found.out
+        found = said("apply", str(file), "--yes", "--json")
+        assert found.json == {
+            "done": {"rex": {"resumed": False, "backup": "b.json"}},
+            "unchanged": ["bob"],
+            "failed": {"fido": "fido: the board is full: action 3 does not fit"},
+            "not_begun": [],
+        }
+
+
+def test_a_project_is_not_applied_unasked(said: Callable[..., Said], tmp_path: Path) -> None:
+    file = tmp_path / "robot.servolink.json"
+    save_project(file, HUMANOID)
+    found = said("apply", str(file))
+    assert found.code == USAGE
+    assert "--yes" in found.err
+
+
+def test_contents_are_exported(broker: Broker, said: Callable[..., Said], tmp_path: Path) -> None:
+    with boards(broker, "rex", "fido") as (rex, fido):
+        rex.answers["project.export"] = lambda params: {"project": project_to_form(HUMANOID)}
+        fido.answers["project.export"] = refuse("it does not answer")
+        found = said("export", str(tmp_path / "all"))
+        assert found.code == FAILED
+        assert found.out == f"{tmp_path}/all/rex.servolink.json\n"
+        assert found.err == "servolink: fido: it does not answer\n"
+        found = said("export", str(tmp_path / "all"), "--on", "rex")
+        assert found.code == USAGE
+        assert "holds rex.servolink.json already; --yes replaces them" in found.err
+
+
+def test_the_doctor_says_that_nothing_is_wrong(broker: Broker, said: Callable[..., Said]) -> None:
+    with boards(broker, "rex"):
+        found = said("doctor")
+        assert found.out == "the broker answers; 1 of 1 board connected\nnothing is wrong\n"
+        assert found.code == OK
+        assert said("doctor", "--json").json == {"boards": 1, "online": 1, "findings": []}
+
+
+def test_boards_are_watched_as_lines(broker: Broker, said: Callable[..., Said]) -> None:
+    with boards(broker, "rex", "fido", battery_percent=50.5):
+        found = said("watch", "--seconds", "0.05")
+        assert found.out.splitlines() == ["fido  ready  battery 50.5 %", "rex  ready  battery 50.5 %"]
+        found = said("watch", "--seconds", "0.05", "--json")
+        assert [json.loads(line)["board"] for line in found.out.splitlines()] == ["fido", "rex"]
+
+
+def test_boards_are_watched_in_a_table(broker: Broker) -> None:
+    with boards(broker, "rex", "fido"):
+        shown = in_terminal("fleet", "watch", "--broker", broker.url, later=("hottest", "q"))
+    assert shown.code == OK
+    assert "2 boards, 2 connected" in shown.out
+
+
+def board_seen(name: str, *, is_online: bool = True, **known: Any) -> BoardSeen:
+    now = BoardNow(board=name, host="here", version="1", at=0.0, **{"connection": "connected", "allow": "run"} | known)
+    return BoardSeen(name, is_online, now)
+
+
+def test_the_table_fits_and_shows_first_what_needs_a_look() -> None:
+    there = [
+        *(board_seen(f"board{number}") for number in range(40)),
+        board_seen("away", is_online=False),
+        board_seen("low", battery_percent=5.0, lease="a program with a very long name \u202e that moves it"),
+        board_seen("lost", connection="lost", problems=("the cable is out",) * 9),
+    ]
+    for width, height in ((80, 24), (20, 8), (200, 60)):
+        lines = picture(there, width, height)
+        assert len(lines) <= height
+        assert all(len(text) <= width for text, _ in lines)
+    texts = [text for text, _ in picture(there, 80, 24)]
+    assert texts[0] == "43 boards, 42 connected"
+    assert [text.split()[0] for text in texts[3:6]] == ["lost", "low", "board0"]
+    assert "and 4 problems more" in texts
+
+
+def test_without_the_extra_it_says_what_to_install(said: Callable[..., Said], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(vars(servolink.fleet), "connect", raising=False)
+    for module in ("aiomqtt", "servolink.fleet.client", "servolink.fleet.controller", "servolink.fleet.broker"):
+        monkeypatch.setitem(sys.modules, module, None)
+    found = said("list")
+    assert found.code == NO_BOARD
+    assert found.err == "servolink: servolink fleet needs aiomqtt: pip install 'servolink[fleet]'\n"
