@@ -14,6 +14,7 @@ from msgspec import Meta, Struct
 from servolink.errors import OpenError
 from servolink.hub.control.rpc import MOST_BYTES, Peer
 from servolink.hub.roles import Role
+from servolink.json_text import read_json
 from servolink.profiles.profile import BoardProfile, ProfileInUse
 from servolink.studio import board_methods, draft_methods, project_methods  # they add their methods
 from servolink.studio.gate import Gate
@@ -164,5 +165,9 @@ def _method(text: str) -> str:
     """Return the method that a message calls, empty if that cannot be told: the hub says what is wrong with it."""
     try:
         return msgspec.json.decode(text, type=_Named).method
-    except (msgspec.MsgspecError, RecursionError):
+    except (msgspec.MsgspecError, RecursionError):  # such as a caption with bytes that are not text: less strictly
+        with suppress(ValueError, RecursionError):
+            value = read_json(text)
+            method = value.get("method") if isinstance(value, dict) else None
+            return method if isinstance(method, str) else ""
         return ""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
@@ -10,6 +12,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from servolink import sync
+from tests.processes import finish, start
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 OPTIONS = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-gpu"]
@@ -18,7 +21,7 @@ _FILLED = {
     "Actions": ".pose",
     "Macros": ".mrow",
     "Buttons": ".asg",
-    "Teach": ".stage canvas",
+    "Teach": ".screen .card",
     "Project": ".screen h2",
     "Board": ".screen h2",
 }
@@ -56,6 +59,18 @@ def new_profile(browser: Any, size: str = "desktop", theme: str = "light") -> An
     """Return a user of the browser, who has used it for nothing yet."""
     width, height = SIZES[size]
     return browser.new_context(viewport={"width": width, "height": height}, locale="en-GB", color_scheme=theme)
+
+
+@contextmanager
+def running(*arguments: str) -> Iterator[str]:
+    """Run a studio; yield its address. It must end without a word."""
+    program = start([sys.executable, "-m", "servolink", *arguments, "--no-browser"])
+    assert program.stdout is not None
+    line = program.stdout.readline()
+    assert line.startswith("studio http"), finish(program)
+    yield line.split()[1]
+    _, said = finish(program, signal.SIGTERM)
+    assert (program.returncode, said) == (0, "ended: the board was left as it is\n")
 
 
 @contextmanager

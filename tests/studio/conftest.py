@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,8 +9,7 @@ from typing import Any
 import pytest
 
 from servolink import sync
-from tests.processes import finish, start
-from tests.studio.browser import CHROMIUM, OPTIONS, Studio
+from tests.studio.browser import CHROMIUM, OPTIONS, Studio, running
 from tests.studio.node_tools import AXE, install
 
 
@@ -28,14 +25,8 @@ def user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def studio(user: Path) -> Iterator[Studio]:
-    program = start([sys.executable, "-m", "servolink", "studio", "--demo", "--no-browser"])
-    assert program.stdout is not None
-    line = program.stdout.readline()
-    assert line.startswith("studio http"), finish(program)
-    with sync.connect("share://virtual") as board:
-        yield Studio(line.split()[1], board)
-    _, said = finish(program, signal.SIGTERM)
-    assert (program.returncode, said) == (0, "ended: the board was left as it is\n")
+    with running("studio", "--demo") as url, sync.connect("share://virtual") as board:
+        yield Studio(url, board)
 
 
 @pytest.fixture(scope="session")

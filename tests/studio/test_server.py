@@ -214,6 +214,18 @@ def test_pages_share_a_draft_and_tell_each_other_of_their_edits() -> None:
     run(test)
 
 
+def test_a_caption_may_have_bytes_that_are_not_text() -> None:
+    async def test(place: Place) -> None:
+        record = {"action_id": 1, "action_caption": "\udcff\udc9b", "steps": []}
+        edit = {"kind": "actions", "id": 1, "known": 0, "record": record}
+        async with place.page() as page:
+            await welcomed(page, place.gate.new_token("edit"))
+            (saved,) = (await call(page, "studio.draft.save", edits=[edit]))["result"]["saved"]
+            assert saved["record"] == record
+
+    run(test)
+
+
 def test_a_page_that_may_only_watch_edits_no_draft() -> None:
     async def test(place: Place) -> None:
         async with place.page() as page:

@@ -52,7 +52,7 @@ function Name() {
     field.value = action_caption;
     if (action_caption !== one?.action_caption) change("actions.did_rename", (each) => ({ ...each, action_caption }), { values: { to: safeText(action_caption) } });
   };
-  return html`<input class="inp title" maxlength="32" value=${one?.action_caption ?? ""} placeholder=${one ? nameOfAction(one) : ""} aria-label=${t("actions.name")} onChange=${rename} />`;
+  return html`<input class="inp title" maxlength="32" value=${safeText(one?.action_caption ?? "")} placeholder=${one ? nameOfAction(one) : ""} aria-label=${t("actions.name")} onChange=${rename} />`;
 }
 
 function Warning() {

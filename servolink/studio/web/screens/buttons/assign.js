@@ -39,7 +39,7 @@ export function Assign({ project, table, id, secondsOf }) {
   return html`<section class="card assign" aria-label=${t("buttons.button", { id })}>
     <header>
       <span class="sid acc large">${id}</span>
-      <input class="inp" value=${button.button_caption} placeholder=${t("buttons.name")} aria-label=${t("buttons.name")} onInput=${rename} onBlur=${settle} />
+      <input class="inp" value=${safeText(button.button_caption)} placeholder=${t("buttons.name")} aria-label=${t("buttons.name")} onInput=${rename} onBlur=${settle} />
       <button class="btn ic" aria-label=${t("buttons.clear")} title=${t("buttons.clear")} onClick=${clear}><${Icon} name="close" /></button>
     </header>
     <div class="pad0 asg">

@@ -17,7 +17,7 @@ import { withNewTable, withoutTable, withTableName } from "./edits.js";
 export function Tables({ project, table, onChoose }) {
   const [renames, setRenames] = useState(false);
   const add = () => onChoose(addTable(project));
-  return html`<span class="row wrap">
+  return html`<span class="row wrap tables">
     <div class="seg s" role="group" aria-label=${t("buttons.tables")}>
       ${project.joystick_tables.map(
         (each) => html`<button key=${each.table_id} aria-pressed=${String(each === table)} onClick=${() => onChoose(each.table_id)}>
@@ -59,7 +59,7 @@ function itemsOf(project, table, rename) {
 
 /** @param {{ table: Table, onClose: () => void }} props */
 function NameDialog({ table, onClose }) {
-  const [name, setName] = useState(table.table_caption);
+  const [name, setName] = useState(safeText(table.table_caption));
   /** @param {SubmitEvent} event */
   const save = (event) => {
     event.preventDefault();

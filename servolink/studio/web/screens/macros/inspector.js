@@ -38,7 +38,7 @@ function Whole() {
   };
   const takes = secondsOfMacro(one), time = takes === null ? t("macros.endless") : seconds(takes);
   return html`<header>
-      <input class="inp title" maxlength="32" value=${one.macro_caption} placeholder=${nameOfMacro(one)} aria-label=${t("actions.name")} onChange=${rename} />
+      <input class="inp title" maxlength="32" value=${safeText(one.macro_caption)} placeholder=${nameOfMacro(one)} aria-label=${t("actions.name")} onChange=${rename} />
       <${Menu} label=${t("actions.more")} items=${[
         { label: t("actions.duplicate"), run: duplicate },
         { label: t("actions.delete"), run: removeMacro, danger: true },
