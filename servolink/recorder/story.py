@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from servolink.recorder.channels import CommandDone, Event, Message, PacketSeen, ProblemFound, ServosRead
@@ -166,7 +166,7 @@ def asked(packet: str, fields: Mapping[str, Any]) -> str:
 
 
 def _field(name: str, value: Any) -> str:
-    if not isinstance(value, list):
+    if not isinstance(value, (list, tuple)):
         return f"{name}={value!r}" if isinstance(value, str) else f"{name}={value}"
     if name == "steps" and (steps := _steps(value)):
         return steps
@@ -177,18 +177,20 @@ def _field(name: str, value: Any) -> str:
     )
 
 
-def _steps(steps: list[Any]) -> str:
-    """Return the parts of a movement, and the time if all take the same."""
+def _steps(steps: Sequence[Any]) -> str:
+    """Return the parts of a movement, with the time once if all take the same; empty if they are not such."""
     try:
-        targets = [f"{int(step['servo_id'])}={int(step['degree'])}" for step in steps[:_MOST_VALUES]]
-        times = {int(step["interval"]) for step in steps}
+        parts = [(f"{int(step['servo_id'])}={int(step['degree'])}", int(step["interval"]) / 100) for step in steps]
     except (TypeError, KeyError, ValueError):
         return ""
-    time = f" in {duration(times.pop() / 100)}" if len(times) == 1 else ""
-    return f"{' '.join(targets)}{_more(steps)}{time}"
+    times = {time for _, time in parts}
+    shown = parts[:_MOST_VALUES]
+    if len(times) > 1:
+        return f"{', '.join(f'{target} in {duration(time)}' for target, time in shown)}{_more(steps)}"
+    return f"{' '.join(target for target, _ in shown)}{_more(steps)} in {duration(times.pop())}" if times else ""
 
 
-def _more(values: list[Any]) -> str:
+def _more(values: Sequence[Any]) -> str:
     left = len(values) - _MOST_VALUES
     return f" and {left} more" if left > 0 else ""
 

@@ -213,9 +213,7 @@ def _parse(number: int, text: bytes, earliest: float) -> _Line:
 
 
 def from_address(address: Address) -> ReplayTransport:
-    """Make the transport for `replay:///path/to/file.jsonl?timing=1`."""
+    """Make the transport for `replay:///path/to/file.jsonl?timing=1`; `servolink.recorder.replaying` has all others."""
     timing = address.flag("timing", default=True)
     address.refuse_unknown()
-    if not address.path or address.host or address.port:
-        raise address.refusal("must name a file: replay:///path/to/file.jsonl")
-    return ReplayTransport(address.path, timing=timing, url=address.url)
+    return ReplayTransport(address.host + address.path, timing=timing, url=address.url)

@@ -43,7 +43,7 @@ _KINDS = {
     "usb": _Kind("servolink.transports.usb", "from_address", "pyusb libusb-package"),
     "share": _Kind("servolink.transports.share", "from_address"),
     "memory": _Kind("servolink.transports.memory", "from_address"),
-    "replay": _Kind("servolink.transports.recording", "from_address"),
+    "replay": _Kind("servolink.recorder.replaying", "from_address"),
     "virtual": _Kind("servolink.virtual.transport", "from_address"),
 }
 

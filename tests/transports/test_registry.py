@@ -116,7 +116,7 @@ def test_an_address_gives_its_kind_of_transport(url: str, kind: type) -> None:
         ("tcp://host:1/path", "must be written tcp://host:port"),
         ("tcp://host:1?timeout=0", "a number from 0.1 to 600"),
         ("memory://", "must name a line: memory://NAME"),
-        ("replay://", "must name a file: replay:///path"),
+        ("replay://", "must name a file: replay://path"),
     ],
 )
 def test_what_cannot_be_used_is_refused_with_what_to_write(url: str, text: str) -> None:

@@ -1,0 +1,159 @@
+"""The conversation in a recording: each frame that was sent, with what the board answered to it, and when."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+from servolink.errors import DecodeError, RecordingError
+from servolink.protocol.codec import Codec
+from servolink.protocol.frame import Frame, encode_frame
+from servolink.protocol.packet import Packet, Query, Request, Response
+from servolink.protocol.parser import FrameParser
+from servolink.protocol.servos import SetAngleUnitRequest
+from servolink.protocol.settings import TransmissionModeSettingRequest
+from servolink.recorder.channels import Wire
+from servolink.recorder.reading import Entry, Recording, Selection
+
+_PATIENCE = 3.0  # seconds; a later response belongs to nothing
+_MOST_FRAMES = 1_000_000
+
+SETUP = (Query, SetAngleUnitRequest, TransmissionModeSettingRequest)
+"""Requests that a program may send more or less often than in the recording, as each connection begins with some."""
+
+
+@dataclass(slots=True)
+class Asked:
+    """A frame that was sent."""
+
+    number: int
+    """Among all frames that were sent, from 0."""
+    seconds: float
+    frame: Frame
+    packet: Packet | None
+    """None if it cannot be decoded."""
+    answer: Said | None = None
+    """None if the board did not answer."""
+
+    @property
+    def is_command(self) -> bool:
+        """Whether it must be sent again as it was, in its turn."""
+        return not isinstance(self.packet, SETUP)
+
+
+@dataclass(slots=True)
+class Said:
+    """A frame that came, together with the noise before it, or the last noise."""
+
+    seconds: float
+    """Since the recording began."""
+    data: bytes
+
+
+@dataclass(slots=True)
+class Conversation:
+    """All that passed."""
+
+    codec: Codec
+    asked: list[Asked] = field(default_factory=list)
+    unasked: list[tuple[int, Said]] = field(default_factory=list)
+    """What nobody asked for, such as button events, each after so many commands."""
+
+
+def read_conversation(recording: Recording) -> Conversation:
+    """Return the conversation in a recording. Raise RecordingError if there is none in it."""
+    reader = _Reader(recording.codec)
+    for entry in recording.entries(Selection(topics=frozenset({"/wire"}))):
+        reader.take(entry)
+    reader.finish()
+    if not reader.found.asked:
+        raise RecordingError(f"{recording.path} holds nothing that was sent to a board, so it cannot be replayed")
+    return reader.found
+
+
+class _Reader:
+    """Puts the two directions of a line together."""
+
+    def __init__(self, codec: Codec) -> None:
+        self.found = Conversation(codec)
+        self._codec = codec
+        self._sent = FrameParser(codec.byte_order)
+        self._received = FrameParser(codec.byte_order, keep_skipped=True)
+        self._waiting: dict[int, deque[Asked]] = {}  # by the id of the response
+        self._commands = 0
+        self._noise = b""
+        self._seconds = 0.0
+
+    def take(self, entry: Entry) -> None:
+        assert isinstance(entry.message, Wire)  # noqa: S101 - only that was selected
+        self._seconds = entry.seconds
+        if entry.message.direction == "sent":
+            self._take_sent(self._sent.feed(entry.message.data))
+        else:
+            self._take_received(self._received.feed(entry.message.data))
+
+    def finish(self) -> None:
+        self._take_sent(self._sent.finish())
+        self._take_received(self._received.finish())
+        if self._noise:
+            self._say(b"")
+
+    def _take_sent(self, frames: Iterable[Frame]) -> None:
+        for frame in frames:
+            if len(self.found.asked) >= _MOST_FRAMES:
+                raise RecordingError(f"the recording has more than {_MOST_FRAMES:,} frames: too many to replay")
+            asked = Asked(len(self.found.asked), self._seconds, frame, decoded(self._codec, frame))
+            self.found.asked.append(asked)
+            self._commands += asked.is_command
+            if isinstance(asked.packet, Request):
+                self._waiting.setdefault(frame[0] + 1, deque()).append(asked)
+
+    def _take_received(self, frames: list[Frame]) -> None:
+        at = 0
+        for before, noise, _ in self._received.take_skipped():
+            self._take_responses(frames[at:before])
+            self._noise += noise
+            at = before
+        self._take_responses(frames[at:])
+
+    def _take_responses(self, frames: Iterable[Frame]) -> None:
+        for frame in frames:
+            data = encode_frame(*frame, self._codec.byte_order)
+            asked = self._asked_for(frame)
+            if asked is None:
+                self._say(data)
+            else:
+                asked.answer = Said(self._seconds, self._noise + data)
+                self._noise = b""
+
+    def _say(self, data: bytes) -> None:
+        if len(self.found.unasked) < _MOST_FRAMES:
+            self.found.unasked.append((self._commands, Said(self._seconds, self._noise + data)))
+        self._noise = b""
+
+    def _asked_for(self, frame: Frame) -> Asked | None:
+        """Return the oldest request to which a frame can be the response."""
+        waiting = self._waiting.get(frame[0], deque())
+        response = decoded(self._codec, frame)
+        while waiting and waiting[0].seconds < self._seconds - _PATIENCE:
+            waiting.popleft()
+        for asked in waiting:
+            request = asked.packet
+            if isinstance(request, Request) and isinstance(response, Response) and request.accepts(response):
+                waiting.remove(asked)
+                return asked
+        return None
+
+
+def decoded(codec: Codec, frame: Frame) -> Packet | None:
+    """Return the packet in a frame; None if it is damaged."""
+    try:
+        return codec.decode(*frame)
+    except DecodeError:
+        return None
+
+
+def commands(conversation: Conversation) -> Iterator[Asked]:
+    """Yield what was sent and is not a query."""
+    return (asked for asked in conversation.asked if not isinstance(asked.packet, Query))
