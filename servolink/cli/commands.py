@@ -254,6 +254,13 @@ COMMANDS = {
         ("show out.mcap", "show out.mcap --problems", "show out.mcap --from 2 --to 5 --servo 3 --json"),
         takes_board=False,
     ),
+    "replay": Command(
+        RECORDINGS,
+        "replay:configure",
+        "be the board of a recording, or move a virtual robot",
+        ("replay out.mcap --to virtual --speed 2", "replay out.mcap", "replay out.mcap --tcp 127.0.0.1:7878"),
+        takes_board=False,
+    ),
     "virtual": Command(
         DEVELOPERS,
         "virtual:configure",

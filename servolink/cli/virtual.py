@@ -40,9 +40,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--pty", action="store_true", help="serve a pseudo-terminal (the default without --tcp and --usbip)"
     )
-    parser.add_argument("--tcp", metavar="HOST:PORT", type=_listening, help="serve TCP; port 0 takes a free one")
+    parser.add_argument("--tcp", metavar="HOST:PORT", type=listening, help="serve TCP; port 0 takes a free one")
     parser.add_argument(
-        "--usbip", metavar="HOST:PORT", type=_listening, help="export a USB device over USB/IP; its usual port is 3240"
+        "--usbip", metavar="HOST:PORT", type=listening, help="export a USB device over USB/IP; its usual port is 3240"
     )
     parser.add_argument(
         "--servos", type=whole_number(0, MAX_SERVOS), default=16, metavar="N", help="number of servos (16)"
@@ -209,7 +209,8 @@ def _kind_type(option: KindOption) -> Callable[[str], Any]:
     return read
 
 
-def _listening(text: str) -> str:
+def listening(text: str) -> str:
+    """Return `text` if it is HOST:PORT."""
     try:
         host_and_port(text)
     except TransportUnavailable as error:

@@ -45,11 +45,16 @@ async def _draw(board: VirtualBoard, draw: Callable[[], None]) -> None:
 
 def picture(board: VirtualBoard, urls: list[str], size: tuple[int, int], *, blocks: bool) -> list[Line]:
     """Return the board as lines, for a width and a height (`size`)."""
+    foot = [*wrapped(HELP, size[0], "dim"), *wrapped(LEGEND, size[0], "dim")]
+    return picture_of_servos(servos_of(board), list(_head(board, urls)), foot, size, blocks=blocks)
+
+
+def servos_of(board: VirtualBoard) -> Watched:
+    """Return the servos of `board` as they are now."""
     stored = board.storage.servo_parameters(board.codec)
     watched = Watched("", 0.0, Stats(), captions={one.servo_id: one.servo_caption for one in stored})
     watched.take(ServoReading(0.0, tuple(_reported(servo) for servo in board.servos.values())))
-    foot = [*wrapped(HELP, size[0], "dim"), *wrapped(LEGEND, size[0], "dim")]
-    return picture_of_servos(watched, list(_head(board, urls)), foot, size, blocks=blocks)
+    return watched
 
 
 def _head(board: VirtualBoard, urls: list[str]) -> Iterator[Line]:

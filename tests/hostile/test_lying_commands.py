@@ -58,6 +58,7 @@ EXEMPT = {
     "backups": "reads files",
     "decode": "reads files",
     "show": "reads files",
+    "replay": "reads files",
     "encode": "reads files",
     "completion": "opens nothing",
     "wireshark": "opens nothing",

@@ -178,6 +178,12 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("show {noise}"),
         Trial("show {missing}"),
     ),
+    "replay": (
+        Trial("replay {mcap} --to virtual"),
+        Trial("replay {mcap} --tcp 127.0.0.1:0"),
+        Trial("replay {noise} --to virtual"),
+        Trial("replay {missing}"),
+    ),
     "studio": (
         Trial("--url serial:///dev/{place} studio --no-browser"),
         Trial("--url serial:///dev/{text} studio --no-browser"),
