@@ -81,6 +81,9 @@ if TYPE_CHECKING:
     from servolink.protocol.records import ServoParameter as ServoParameter
     from servolink.protocol.records import Step as Step
     from servolink.protocol.servos import ALL_SERVOS as ALL_SERVOS
+    from servolink.recorder.recorder import Recorder as Recorder
+    from servolink.recorder.recorder import record as record
+    from servolink.recorder.writer import RecorderStatus as RecorderStatus
     from servolink.script import run as run
     from servolink.transports.device_info import DeviceInfo as DeviceInfo
 else:
@@ -133,9 +136,12 @@ else:
         "ProfileError": "servolink.errors",
         "Project": "servolink.project.model",
         "ProjectError": "servolink.errors",
-        "RecordingError": "servolink.errors",
         "RaisedAlarm": "servolink.client.alarms",
         "reconnecting": "servolink.client.connect",
+        "record": "servolink.recorder.recorder",
+        "Recorder": "servolink.recorder.recorder",
+        "RecorderStatus": "servolink.recorder.writer",
+        "RecordingError": "servolink.errors",
         "Rejected": "servolink.errors",
         "rename_record": "servolink.project.adjust",
         "rename_servo": "servolink.project.adjust",

@@ -247,6 +247,16 @@ COMMANDS = {
         ("fleet list", "fleet run Wave --on all", "fleet stop"),
         takes_board=False,
     ),
+    "record": Command(
+        RECORDINGS,
+        "record:configure",
+        "record what happens on a board, beside other programs too",
+        (
+            "record out.mcap --seconds 2",
+            "record out.mcap --hz 50 --seconds 1 --json",
+            "record out.mcap --seconds 1 --wire",
+        ),
+    ),
     "show": Command(
         RECORDINGS,
         "show:configure",

@@ -57,6 +57,10 @@ class Exchange(Struct, eq=False):
     packet: Packet
     stops: int = 0
     """How many stops there had been when it came; a motion is not sent after a later one."""
+    asked_at: float = 0.0
+    """When it came, on the clock of the event loop."""
+    refused: str = ""
+    """Why it was not sent to the board; empty if it was, or will be."""
     frame: bytes | None = None
     """The response for the program; None while there is none, and if there will be none."""
     is_silent: bool = False

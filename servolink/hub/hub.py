@@ -6,7 +6,7 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
-from typing import Any
+from typing import Any, TypeAlias
 
 from servolink.client.board import Board
 from servolink.client.events import ButtonEvent
@@ -40,6 +40,10 @@ from servolink.hub.unit_switch import UnitSwitch
 from servolink.hub.upstream import Upstream
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
+from servolink.protocol.packet import Packet
+from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest, SetServoParameterResponse
+
+RequestFollower: TypeAlias = Callable[[Packet, object, float, str, str], None]
 
 _logger = logging.getLogger(__name__)
 
@@ -73,6 +77,7 @@ class Hub:
         self._began_at = self._now()
         self._joined_at: dict[str, float] = {}
         self._listeners: list[Callable[[Notice], None]] = []
+        self._followers: tuple[RequestFollower, ...] = ()
         self._state: ConnectionState = "connected"
         self._hold: HoldStatus | None = None
         self._responses_to_left = 0
@@ -174,7 +179,17 @@ class Hub:
         _logger.info("%s stops the board", escape(who))
         self._upstream.drop_motions()
         self._keeper.stopped()
-        await self.board.stop()
+        begun = self._now()
+        outcome: object = False
+        try:
+            await self.board.stop()
+            outcome = SetServoParameterResponse(ALL_SERVOS, 0, 1)
+        except ServolinkError as error:
+            outcome = error
+            raise
+        finally:
+            for follow in self._followers:
+                follow(SetServoParameterRequest(ALL_SERVOS, 0, 1), outcome, begun, who, "")
 
     async def _stop_for(self, reason: str) -> None:
         """Stop all servos because nobody watches over them; without a connection, as soon as there is one again."""
@@ -196,6 +211,7 @@ class Hub:
         """Count a packet that is not sent, and tell why."""
         program = exchange.program
         program.counters.refused += 1
+        exchange.refused = reason
         self.tell(Refused(program.session_id, program.who, type(exchange.packet).__name__, reason))
 
     def _who_of(self, session: str) -> str:
@@ -299,6 +315,28 @@ class Hub:
                 self._listeners.remove(listener)
 
         return end
+
+    def follow_requests(self, follow: RequestFollower) -> Callable[[], None]:
+        """Call `follow` with each request that is over, but not a query with a response. Return what ends that.
+
+        It gets the packet, the response, True for one that boards do not answer, False or a reason for one that was
+        not sent, or an error; when it was asked, who asked, and the session, empty for the hub itself. It must not
+        raise.
+        """
+        self._followers = (*self._followers, follow)
+        self._upstream.on_over = self._over
+
+        def end() -> None:
+            self._followers = tuple(each for each in self._followers if each is not follow)
+            if not self._followers:
+                self._upstream.on_over = None
+
+        return end
+
+    def _over(self, exchange: Exchange, outcome: object) -> None:
+        program = exchange.program
+        for follow in self._followers:
+            follow(exchange.packet, outcome, exchange.asked_at, program.who, program.session_id)
 
     def tell(self, notice: Notice) -> None:
         """Pass a notice to all who listen."""

@@ -133,7 +133,7 @@ class Program:
         if packet is None:
             self.counters.ignored += 1
             return
-        exchange = Exchange(self, packet, is_silent=self.state.mode != 1)
+        exchange = Exchange(self, packet, asked_at=self._received_at, is_silent=self.state.mode != 1)
         self._open.append(exchange)
         if isinstance(packet, TransmissionModeSettingRequest):
             self._set_mode(exchange, packet)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Coroutine
-from typing import Any
+from collections.abc import Callable, Coroutine
+from typing import Any, TypeAlias
 
 from msgspec import Struct
 
@@ -19,10 +19,14 @@ from servolink.hub.sending import STOPPED, PacketSender
 from servolink.hub.stopping import stop
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import encode_frame
-from servolink.protocol.packet import Packet, Query, Request
+from servolink.protocol.packet import Command, Packet, Query, Request
 from servolink.protocol.servos import SetServoParameterRequest
 
 _logger = logging.getLogger(__name__)
+
+
+OnOver: TypeAlias = Callable[[Exchange, object], None]
+"""Takes a request and its response, True if boards do not answer it, False if it was not sent, or why it was not."""
 
 
 class _Stopping(Struct):
@@ -51,6 +55,8 @@ class Upstream:
         self._idle: deque[asyncio.Future[Exchange]] = deque()  # each of a task
         self._active = 0  # exchanges under way
         self._stopping: dict[SetServoParameterRequest, _Stopping] = {}
+        self.on_over: OnOver | None = None
+        """Called when a request is over, but not for a query with a response; None if nobody wants to know."""
         self._others = set[asyncio.Task[None]]()
 
     def start(self) -> None:
@@ -115,6 +121,7 @@ class Upstream:
         self._active -= 1
         if isinstance(outcome, ServolinkError):
             _logger.debug("%s", outcome)
+            self._tell(exchange, outcome)
             _finish(exchange, None)
         else:
             _finish(exchange, outcome, content, self._board.codec)
@@ -131,26 +138,32 @@ class Upstream:
 
     async def _carry_out(self, exchange: Exchange) -> None:
         response: Packet | None = None
+        outcome: object = False
         try:
-            response = await self._sender.send(exchange, self.send_waiting)
+            outcome = response = await self._sender.send(exchange, self.send_waiting)
         except ServolinkError as error:
             _logger.debug("%s", error)
+            outcome = error
         except Exception:
             # A defect of ours. The board and the other programs should go on all the same.
             _logger.exception("%s of %s failed", type(exchange.packet).__name__, escape(exchange.program.who))
         finally:
+            self._tell(exchange, outcome)
             _finish(exchange, response)
 
     async def _stop(self, packet: SetServoParameterRequest, stopping: _Stopping) -> None:
         response: Packet | None = None
+        outcome: object = False
         try:
-            response = await stop(self._board, packet)
+            outcome = response = await stop(self._board, packet)
         except ServolinkError as error:
             _logger.warning("%s", error)
+            outcome = error
         finally:
             if self._stopping.get(packet) is stopping:
                 del self._stopping[packet]
             for exchange in stopping.exchanges:
+                self._tell(exchange, outcome)
                 _finish(exchange, response)
 
     async def _finish_stopped(self, exchange: Exchange) -> None:
@@ -158,7 +171,18 @@ class Upstream:
         try:
             response = await self._sender.refused(exchange, STOPPED)
         finally:
+            self._tell(exchange, response)
             exchange.program.finish(exchange, response)
+
+    def _tell(self, exchange: Exchange, outcome: object) -> None:
+        """Pass on what became of a request: a response, an error, None for a command that was sent, or False."""
+        if self.on_over is None:
+            return
+        if isinstance(exchange.packet, Query) and not isinstance(outcome, ServolinkError):
+            return
+        if outcome is None:
+            outcome = isinstance(exchange.packet, Command) and not exchange.program.has_left
+        self.on_over(exchange, exchange.refused or outcome)
 
     def _begin(self, doing: Coroutine[Any, Any, None]) -> None:
         task = self._loop.create_task(doing)

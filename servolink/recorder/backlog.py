@@ -29,8 +29,11 @@ class Backlog:
     Each counter is changed by one of them only, and a deque needs no lock.
     """
 
-    def __init__(self, telemetry_bytes: int = TELEMETRY_BYTES, most_bytes: int = MOST_BYTES) -> None:
-        """Start empty. The bounds are on the sum of the sizes of messages."""
+    def __init__(
+        self, telemetry_bytes: int = TELEMETRY_BYTES, most_bytes: int = MOST_BYTES, *, why: str = "the disk is too slow"
+    ) -> None:
+        """Start empty. The bounds are on the sum of the sizes of messages; `why` some are missing then."""
+        self._why = why
         self._telemetry_bytes = telemetry_bytes
         self._most_bytes = most_bytes
         self._waiting: deque[Timed] = deque()
@@ -71,18 +74,15 @@ class Backlog:
         """Append how many messages are missing, if some are."""
         dropped, self._dropped = self._dropped, Counter()
         for topic, count in dropped.items():
-            self._append(seconds, ProblemFound("dropped", _TEXTS.get(topic, _TEXT), channel=topic, count=count))
+            text = f"{_MISSING.get(topic, 'messages')} are missing here: {self._why}"
+            self._append(seconds, ProblemFound("dropped", text, channel=topic, count=count))
 
     def _append(self, seconds: float, message: Message) -> None:
         self._put += size_of(message)
         self._waiting.append(Timed(seconds, message))
 
 
-_TEXT = "the disk was too slow: messages are missing here"
-_TEXTS = {
-    "/wire": "the disk was too slow for long: bytes of the line are missing here, and packets with them",
-    "/servos": "the disk was too slow: readings of the servos are missing here",
-}
+_MISSING = {"/wire": "bytes of the line, and the packets in them,", "/servos": "readings of the servos"}
 
 
 def size_of(message: Message) -> int:

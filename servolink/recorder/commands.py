@@ -17,10 +17,11 @@ def command_done(
 ) -> CommandDone:
     """Return the message about a request that is over.
 
-    `outcome` is its response, True if it was sent and boards do not answer it, False if it was not sent, or an error.
+    `outcome` is its response, True if it was sent and boards do not answer it, False if it was not sent, a text that
+    says why not, or an error.
     """
     word = outcome_of(packet, outcome)
-    reason = str(outcome)[:_LONGEST] if isinstance(outcome, Exception) else ""
+    reason = str(outcome)[:_LONGEST] if isinstance(outcome, Exception | str) else ""
     return CommandDone(
         type(packet).__name__,
         fields_of(packet),

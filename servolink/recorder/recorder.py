@@ -1,4 +1,4 @@
-"""`record`: everything that passes between this program and a board, to a file."""
+"""`record`: everything that passes between programs and a board, to a file."""
 
 from __future__ import annotations
 
@@ -8,45 +8,82 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Any
 
+from msgspec import Struct
+
+from servolink.client.alarms import Alarm
+from servolink.client.board import Board
+from servolink.client.connect import connect
 from servolink.client.watch import MOST_HZ
+from servolink.discovery.hubs import hub_of
+from servolink.discovery.names import resolve_board
+from servolink.errors import RecordingError
 from servolink.escaping import quote
 from servolink.recorder.backlog import Backlog
 from servolink.recorder.board_source import BoardTap, following
 from servolink.recorder.channels import Event, Message, ProblemFound, Recorded, Wire
 from servolink.recorder.clock import Clock
+from servolink.recorder.hub_source import tapping
+from servolink.recorder.readings import Readings
 from servolink.recorder.writer import RecorderStatus, RecordingWriter
-
-if TYPE_CHECKING:
-    from servolink.client.board import Board
+from servolink.transports.address import Address
 
 HZ = 20.0
 """Readings of the servos a second, unless told otherwise."""
+_SHARED = "share://"
+_LONGEST_MARK = 200  # characters
+
+
+class Wanted(Struct, frozen=True):
+    """What to record. Raise TypeError or ValueError for an option that is wrong."""
+
+    path: Path
+    hz: float = HZ
+    """Readings of the servos that the recorder asks for, a second; 0: none."""
+    wire_only: bool = False
+    """Only bytes; then nothing is asked for."""
+    alarms: tuple[Alarm, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the rate."""
+        if not isinstance(self.hz, int | float) or isinstance(self.hz, bool):
+            raise TypeError(f"hz must be a number of readings per second, not {quote(self.hz)}")
+        if not 0 <= self.hz <= MOST_HZ:
+            raise ValueError(f"hz must be from 0 to {MOST_HZ:g}, not {quote(self.hz)}")
+
+    @property
+    def rate(self) -> float:
+        """How many readings are asked for, a second."""
+        return 0.0 if self.wire_only else self.hz
 
 
 class Recorder:
     """A recording that goes on."""
 
-    def __init__(self, clock: Clock, backlog: Backlog, *, wire_only: bool = False) -> None:
+    def __init__(self, wanted: Wanted) -> None:
         """Collect messages; `begin` writes them."""
-        self.clock = clock
-        self._backlog = backlog
-        self._wire_only = wire_only
+        self.wanted = wanted
+        self.clock = Clock(asyncio.get_running_loop().time)
+        self.backlog = Backlog()
+        self.over = asyncio.Event()
+        """Set when nothing more can come: the hub is gone."""
         self._writer: RecordingWriter | None = None
 
     def take(self, seconds: float, message: Message) -> None:
         """Record a message; never waits."""
-        if not self._wire_only or isinstance(message, Wire | ProblemFound):
-            self._backlog.put(seconds, message)
+        if not self.wanted.wire_only or isinstance(message, Wire | ProblemFound):
+            self.backlog.put(seconds, message)
 
     def mark(self, text: str, *, who: str = "") -> None:
         """Record an event `mark` with this text, to find the moment again."""
-        self.take(self.clock.now(), Event("mark", text[:200], who=who))
+        self.take(self.clock.now(), Event("mark", text[:_LONGEST_MARK], who=who))
 
-    def begin(self, path: Path, about: Recorded) -> None:
-        """Write to a new file at `path` from now on, what was collected first. Raise RecordingError."""
-        self._writer = RecordingWriter(path, about, self.clock, with_packets=not self._wire_only, backlog=self._backlog)
+    def begin(self, about: Recorded) -> None:
+        """Write to a new file from now on, what was collected first. Raise RecordingError."""
+        self._writer = RecordingWriter(
+            self.wanted.path, about, self.clock, with_packets=not self.wanted.wire_only, backlog=self.backlog
+        )
 
     @property
     def status(self) -> RecorderStatus:
@@ -59,45 +96,93 @@ class Recorder:
         if self._writer is not None:
             await asyncio.to_thread(self._writer.close)
 
-
-def describe(
-    board: Board, clock: Clock, *, through: Literal["board", "hub", "ring", "spy"], hz: float, wire_only: bool
-) -> Recorded:
-    """Return the metadata of a recording of `board`."""
-    name = board.profile.name if board.profile is not None else None
-    return Recorded(
-        version=version("servolink"),
-        started=clock.started,
-        board=name or board.url,
-        through=through,
-        byte_order=board.codec.byte_order,
-        caption_encoding=board.codec.caption_encoding,
-        hz=f"{hz:g}",
-        channels="wire" if wire_only else "all",
-    )
+    def about(self, board: str, through: str, byte_order: str, caption_encoding: str) -> Recorded:
+        """Return the metadata of this recording."""
+        return Recorded(
+            version=version("servolink"),
+            started=self.clock.started,
+            board=board,
+            through="hub" if through == "hub" else "board",
+            byte_order=byte_order,
+            caption_encoding=caption_encoding,
+            hz=f"{self.wanted.rate:g}",
+            channels="wire" if self.wanted.wire_only else "all",
+        )
 
 
 @asynccontextmanager
 async def record(
     path: str | os.PathLike[str], board: Board, *, hz: float = HZ, wire_only: bool = False
 ) -> AsyncIterator[Recorder]:
-    """Record everything that passes between this program and `board` to a new MCAP file, until the block ends.
+    """Record everything that passes between programs and `board` to a new MCAP file, until the block ends.
 
-    The servos are read `hz` times a second (0..1000; 0: never, then nothing is added to what the program sends), in
-    common with whoever watches them. With `wire_only` only bytes are recorded. The file is written by a thread, and
-    nothing here waits for it: what a slow disk cannot take is dropped, counted, and noted in the file.
+    Of a board that a hub shares, this is what all its programs do. The servos are read `hz` times a second (0..1000; 0:
+    never, then nothing is added to what programs send), in common with whoever watches them. With `wire_only` only
+    bytes are recorded. The file is written by a thread, and nothing here waits for it: what a slow disk cannot take is
+    dropped, counted, and noted in the file.
 
     Raise RecordingError, which says what to do, if the file exists or cannot be written.
     """
-    if not isinstance(hz, int | float) or isinstance(hz, bool) or not 0 <= hz <= MOST_HZ:
-        raise ValueError(f"hz must be a number from 0 to {MOST_HZ:g}, not {quote(hz)}")
-    clock = Clock(asyncio.get_running_loop().time)
-    recorder = Recorder(clock, Backlog(), wire_only=wire_only)
-    recorder.begin(Path(path), describe(board, clock, through="board", hz=hz, wire_only=wire_only))
+    recorder = Recorder(Wanted(Path(path), hz, wire_only))
+    url = board.url
+    if url.startswith(_SHARED):
+        async with _recording_hub(Address.parse(url).host, recorder):
+            yield recorder
+        return
     end_tap = board.connection.taps.add(BoardTap(recorder.take))
     try:
-        async with following(board, recorder.take, hz=0.0 if wire_only else hz):
+        async with _recording_board(board, recorder):
             yield recorder
     finally:
         end_tap()
+
+
+@asynccontextmanager
+async def record_at(url: str, wanted: Wanted, **options: Any) -> AsyncIterator[Recorder]:
+    """Record the board at an address: beside other programs if a hub shares it, else alone and from the first byte on.
+
+    `options` are those of `connect`. Raise OpenError, and RecordingError, which say what to do.
+    """
+    if wanted.path.exists():  # or a board would be opened for nothing
+        raise RecordingError(f"{wanted.path} exists already; remove it or record to another file")
+    address, _ = await resolve_board(url)
+    hub = None if address.startswith(_SHARED) else await asyncio.to_thread(hub_of, address)
+    shared = address if hub is None else hub.url
+    recorder = Recorder(wanted)
+    if shared.startswith(_SHARED):
+        async with _recording_hub(Address.parse(shared).host, recorder):
+            yield recorder
+        return
+    connecting = connect(url, reconnect=True, angle_unit=None, **options)
+    connecting.taps.add(BoardTap(recorder.take))
+    async with connecting as board, _recording_board(board, recorder):
+        yield recorder
+
+
+@asynccontextmanager
+async def _recording_board(board: Board, recorder: Recorder) -> AsyncIterator[None]:
+    """Write what a tap on `board` hears, in this context."""
+    name = board.profile.name if board.profile is not None else None
+    wanted, codec = recorder.wanted, board.codec
+    recorder.begin(recorder.about(name or board.url, "board", codec.byte_order, codec.caption_encoding))
+    try:
+        async with following(board, recorder.take, Readings(recorder.take, wanted.rate, wanted.alarms)):
+            yield
+    finally:
         await recorder.end()
+
+
+@asynccontextmanager
+async def _recording_hub(name: str, recorder: Recorder) -> AsyncIterator[None]:
+    """Write what the hub `name` hears, in this context."""
+    wanted = recorder.wanted
+    async with tapping(name, wire_only=wanted.wire_only) as source:
+        tapped = source.tapped
+        recorder.begin(recorder.about(name, "hub", tapped.byte_order, tapped.caption_encoding))
+        try:
+            source.ended = recorder.over
+            await source.begin(recorder.take, Readings(recorder.take, wanted.rate, wanted.alarms))
+            yield
+        finally:
+            await source.end()
+            await recorder.end()

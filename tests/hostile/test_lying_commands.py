@@ -30,6 +30,7 @@ TALKING = {
     "info": ("info",),
     "servos": ("servos",),
     "watch": ("watch --seconds 1 --alarm current_raw>1 --on-alarm stop",),
+    "record": ("record {file}.mcap --seconds 1 --alarm current_raw>1",),
     "move": ("move 1=10 2=-10 --duration 0.05", "move 1=10 --start"),
     "stop": ("stop",),
     "release": ("release --yes",),

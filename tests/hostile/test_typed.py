@@ -54,6 +54,8 @@ TYPED = (
     "--url virtual:// watch {}",
     "--url virtual:// watch --alarm {}",
     "--url virtual:// watch --csv /{}/x",
+    "--url virtual:// record /{}/x --seconds 0.02",
+    "--url virtual:// record /dev/null --alarm {}",
     "--url virtual:// move {}",
     "--url virtual:// move {}=1",
     "--url virtual:// move 1=1 --duration {}",

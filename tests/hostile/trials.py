@@ -172,6 +172,12 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
     ),
     "encode": (Trial("encode {name}"), Trial("encode {{}} {name}")),
     "wireshark": (Trial("wireshark {name}"), Trial("wireshark --caption-encoding {text}")),
+    "record": (
+        Trial("--url {few} record {recorded} --seconds 0.02", timed=True),
+        Trial("--url {few} record {missing}/{name} --seconds 0.02", timed=True),
+        Trial("--url serial:///dev/{place} record {recorded}"),
+        Trial("record {noise}"),
+    ),
     "show": (
         Trial("show {mcap}", timed=True),
         Trial("show {mcap} --channel packets --problems", timed=True),

@@ -94,6 +94,21 @@ class ServosWatch(Struct, forbid_unknown_fields=True):
     changed_only: Annotated[bool, about("leave out servos that report the same as the time before")] = False
 
 
+class TapStart(Struct, forbid_unknown_fields=True):
+    """What to be told of."""
+
+    wire_only: Annotated[bool, about("only bytes")] = False
+
+
+class Tapping(Struct, frozen=True):
+    """What comes from now on."""
+
+    seconds: Annotated[float, about("now, on the clock of the messages")]
+    byte_order: Literal["little", "big"]
+    caption_encoding: str
+    state: Annotated[ConnectionState, about("the hub's connection to the board")]
+
+
 class ServosAck(Struct, forbid_unknown_fields=True):
     """What was drawn."""
 

@@ -31,6 +31,7 @@ from servolink.hub.control.messages import (
     Watching,
 )
 from servolink.hub.control.rpc import Methods
+from servolink.hub.control.tap_feed import TapFeed
 from servolink.hub.notices import HubStatus
 from servolink.hub.roles import Role
 from servolink.motion.limits import MotionLimits
@@ -42,6 +43,7 @@ class Caller(NamedTuple):
     control: Control
     servos: ServosFeed
     buttons: ButtonsFeed
+    tap: TapFeed
 
 
 METHODS: Methods[Caller] = Methods()

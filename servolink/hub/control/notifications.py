@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import Struct
 
@@ -82,6 +82,20 @@ class ProblemNotice(Struct, frozen=True):
     text: str
 
 
+class TapItem(Struct, frozen=True):
+    """One message."""
+
+    seconds: Annotated[float, about("when it was; only differences have a meaning")]
+    channel: Annotated[str, about("/wire, /commands, /events or /problems")]
+    message: Annotated[Any, about("as in a recording; bytes are in base64")]
+
+
+class TapFrame(Struct, frozen=True):
+    """What has passed through the hub, after `tap.start`."""
+
+    items: tuple[TapItem, ...]
+
+
 NOTIFICATIONS: dict[str, type[Struct]] = {
     "servos": ServosFrame,
     "button": ButtonPressed,
@@ -90,6 +104,7 @@ NOTIFICATIONS: dict[str, type[Struct]] = {
     "hold": HoldNotice,
     "program": ProgramNotice,
     "progress": ProgressNotice,
+    "tap": TapFrame,
     "refused": RefusedNotice,
     "problem": ProblemNotice,
 }

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from msgspec import Struct
 
-from servolink.hub.control import stored  # adds its methods
+from servolink.hub.control import recording, stored  # add their methods
 from servolink.hub.control.context import Control, Readings
 from servolink.hub.control.feeds import ButtonsFeed, ServosFeed
 from servolink.hub.control.methods import METHODS, Caller
@@ -19,6 +19,7 @@ from servolink.hub.control.notifications import (
     RefusedNotice,
 )
 from servolink.hub.control.rpc import Peer
+from servolink.hub.control.tap_feed import TapFeed
 from servolink.hub.hub import Hub
 from servolink.hub.notices import (
     ConnectionChanged,
@@ -33,7 +34,7 @@ from servolink.hub.notices import (
 )
 from servolink.transports.share import Greeting
 
-__all__ = ["METHODS", "ControlSession", "stored"]
+__all__ = ["METHODS", "ControlSession", "recording", "stored"]
 
 
 class ControlInterface:
@@ -74,7 +75,8 @@ class ControlSession:
         self._hub = hub
         self._servos = ServosFeed(self.control.readings, self._notify, lambda: self._peer.is_paused)
         self._buttons = ButtonsFeed(self.control.readings, self._notify)
-        caller = Caller(self.control, self._servos, self._buttons)
+        self._tap = TapFeed(hub, self._notify, lambda: self._peer.is_paused)
+        caller = Caller(self.control, self._servos, self._buttons, self._tap)
         self._peer: Peer[Caller] = Peer(METHODS, caller, send, abort, role=self.control.role)
         self._end_listening: Callable[[], None] | None = None
         self._told_dropped = 0
@@ -103,6 +105,7 @@ class ControlSession:
         """Leave the hub; an import that is under way is interrupted."""
         if self._end_listening is not None:
             self._end_listening()
+        self._tap.stop()
         await self._peer.close()
         await self._servos.close()
         await self._buttons.close()

@@ -1,0 +1,86 @@
+"""HubTap: everything that passes through a hub, as messages of a recording."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from servolink.connection.taps import Tap
+from servolink.hub.notices import (
+    ConnectionChanged,
+    HoldChanged,
+    LeaseChanged,
+    Notice,
+    Problem,
+    ProgramJoined,
+    ProgramLeft,
+)
+from servolink.protocol.packet import Packet
+from servolink.recorder.channels import Event, Message, ProblemFound, Wire
+from servolink.recorder.commands import command_done
+from servolink.recorder.readings import Take
+
+if TYPE_CHECKING:
+    from servolink.hub.hub import Hub
+
+
+class HubTap(Tap):
+    """Bytes of the line, what became of requests and who asked, and notices; until it is closed."""
+
+    def __init__(self, hub: Hub, take: Take, *, wire_only: bool = False) -> None:
+        """Pass messages of `hub` on to `take` from now on."""
+        self._hub = hub
+        self._take = take
+        self._now = asyncio.get_running_loop().time
+        ends: list[Callable[[], None]] = [hub.board.connection.taps.add(self)]
+        if not wire_only:
+            ends += [hub.listen(self._hear), hub.follow_requests(self._over)]
+        self._ends = ends
+
+    def close(self) -> None:
+        """Pass on nothing more; may be called again."""
+        for end in self._ends:
+            end()
+
+    def sent(self, data: bytes) -> None:
+        """Pass on bytes to the board."""
+        now = self._now()
+        self._take(now, Wire("sent", data, now))
+
+    def received(self, data: bytes) -> None:
+        """Pass on bytes from the board."""
+        now = self._now()
+        self._take(now, Wire("received", data, now))
+
+    def _over(self, packet: Packet, outcome: object, asked_at: float, who: str, session: str) -> None:
+        """Pass on what became of a request of a program."""
+        now, lease = self._now(), self._hub.lease
+        holder = "" if lease is None else lease.who
+        self._take(now, command_done(packet, outcome, now - asked_at, who=who, session=session, lease=holder))
+
+    def _hear(self, notice: Notice) -> None:
+        message = message_of(notice)
+        if message is not None:
+            self._take(self._now(), message)
+
+
+def message_of(notice: Notice) -> Message | None:
+    """Return a notice of the hub as a message; None for one that is in the recording otherwise."""
+    match notice:
+        case ProgramJoined():
+            return Event("program", "joined", notice.who, notice.session, text=f"{notice.door}, {notice.role}")
+        case ProgramLeft():
+            return Event("program", "left", notice.who, notice.session)
+        case ConnectionChanged():
+            return Event("connection", notice.state)
+        case LeaseChanged():
+            holder = notice.holder
+            return Event("lease", notice.event, holder.who if holder else "", holder.session if holder else "")
+        case HoldChanged():
+            what = "released" if notice.session is None else "held"
+            return Event("hold", what, notice.who or "", notice.session or "", text=notice.reason)
+        case Problem():
+            return ProblemFound("hub", notice.text)
+        case _:  # a refusal is a command, and a button event is on the line
+            return None

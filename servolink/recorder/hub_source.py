@@ -1,0 +1,147 @@
+"""What passes through a hub, for a recorder that is a process of its own: killing it harms nobody."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from typing import Any
+
+import msgspec
+from msgspec import Raw, Struct
+
+from servolink.client.rpc_channel import RpcChannel, open_channel
+from servolink.client.servos import Servo
+from servolink.errors import DecodeError, ServolinkError
+from servolink.escaping import escape
+from servolink.motion.angles import AngleUnit, in_unit
+from servolink.recorder.channels import Event, ProblemFound, decode
+from servolink.recorder.readings import Readings, Take
+from servolink.transports.share import Greeting, Welcome, this_program
+
+_LIMIT = 5.0  # seconds for the hub to answer
+_LAST_LIMIT = 1.0  # the same at the end: whoever pressed Ctrl-C waits
+_logger = logging.getLogger(__name__)
+
+
+class _Item(Struct):
+    seconds: float
+    channel: str
+    message: Raw
+
+
+class _Frame(Struct):
+    items: list[_Item]
+
+
+class _Servo(Struct):
+    servo_id: int
+    angle: int
+    angle_unit: AngleUnit | None
+    current_raw: int
+    temperature_raw: int
+    servo_type: int
+    is_start: bool
+    is_hold: bool
+
+
+class _Servos(Struct):
+    number: int
+    seconds: float
+    servos: list[_Servo]
+    missed: int = 0
+
+
+class Tapped(Struct):
+    """The line that is tapped."""
+
+    seconds: float
+    byte_order: str
+    caption_encoding: str
+    state: str
+
+
+class HubSource:
+    """The tap of a hub, as the recorder hears it."""
+
+    def __init__(self, channel: RpcChannel, welcome: Welcome, tapped: Tapped) -> None:
+        """Use `tapping`."""
+        self.welcome = welcome
+        self.tapped = tapped
+        self.ended = asyncio.Event()
+        """Set when the hub is gone."""
+        self._channel = channel
+        self._now = asyncio.get_running_loop().time
+        self._take: Take | None = None
+        self._readings: Readings | None = None
+        self._early: list[tuple[str, Raw]] = []  # what came before `begin`
+        self._shift = self._now() - tapped.seconds  # its clock is most likely the same as ours
+        channel.on_notification = self._hear
+        channel.on_end = self._end
+
+    async def begin(self, take: Take, readings: Readings) -> None:
+        """Pass messages on to `take` from now on, those first that came since the tap was opened."""
+        self._take, self._readings = take, readings
+        take(self._now(), Event("connection", self.tapped.state))
+        early, self._early = self._early, []
+        for name, params in early:
+            self._hear(name, params)
+        if readings.hz:
+            try:
+                await self._channel.call("servos.watch", timeout=_LIMIT, hz=readings.hz)
+            except ServolinkError as error:  # the hub asks again by itself
+                readings.failed(error)
+
+    async def end(self) -> None:
+        """Take what the hub has heard until now, and then nothing more."""
+        with suppress(ServolinkError):  # it is gone
+            await self._channel.call("tap.stop", timeout=_LAST_LIMIT)
+        self._channel.on_notification = self._channel.on_end = None
+
+    def _hear(self, name: str, params: Raw) -> None:
+        if self._take is None:
+            self._early.append((name, params))
+            return
+        try:
+            if name == "tap":
+                self._hear_tap(self._take, msgspec.json.decode(params, type=_Frame))
+            elif name == "servos" and self._readings is not None:
+                frame = msgspec.json.decode(params, type=_Servos)
+                self._channel.tell("servos.ack", number=frame.number)
+                self._readings.read(frame.seconds + self._shift, list(map(_servo, frame.servos)), frame.missed)
+        except (msgspec.MsgspecError, UnicodeDecodeError, DecodeError) as error:
+            _logger.warning("a notification of the hub cannot be read: %s", escape(str(error)))
+
+    def _hear_tap(self, take: Take, frame: _Frame) -> None:
+        for item in frame.items:
+            take(item.seconds + self._shift, decode(item.channel, bytes(item.message)))
+
+    def _end(self) -> None:
+        if self._take is not None:
+            self._take(self._now(), ProblemFound("hub", "the hub has ended, or has disconnected the recorder"))
+        self.ended.set()
+
+
+@asynccontextmanager
+async def tapping(name: str, *, wire_only: bool = False) -> AsyncIterator[HubSource]:
+    """Tap the hub `name` in this context. Raise OpenError, or Rejected for a hub of an older version."""
+    channel, welcome = await open_channel(name, Greeting(wants="rpc", who=this_program(), role="watch"))
+    try:
+        tapped: Any = await channel.call("tap.start", timeout=_LIMIT, wire_only=wire_only)
+        yield HubSource(channel, welcome, msgspec.json.decode(tapped, type=Tapped))
+    finally:
+        await channel.close()
+
+
+def _servo(servo: _Servo) -> Servo:
+    angle = servo.angle if servo.angle_unit is None else in_unit(servo.angle, servo.angle_unit)
+    return Servo(
+        servo.servo_id,
+        angle,
+        servo.current_raw,
+        servo.temperature_raw,
+        servo.servo_type,
+        servo.is_start,
+        servo.is_hold,
+    )

@@ -1,0 +1,54 @@
+"""Readings of servos as messages, and the alarms that they raise."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable, Sequence
+from typing import TypeAlias, cast
+
+from servolink.client.alarms import Alarm, AlarmWatch
+from servolink.client.servos import Servo
+from servolink.motion.angles import Angle, AngleUnit
+from servolink.recorder.channels import Event, Message, ProblemFound, ServosRead, ServoState
+
+Take: TypeAlias = Callable[[float, Message], None]
+"""Takes a message, and when it was: seconds on the clock of the event loop. Neither waits nor raises."""
+
+
+class Readings:
+    """Passes on what the servos report."""
+
+    def __init__(self, take: Take, hz: float, alarms: Iterable[Alarm] = ()) -> None:
+        """Pass messages on to `take`. Raise TypeError for an alarm that is something else."""
+        self.hz = hz
+        """How many readings a second are wanted; 0: none are asked for."""
+        self._take = take
+        self._alarms = AlarmWatch(alarms)
+        self._told = ""
+
+    def read(self, seconds: float, servos: Sequence[Servo], missed: int = 0) -> None:
+        """Pass on a reading, and the alarms that it raises."""
+        self._take(seconds, ServosRead(tuple(map(_state, servos)), missed))
+        for raised in self._alarms.check(servos, seconds):
+            self._take(seconds, Event("alarm", str(raised)))
+
+    def failed(self, error: Exception) -> None:
+        """Pass on why there are no readings, once for each reason."""
+        if str(error) != self._told:
+            self._told = str(error)
+            text = f"the servos cannot be read: {self._told}"[:500]
+            self._take(asyncio.get_running_loop().time(), ProblemFound("servos", text))
+
+
+def _state(servo: Servo) -> ServoState:
+    unit = cast("AngleUnit", servo.angle.unit) if isinstance(servo.angle, Angle) else ""
+    return ServoState(
+        servo.servo_id,
+        int(servo.angle),
+        unit,
+        servo.current,
+        servo.temperature,
+        servo.servo_type,
+        servo.is_start,
+        servo.is_hold,
+    )
