@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from servolink.client.board import Board
 from servolink.client.reconnect import FIRST_PAUSE, LONGEST_PAUSE
 from servolink.client.session import Session, set_mode
-from servolink.connection.connection import Connection, HubLink
+from servolink.connection.connection import Connection
+from servolink.connection.hub_link import HubLink
 from servolink.connection.options import ConnectionOptions, TransmissionMode, options_in
 from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps

@@ -5,17 +5,18 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import Awaitable, Callable, Collection, Coroutine
-from contextlib import AbstractAsyncContextManager, AbstractContextManager
+from contextlib import AbstractContextManager
 from random import Random
-from typing import Any, NoReturn, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from servolink.connection.asking import Done, QueryAsker
 from servolink.connection.call import Call, Slot
 from servolink.connection.deadlines import DeadlineTimer
 from servolink.connection.dispatcher import ResponseDispatcher
-from servolink.connection.explain import lost, same, timed_out
+from servolink.connection.explain import lost, other_loop, same, timed_out
+from servolink.connection.hub_link import HubLink
 from servolink.connection.opening import FENCES, Opening
-from servolink.connection.options import PATIENCE
+from servolink.connection.options import HUB_MARGIN, PATIENCE, SLOW_PATIENCE
 from servolink.connection.scheduler import RequestScheduler
 from servolink.connection.sender import RequestSender
 from servolink.connection.slots import Obstacle, Slots
@@ -23,42 +24,16 @@ from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps
 from servolink.connection.window import Window
 from servolink.errors import ServolinkError
-from servolink.escaping import escape
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Packet, Query, Request, Response
-from servolink.protocol.servos import (
-    SetServoParameterRequest,
-)
+from servolink.protocol.servos import SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.transports.base import Transport
 
 R = TypeVar("R", bound=Response)
 
-SLOW_PATIENCE = 30.0
-"""Seconds after which deleting everything is given up: a board may erase its memory for long before it answers."""
-HUB_MARGIN = 1.0
-"""Seconds that a hub gets beyond the patience: its own may begin a little later."""
-
 _FENCE_IDS = {query.packet_id for query in FENCES}
 _REOPEN_PAUSE = 10.0  # seconds at least between two openings for responses that nobody asked for
-
-
-class HubLink(Protocol):
-    """What a program asks the hub of a shared board, beside what it asks the board."""
-
-    async def stop(self) -> None:
-        """Stop all servos; return when the hub has read that they are stopped."""
-
-    def moving(self) -> AbstractAsyncContextManager[None]:
-        """Return a context with the right to move the servos; entering it raises MotionRefused if another has it."""
-        ...
-
-    def alone(self, reason: str) -> AbstractAsyncContextManager[None]:
-        """Return a context in which no other program uses the board."""
-        ...
-
-    async def close(self) -> None:
-        """Leave the hub."""
 
 
 class Connection:
@@ -283,7 +258,7 @@ class Connection:
         unless_units_since: int | None,
     ) -> R:
         if asyncio.get_running_loop() is not self._loop:
-            self._refuse_loop()
+            raise other_loop(self.transport.url, has_ended=self._loop.is_closed())
         frame = self.codec.encode(packet, unchecked=unchecked)
         if self._window.learns:
             self._slots.lanes[packet.packet_id + 1].request_size = len(frame)
@@ -422,14 +397,7 @@ class Connection:
 
     def _check_loop(self) -> None:
         if asyncio.get_running_loop() is not self._loop:
-            self._refuse_loop()
-
-    def _refuse_loop(self) -> NoReturn:
-        """Raise RuntimeError: a future of one event loop would never wake a task of another."""
-        raise RuntimeError(
-            f"{escape(self.transport.url)} was connected in another event loop"
-            f"{', which has ended: ' if self._loop.is_closed() else ': use it there, or '}connect again in this one"
-        )
+            raise other_loop(self.transport.url, has_ended=self._loop.is_closed())
 
 
 def _see_exception(opening: asyncio.Task[None]) -> None:

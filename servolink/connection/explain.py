@@ -67,6 +67,12 @@ def lost(url: str, cause: BaseException | None) -> ConnectionLost:
     return _caused(f"the connection to {escape(url)} is gone: {reason}", cause)
 
 
+def other_loop(url: str, *, has_ended: bool) -> RuntimeError:
+    """Return the error for a use in another event loop than that of the connection, whose futures would wake nobody."""
+    advice = ", which has ended: " if has_ended else ": use it there, or "
+    return RuntimeError(f"{escape(url)} was connected in another event loop{advice}connect again in this one")
+
+
 def _caused(text: str, cause: BaseException | None) -> ConnectionLost:
     error = ConnectionLost(text)
     error.__cause__ = cause

@@ -19,6 +19,10 @@ TransmissionMode: TypeAlias = Literal["auto", "keep", 1]
 
 PATIENCE = 3.0
 """Seconds after which a request is given up, unless told otherwise."""
+SLOW_PATIENCE = 30.0
+"""Seconds after which deleting everything is given up: a board may erase its memory for long before it answers."""
+HUB_MARGIN = 1.0
+"""Seconds that a hub gets beyond the patience: its own may begin a little later."""
 LEAST_PATIENCE, MOST_PATIENCE = 0.001, 3600.0
 """Seconds."""
 MOST_DEPTH = 64

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from servolink.connection.connection import SLOW_PATIENCE, Connection
+from servolink.connection.connection import Connection
 from servolink.connection.opening import FENCES
+from servolink.connection.options import SLOW_PATIENCE
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
 from servolink.protocol.editing import AddActionRequest, ExecuteMacroRequest, QueryProjectIDRequest
 from servolink.protocol.packet import Packet, Request

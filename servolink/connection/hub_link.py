@@ -1,0 +1,24 @@
+"""HubLink: what a connection needs of the hub of a shared board."""
+
+from __future__ import annotations
+
+from contextlib import AbstractAsyncContextManager
+from typing import Protocol
+
+
+class HubLink(Protocol):
+    """What a program asks the hub of a shared board, beside what it asks the board."""
+
+    async def stop(self) -> None:
+        """Stop all servos; return when the hub has read that they are stopped."""
+
+    def moving(self) -> AbstractAsyncContextManager[None]:
+        """Return a context with the right to move the servos; entering it raises MotionRefused if another has it."""
+        ...
+
+    def alone(self, reason: str) -> AbstractAsyncContextManager[None]:
+        """Return a context in which no other program uses the board."""
+        ...
+
+    async def close(self) -> None:
+        """Leave the hub."""
