@@ -16,6 +16,8 @@ Point = tuple[float, float, float]
 PLACES: dict[str, tuple[str, dict[int, int], str, Point, Point]] = {
     "the humanoid stands on its soles": ("humanoid-16", {}, "r_foot", (0, -22, 10), (-29, 0, 10)),
     "and on one, when it lifts a leg": ("humanoid-16", {8: 45, 9: 90, 10: 45}, "l_foot", (0, -22, 10), (29, 0, 10)),
+    "and on the straight one, when a knee is bent": ("humanoid-16", {9: 90}, "l_foot", (0, -22, 10), (29, 0, 10)),
+    "whichever it is": ("humanoid-16", {14: -20}, "r_foot", (0, -22, 10), (-29, 0, 10)),
     "it raises an arm sideways": ("humanoid-16", {2: 90}, "r_arm", (0, -66, 0), (-150, 316, 0)),
     "the arm points up": ("arm-6", {3: -60, 4: -50}, "roll", (0, 0, 0), (0, 343, 0)),
     "its second jaw follows the first": (

@@ -47,6 +47,7 @@ import { AXES, apply, identity, multiply, normalize, rigidInverse, rotation, sub
  */
 
 const BOTH_DOWN = 3; // millimetres by which the higher foot may be above the floor
+const SAME = 1e-6;
 const DOWN = /** @type {Vector} */ ([0, -1, 0]);
 
 /** The joints of a robot, ready to be turned. */
@@ -87,12 +88,14 @@ export class Figure {
     const stands = feet.map((foot, index) => this._stand(feet, foot, index, base.sole));
     const lower = stands.filter((stand) => stand.isLower);
     const used = lower.length > 0 ? lower : [stands[0].depth < stands[1].depth ? stands[0] : stands[1]];
-    let move = used[0].move;
-    if (used.length === 2 && used[0].lift < BOTH_DOWN) {
-      const other = used[1].move; // the mean of both places, so that nothing jumps when the weight changes
-      move = [(move[0] + other[0]) / 2, (move[1] + other[1]) / 2, (move[2] + other[2]) / 2];
+    // A foot that a bent knee has tilted is the lower one for a body that lies down: it stands upright instead.
+    const best = used.reduce((one, other) => (other.upright > one.upright + SAME ? other : one));
+    let move = best.move;
+    if (used.length === 2 && used.every((stand) => stand.lift < BOTH_DOWN)) {
+      const mean = (/** @type {0 | 1 | 2} */ axis) => (used[0].move[axis] + used[1].move[axis]) / 2;
+      move = [mean(0), mean(1), mean(2)]; // of both places, so that nothing jumps when the weight changes
     }
-    const root = used[0].turn.slice();
+    const root = best.turn.slice();
     [root[12], root[13], root[14]] = move;
     return this._chain(pose, root);
   }
@@ -115,6 +118,7 @@ export class Figure {
       depth,
       move: /** @type {Vector} */ ([move[0], -depth, move[2]]),
       isLower: soles.every((other) => other[1] >= depth - 0.01),
+      upright: turn[5], // the cosine of the angle by which the body leans
       lift: Math.max(0, ...soles.map((other) => other[1] - depth)),
     };
   }
