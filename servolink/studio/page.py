@@ -16,12 +16,12 @@ from servolink.hub.control.rpc import MOST_BYTES, Peer
 from servolink.hub.roles import Role
 from servolink.json_text import read_json
 from servolink.profiles.profile import BoardProfile, ProfileInUse
-from servolink.studio import board_methods, draft_methods, project_methods  # they add their methods
+from servolink.studio import board_methods, draft_methods, figure_methods, project_methods  # they add their methods
 from servolink.studio.gate import Gate
 from servolink.studio.methods import METHODS, Caller, Studio
 from servolink.transports.share import Greeting, RoleName, Welcome, greet
 
-__all__ = ["MOST_MESSAGE", "board_methods", "draft_methods", "project_methods", "serve_page"]
+__all__ = ["MOST_MESSAGE", "board_methods", "draft_methods", "figure_methods", "project_methods", "serve_page"]
 
 MOST_MESSAGE = MOST_BYTES
 _TOKEN_LIMIT = 5.0  # seconds for the first message

@@ -7,7 +7,7 @@ import { App } from "./shell/app.js";
 import { sayLease } from "./shell/control.js";
 import { listenToKeys } from "./shell/keys.js";
 import { followAddress } from "./shell/rail.js";
-import { loadTemplates } from "./state/figure.js";
+import { followFigure, loadTemplates } from "./state/figure.js";
 import { Motion } from "./state/motion.js";
 import { follow } from "./state/robot.js";
 import { who } from "./state/settings.js";
@@ -31,6 +31,7 @@ const motion = new Motion(link);
 
 followAddress();
 follow(link, (notice, wasMine) => sayLease(notice, wasMine, motion));
+followFigure(link);
 listenToKeys({ link, motion });
 await loadTemplates();
 render(html`<${App} link=${link} motion=${motion} />`, /** @type {Element} */ (document.getElementById("app")));

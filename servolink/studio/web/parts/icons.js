@@ -93,6 +93,7 @@ export const ICONS = {
   more: [["path", { d: "M5 12h.01M12 12h.01M19 12h.01", "stroke-width": "3" }]],
   down: [["path", { d: "m6 9 6 6 6-6" }]],
   right: [["path", { d: "m9 6 6 6-6 6" }]],
+  left: [["path", { d: "m15 6-6 6 6 6" }]],
   arrow: [["path", { d: "M5 12h14M13 6l6 6-6 6" }]],
   copy: [
     ["rect", { x: "8", y: "8", width: "12", height: "12", rx: "2" }],

@@ -1,20 +1,48 @@
 // Which figure stands for the robot, and what its servos are called.
 
-import { computed, signal } from "../html.js";
+import { computed, effect, signal } from "../html.js";
 import { Figure } from "../figure/figure.js";
 import { safeText } from "../parts/safe-text.js";
 import { language, t } from "../texts/text.js";
-import { captions, servoIds } from "./robot.js";
+import { captions, servoIds, welcome } from "./robot.js";
+
+/** @typedef {import("../figure/figure.js").FigureData} FigureData */
+/** @typedef {import("../link/link.js").Link} Link */
 
 const TEMPLATES = ["humanoid-16", "arm-6", "quadruped-12", "hexapod-18"];
 
-const templates = signal(/** @type {Figure[]} */ ([]));
+export const templates = signal(/** @type {Figure[]} */ ([]));
+/** The figure that was fitted to this robot, or came with a project file; null if there is none. */
+export const ownFigure = signal(/** @type {FigureData | null} */ (null));
 
-/** The figure of the robot; null if no template has its servos. */
+/** The figure of the robot: its own, or the template with its servos; null if there is none. */
 export const figure = computed(() => {
   const ids = servoIds.value.join();
+  if (ownFigure.value !== null) return new Figure(ownFigure.value);
   return templates.value.find((each) => each.servoIds.join() === ids) ?? null;
 });
+
+/**
+ * Follow which figure this robot has, on all pages, from now on.
+ * @param {Link} link
+ */
+export function followFigure(link) {
+  link.on("studio.figure", ({ figure: data }) => (ownFigure.value = data));
+  effect(() => {
+    if (welcome.value === null) return;
+    link.call("studio.figure.get").then((answer) => (ownFigure.value = answer.figure), () => {}); // the connection is lost
+  });
+}
+
+/**
+ * Keep a figure for this robot, null for a template. Rejects with RequestError or LinkLost.
+ * @param {Link} link
+ * @param {FigureData | null} data
+ */
+export async function saveFigure(link, data) {
+  const answer = await link.call("studio.figure.save", { figure: data });
+  ownFigure.value = answer.figure;
+}
 
 /** The servos of each limb, those of the robot's right first; servos without a limb come last, as limb "". */
 export const limbs = computed(() => {
@@ -44,7 +72,7 @@ export const nameOf = (id) => safeText(captions.value[id] ?? "") || t("live.serv
  * Return what a limb is called.
  * @param {string} limb
  */
-export const limbName = (limb) => figure.value?.data.groups?.[limb]?.[language.value] ?? t("live.others");
+export const limbName = (limb) => safeText(figure.value?.data.groups?.[limb]?.[language.value] ?? "") || t("live.others");
 
 /**
  * Return the limb of a servo, which decides on its colour.

@@ -24,6 +24,7 @@ const view = signal(/** @type {import("../../parts/stage.js").ViewName} */ ("fre
 export function StageCard({ motion }) {
   return html`<section class="stage" aria-label=${t("live.figure")}>
     ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${scene(motion)} label=${t("live.figure_aria")} view=${view.value} />`}
+    ${!figure.value && html`<div class="nofigure"><p class="mut">${t("figure.none")}</p><a class="btn" href="#board">${t("figure.fit")}</a></div>`}
     <div class="tl col">
       <${ViewChoice} view=${view} />
       <${Draft} />

@@ -3,6 +3,7 @@
 import { RequestError } from "../../link/link.js";
 import { toast } from "../../parts/toasts.js";
 import { safeText } from "../../parts/safe-text.js";
+import { ownFigure, saveFigure } from "../../state/figure.js";
 import { draft, edit } from "../../state/project.js";
 import { welcome } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
@@ -22,7 +23,8 @@ export async function openFile(link, file) {
     if (file.size > MOST_BYTES) throw new RangeError(t("project.too_large"));
     const text = await file.text();
     if (JSON.stringify(text).length > MOST_BYTES) throw new RangeError(t("project.too_large"));
-    const { project } = await link.call("studio.file.read", { text });
+    const answer = await link.call("studio.file.read", { text }), { figure, ...project } = answer.project;
+    if (figure) await takeFigure(link, figure);
     edit(["project.opened", { name }], (before) => ({ ...before, ...project }));
     toast({ kind: "ok", title: t("project.opened", { name }), detail: t("project.opened_detail") });
   } catch (error) {
@@ -31,12 +33,24 @@ export async function openFile(link, file) {
 }
 
 /**
+ * Take the figure of a file, unless the robot has another one: then the person is asked.
+ * @param {Link} link
+ * @param {import("../../state/figure.js").FigureData} figure
+ */
+async function takeFigure(link, figure) {
+  if (JSON.stringify(figure) === JSON.stringify(ownFigure.value)) return;
+  const take = () => saveFigure(link, figure).catch((error) => toast({ kind: "bad", title: messageOf(error) }));
+  if (ownFigure.value === null) return take();
+  toast({ title: t("figure.in_file"), detail: t("figure.in_file_detail"), action: { label: t("figure.take"), run: take } });
+}
+
+/**
  * Save the draft as a file.
  * @param {Link} link
  */
 export async function saveFile(link) {
   try {
-    const { text } = await link.call("studio.file.write", { project: draft.value });
+    const { text } = await link.call("studio.file.write", { project: { ...draft.value, figure: ownFigure.value ?? undefined } });
     const url = URL.createObjectURL(new Blob([text], { type: "application/json" }));
     const anchor = document.createElement("a");
     anchor.href = url;

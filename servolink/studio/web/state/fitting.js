@@ -1,0 +1,103 @@
+// A figure while it is fitted to a robot: which servo turns which part, which way, and from where.
+
+/** @typedef {import("../figure/figure.js").FigureData} FigureData */
+/** @typedef {import("../figure/figure.js").JointData} JointData */
+/** @typedef {import("../figure/figure.js").Pose} Pose */
+/** The figure as it will be saved, and its joints that a servo may turn. @typedef {{ data: FigureData, parts: string[] }} Fit */
+/** @typedef {Partial<Pick<JointData, "sign" | "offset" | "limits">>} Change */
+
+/**
+ * Begin to fit a figure: its joints with a servo can be given others. Servos that the robot does not have are taken out.
+ * @param {FigureData} data
+ * @param {number[]} servoIds of the robot
+ * @returns {Fit}
+ */
+export function begin(data, servoIds) {
+  const parts = data.joints.filter((joint) => joint.servo !== undefined).map((joint) => joint.id);
+  const joints = data.joints.map((joint) => (servoIds.includes(joint.servo ?? -1) ? joint : without(joint)));
+  return { data: { ...data, joints: followed({ ...data, joints }, data) }, parts };
+}
+
+/**
+ * Return the joint that a servo turns, or null.
+ * @param {Fit} fit
+ * @param {number} servo
+ */
+export const jointOf = (fit, servo) => fit.data.joints.find((joint) => joint.servo === servo) ?? null;
+
+/**
+ * Make a servo turn a joint, or none. A servo that turned it before gets the joint that this one leaves.
+ * @param {Fit} fit
+ * @param {number} servo
+ * @param {string | null} id of the joint
+ * @returns {Fit}
+ */
+export function assigned(fit, servo, id) {
+  const left = jointOf(fit, servo), taken = fit.data.joints.find((joint) => joint.id === id);
+  const joints = fit.data.joints.map((joint) => {
+    if (joint === taken) return { ...joint, servo };
+    if (joint !== left) return joint;
+    return taken?.servo === undefined ? without(joint) : { ...joint, servo: taken.servo };
+  });
+  return { ...fit, data: { ...fit.data, joints: followed({ ...fit.data, joints }, fit.data) } };
+}
+
+/**
+ * Change how a joint turns.
+ * @param {Fit} fit
+ * @param {string} id
+ * @param {Change} change
+ * @returns {Fit}
+ */
+export const changed = (fit, id, change) => ({
+  ...fit,
+  data: { ...fit.data, joints: fit.data.joints.map((joint) => (joint.id === id ? { ...joint, ...change } : joint)) },
+});
+
+/**
+ * Return the figure as it is drawn while it is fitted: its parts can be picked, also those without a servo. They have
+ * the numbers of their joints in place of servos.
+ * @param {Fit} fit
+ * @returns {FigureData}
+ */
+export function drawn({ data, parts }) {
+  const numberOf = new Map(data.joints.flatMap((joint, number) => (joint.servo === undefined ? [] : [[joint.servo, number]])));
+  const joints = data.joints.map((joint, number) => ({
+    ...joint,
+    servo: parts.includes(joint.id) ? number : undefined,
+    follows: joint.follows === undefined ? undefined : numberOf.get(joint.follows),
+  }));
+  return { ...data, joints };
+}
+
+/**
+ * Return a pose of the robot as one of the figure that is drawn.
+ * @param {Fit} fit
+ * @param {Pose} pose
+ * @returns {Pose}
+ */
+export const drawnPose = ({ data }, pose) =>
+  Object.fromEntries(data.joints.flatMap(({ servo }, number) => (servo === undefined ? [] : [[number, pose[servo] ?? 0]])));
+
+/** @param {JointData} joint */
+function without(joint) {
+  const { servo: _, ...rest } = joint;
+  return rest;
+}
+
+/**
+ * Return the joints of a figure, in which those that follow another one still follow it, whatever servo it has now.
+ * @param {FigureData} data
+ * @param {FigureData} before
+ * @returns {JointData[]}
+ */
+function followed(data, before) {
+  return data.joints.map((joint) => {
+    if (joint.follows === undefined) return joint;
+    const leader = before.joints.findIndex((each) => each.servo === joint.follows);
+    const servo = data.joints[leader]?.servo;
+    if (servo !== undefined) return { ...joint, follows: servo };
+    const { follows: _, ...rest } = joint;
+    return rest;
+  });
+}
