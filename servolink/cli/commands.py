@@ -271,6 +271,13 @@ COMMANDS = {
         ("replay out.mcap --to virtual --speed 2", "replay out.mcap", "replay out.mcap --tcp 127.0.0.1:7878"),
         takes_board=False,
     ),
+    "convert": Command(
+        RECORDINGS,
+        "convert:configure",
+        "write a recording in the form of other tools",
+        ("convert out.mcap --csv", "convert out.mcap --csv --channel servos -o servos.csv"),
+        takes_board=False,
+    ),
     "virtual": Command(
         DEVELOPERS,
         "virtual:configure",

@@ -53,7 +53,8 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
         action="append",
         choices=CHANNEL_NAMES,
         default=[],
-        help="only this channel; may be given several times",
+        metavar="NAME",
+        help=f"only this channel, which may be given several times: {', '.join(CHANNEL_NAMES)}",
     )
     group.add_argument("--packet", type=_packet, metavar="NAME", help="only packets of this name")
     group.add_argument("--servo", type=SERVO_ID, metavar="ID", help="only what is about this servo")

@@ -59,6 +59,7 @@ EXEMPT = {
     "backups": "reads files",
     "decode": "reads files",
     "show": "reads files",
+    "convert": "reads files",
     "replay": "reads files",
     "encode": "reads files",
     "completion": "opens nothing",

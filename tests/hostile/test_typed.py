@@ -111,6 +111,8 @@ TYPED = (
     'encode {{"id":20020,"fields":{{"{}":1}}}}',
     "show {}",
     "replay {}",
+    "convert {} --csv",
+    "convert x --csv -o /{}/x",
     "replay x --to {}",
     "replay x --tcp {}",
     "replay x --to virtual --speed {}",

@@ -190,6 +190,12 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("replay {noise} --to virtual"),
         Trial("replay {missing}"),
     ),
+    "convert": (
+        Trial("convert {mcap} --csv -o {new}"),
+        Trial("convert {mcap} --csv -o {new}"),
+        Trial("convert {noise} --csv"),
+        Trial("convert {mcap} --csv --channel events -o {missing}/x"),
+    ),
     "studio": (
         Trial("--url serial:///dev/{place} studio --no-browser"),
         Trial("--url serial:///dev/{text} studio --no-browser"),

@@ -1,0 +1,57 @@
+"""`servolink convert`: a recording in the form of other tools."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from servolink.cli.arguments import not_empty
+from servolink.cli.main import OK
+from servolink.cli.output import counted, print_error, print_json, print_text
+from servolink.cli.show import add_selection, selection
+from servolink.recorder.reading import Recording
+from servolink.recorder.tables import write_tables
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink convert`."""
+    parser.set_defaults(run=run)
+    parser.add_argument("file", type=not_empty, metavar="FILE", help="a recording")
+    form = parser.add_mutually_exclusive_group(required=True)
+    form.add_argument("--csv", action="store_true", help="write a table for each channel, for spreadsheets")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=not_empty,
+        metavar="OUT",
+        help="name of the new file, in which several tables add the names of their channels (that of FILE, beside it)",
+    )
+    parser.add_argument("--force", action="store_true", help="replace an existing file")
+    add_selection(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the recording in another form."""
+    with Recording(Path(args.file)) as recording:
+        written = _write_tables(args, recording)
+        remarks = recording.remarks
+    if args.json:
+        print_json({"files": {str(path): count for path, count in written.items()}, "remarks": remarks})
+        return OK
+    for path, count in written.items():
+        print_text(f"{path}  {counted(count, 'row')}")
+    if not written:
+        print_text("nothing was written: the recording holds nothing of this kind")
+    for remark in remarks:
+        print_error(f"servolink: {recording.path}: {remark}")
+    return OK
+
+
+def _write_tables(args: argparse.Namespace, recording: Recording) -> dict[Path, int]:
+    wanted = selection(args)
+    out = Path(args.output) if args.output else recording.path.with_suffix(".csv")
+
+    def path_of(channel: str) -> Path:
+        return out if args.output and len(wanted.topics) == 1 else out.with_suffix(f".{channel}{out.suffix}")
+
+    return write_tables(recording.entries(wanted), path_of, replace=args.force)

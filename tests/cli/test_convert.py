@@ -1,0 +1,85 @@
+"""`servolink convert` writes tables that a spreadsheet reads without obeying them."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from servolink.recorder.channels import Event
+from tests.cli.programs import call
+from tests.recorder.files import write
+from tests.recorder.test_reading import MESSAGES
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    return write(tmp_path / "out.mcap", MESSAGES)
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_each_channel_has_a_table(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "convert", str(recording), "--csv", "--json")
+    names = ("wire", "packets", "commands", "servos", "events", "problems")
+    assert {Path(path).name for path in said.json["files"]} == {f"out.{name}.csv" for name in names}
+    (servo,) = table(recording.with_name("out.servos.csv"))
+    assert servo == {
+        "seconds": "1.000000",
+        "time_ns": "1700000001000000000",
+        "servo_id": "3",
+        "angle": "90.0",
+        "angle_unit": "degree",
+        "current_raw": "5",
+        "temperature_raw": "300",
+        "servo_type": "1",
+        "is_start": "1",
+        "is_hold": "1",
+        "missed": "0",
+    }
+    assert [row["data"] for row in table(recording.with_name("out.wire.csv"))] == ["134c"]
+    first, second = table(recording.with_name("out.commands.csv"))
+    assert (first["fields"], first["outcome"]) == ('{"servo_id": 3, "unit_type": 0}', "answered")
+    assert (second["took_seconds"], second["who"]) == ("3.0", "")
+
+
+def test_one_channel_in_a_part_of_the_time(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = recording.with_name("x.csv")
+    said = call(capsys, "convert", str(recording), "--csv", "--channel", "commands", "--to", "0.75", "-o", str(out))
+    assert said.out == f"{out}  1 row\n"
+    assert len(table(out)) == 1
+
+
+def test_existing_file_is_kept(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = recording.with_name("out.events.csv")
+    out.write_text("precious")
+    said = call(capsys, "convert", str(recording), "--csv")
+    assert said.code == 1
+    assert "out.events.csv exists already; --force replaces it" in said.err
+    assert [path.name for path in recording.parent.iterdir() if path.suffix == ".csv"] == ["out.events.csv"]
+    assert out.read_text() == "precious"
+    assert call(capsys, "convert", str(recording), "--csv", "--force").code == 0
+
+
+def test_texts_are_no_formulas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    texts = ["=1+1", "+1", "-1", "@x", "\t=1", "'", "\x1b[2J", "plain"]
+    path = write(tmp_path / "out.mcap", [(0.0, Event("mark", "mark", text=text)) for text in texts])
+    call(capsys, "convert", str(path), "--csv")
+    found = [row["text"] for row in table(tmp_path / "out.events.csv")]
+    assert found == ["'=1+1", "'+1", "'-1", "'@x", "\\x09=1", "''", "\\x1b[2J", "plain"]
+
+
+def test_nothing_to_write(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "convert", str(write(tmp_path / "out.mcap", [])), "--csv")
+    assert (said.code, said.out) == (0, "nothing was written: the recording holds nothing of this kind\n")
+
+
+@pytest.mark.parametrize("place", ["none/x.csv", "nul\0.csv"])
+def test_file_that_cannot_be_written(place: str, recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "convert", str(recording), "--csv", "-o", str(recording.parent / place))
+    assert said.code == 1
+    assert "the table cannot be written" in said.err
