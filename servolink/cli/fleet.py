@@ -24,6 +24,12 @@ def _command(place: str, text: str, *examples: str) -> Command:
 
 
 COMMANDS = {
+    "join": _command(
+        "fleet_join:configure",
+        "let the boards of this machine take part in a fleet",
+        "join mqtt://teacher.local",
+        "join mqtt://teacher.local virtual:// --name rex",
+    ),
     "list": _command("fleet_list:configure_list", "list the boards, with their batteries and problems", "list"),
     "watch": _command("fleet_watch:configure", "show all boards live, in one table", "watch --seconds 2"),
     "run": _command(

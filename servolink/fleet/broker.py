@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
+import secrets
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from random import Random
 from typing import Any, NamedTuple, NoReturn
@@ -34,6 +36,7 @@ KEEPALIVE = 10
 
 _LIMIT = 10.0  # seconds for the broker to answer
 _ABOVE_MOST = 2 * MOST_BYTES  # what is too long should come as far as here, to be answered
+_QUIET = 0.3  # seconds without a message after which the broker has sent all that it keeps
 _FAILURE = 128  # reason codes from here on
 _NOT_AUTHORIZED = 135
 _PROTOCOL = aiomqtt.ProtocolVersion.V5
@@ -89,6 +92,8 @@ class WireOptions:
     """How long the broker keeps what comes meanwhile, after a loss."""
     acknowledges: bool = False
     """Whether messages with QoS 1 are acknowledged by calls of `acknowledge`, instead of at once."""
+    sees_retained: bool = True
+    """Whether `is_retained` says how a message was sent; else it says that the message was kept by the broker."""
 
 
 class Wire:
@@ -205,6 +210,7 @@ class _Client(aiomqtt.Client):
         )
         self._client.manual_ack_set(options.acknowledges)
         self._receive = on_message
+        self._sees_retained = options.sees_retained
         self._sent: dict[int, asyncio.Future[str | None]] = {}
 
     async def until_lost(self) -> None:
@@ -213,7 +219,7 @@ class _Client(aiomqtt.Client):
 
     async def listen(self, topic: str, qos: int) -> str | None:
         """Subscribe to a topic. Return why the broker refuses, None if it does not."""
-        [code] = await self.subscribe(topic, options=SubscribeOptions(qos, retainAsPublished=True))
+        [code] = await self.subscribe(topic, options=SubscribeOptions(qos, retainAsPublished=self._sees_retained))
         return _refusal(code)
 
     async def send(self, message: Publication) -> str | None:
@@ -253,6 +259,36 @@ class _Client(aiomqtt.Client):
         future = self._sent.get(mid)
         if future is not None and not future.done():
             future.set_result(_refusal(reason_code))
+
+
+async def retained(access: BrokerAccess, filters: Sequence[str]) -> dict[str, bytes]:
+    """Return what the broker keeps at topics, by topic. Raise OpenError if it cannot be asked."""
+    found: dict[str, bytes] = {}
+    heard = asyncio.Event()
+
+    def take(message: Received) -> None:
+        found[message.topic] = message.payload
+        heard.set()
+
+    wire = Wire(access, WireOptions(f"servolink-look-{secrets.token_hex(8)}"))
+    wire.on_message = take
+    wire.subscriptions = [(each, 1) for each in filters]
+    connection = asyncio.create_task(wire.run())
+    connected = asyncio.create_task(wire.until_connected())
+    try:
+        await asyncio.wait((connection, connected), return_when=asyncio.FIRST_COMPLETED)
+        if connection.done():
+            await connection
+        with suppress(TimeoutError):  # no message says that there are no more
+            while True:
+                heard.clear()
+                async with asyncio.timeout(_QUIET):
+                    await heard.wait()
+    finally:
+        for task in (connection, connected):
+            task.cancel()
+        await asyncio.wait((connection, connected))
+    return found
 
 
 def _received(message: paho.MQTTMessage) -> Received:

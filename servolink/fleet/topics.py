@@ -93,10 +93,19 @@ class Topics:
         name, _, kind = topic.removeprefix(f"{self.prefix}/").partition("/")
         return (name, kind) if is_name(name) and kind and "/" not in kind else None
 
+    def reply(self, word: str) -> str:
+        """Return the response topic of a program that calls itself `word`: up to 64 letters, digits, - and _."""
+        return f"{self.prefix}/{_FLEET}/reply/{word}"
+
     def may_answer(self, topic: str) -> bool:
-        """Return whether a board sends results to this response topic: one below the prefix, with nothing odd in it."""
-        below = topic.removeprefix(f"{self.prefix}/")
-        return below != topic and len(topic) <= _LONGEST_PREFIX * 2 and bool(_PREFIX.fullmatch(below))
+        """Return whether a board sends results to this response topic: that of a program, or `result` of a board.
+
+        Elsewhere, a sender could have a board write what the broker does not allow the sender to write.
+        """
+        place, _, word = topic.rpartition("/")
+        if place == f"{self.prefix}/{_FLEET}/reply":
+            return is_name(word)
+        return (self.parse(topic) or ("", ""))[1] == "result"
 
 
 # --- from a board -----------------------------------------------------------------------------------------------------
@@ -126,7 +135,6 @@ class BoardNow(Struct, frozen=True, kw_only=True):
     servos: int = 0
     actions: tuple[Stored, ...] = ()
     macros: tuple[Stored, ...] = ()
-    project_id: int | None = None
     at: Annotated[float, about("seconds since 1970, by the clock of its machine")]
 
 
@@ -159,6 +167,10 @@ class Command(Struct, forbid_unknown_fields=True):
     method: Annotated[str, Meta(max_length=40)]
     params: dict[str, Any] = {}
     who: Who = ""
+    pulse: Annotated[
+        Annotated[str, Meta(max_length=40)] | None,
+        about("the latest `pulse` of the board that the sender has heard: how old the command is, without clocks"),
+    ] = None
 
 
 class Prepare(Struct, forbid_unknown_fields=True):

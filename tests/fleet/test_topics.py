@@ -43,7 +43,11 @@ def test_a_topic_of_something_else_is_of_no_board(topic: str) -> None:
     ("topic", "is_allowed"),
     [
         ("servolink/rex/result", True),
-        ("servolink/_answers/laptop-1", True),
+        (Topics().reply("laptop-1"), True),
+        ("servolink/_fleet/stop", False),
+        ("servolink/_fleet/reply/", False),
+        ("servolink/fido/cmd", False),
+        ("servolink/fido/state", False),
         ("homeassistant/device/x/config", False),
         ("servolink/", False),
         ("servolink/#", False),
@@ -52,7 +56,7 @@ def test_a_topic_of_something_else_is_of_no_board(topic: str) -> None:
         ("servolink/" + "x" * 400, False),
     ],
 )
-def test_results_are_sent_below_the_prefix_only(topic: str, is_allowed: bool) -> None:
+def test_results_are_sent_only_where_they_are_heard(topic: str, is_allowed: bool) -> None:
     assert Topics().may_answer(topic) is is_allowed
 
 

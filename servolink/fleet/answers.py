@@ -1,0 +1,77 @@
+"""Answers: the one result of each command, on its way to whoever sent the command."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from servolink.fleet.broker import Publication
+from servolink.fleet.hub_session import HubError
+from servolink.fleet.journal import Journal
+from servolink.fleet.outbox import Outbox
+from servolink.fleet.topics import Topics
+from servolink.hub.control.faults import error_object
+from servolink.hub.control.rpc import encode
+
+_LONGEST_NOTED = 65536  # bytes of a result that is remembered for the case of a crash
+
+
+class Sender(NamedTuple):
+    """To whom a result goes."""
+
+    response_topic: str | None
+    correlation: bytes | None
+
+
+class Answers:
+    """Answers for one board."""
+
+    def __init__(self, board: str, topics: Topics, outbox: Outbox, journal: Journal | None = None) -> None:
+        """Answer through `outbox`; what is noted in `journal` is over when the broker has its answer."""
+        self._board = board
+        self._topics = topics
+        self._outbox = outbox
+        self._journal = journal
+
+    def succeed(self, command_id: str, sender: Sender, result: Any) -> None:
+        """Send the result of a command."""
+        self._finish(command_id, sender, {"ok": True, "result": {} if result is None else result})
+
+    def fail(self, command_id: str, sender: Sender, error: Exception) -> None:
+        """Send why a command was not done."""
+        self._finish(command_id, sender, _failure(error))
+
+    def refuse(self, command_id: str | None, sender: Sender, error: Exception) -> None:
+        """Send why something was not accepted, and not noted; `command_id` is None if it cannot be read."""
+        self._put(sender, self._text(command_id, _failure(error)))
+
+    def report(self, command_id: str, sender: Sender, progress: dict[str, Any]) -> None:
+        """Send how far a command is."""
+        self._put(sender, self._text(command_id, {"progress": progress}))
+
+    def repeat(self, command_id: str, sender: Sender, text: str) -> None:
+        """Send a result that was made before this program began, and which the broker may not have."""
+        self._put(sender, text, command_id)
+
+    def _finish(self, command_id: str, sender: Sender, answer: dict[str, Any]) -> None:
+        text = self._text(command_id, answer)
+        noted = self._journal and self._journal.find(command_id)
+        if not noted or noted.is_over or not self._journal:
+            self._put(sender, text)
+            return
+        if len(text) <= _LONGEST_NOTED:
+            self._journal.answered(noted.id, text)
+        self._put(sender, text, noted.id)
+
+    def _text(self, command_id: str | None, answer: dict[str, Any]) -> str:
+        return encode({"id": command_id, "board": self._board, **answer}).decode()
+
+    def _put(self, sender: Sender, text: str, noted: str | None = None) -> None:
+        topic, journal = sender.response_topic, self._journal
+        if topic is None or not self._topics.may_answer(topic):
+            topic = self._topics.board(self._board, "result")
+        message = Publication(topic, text, 1, correlation=sender.correlation)
+        self._outbox.put(message, None if noted is None or journal is None else lambda: journal.over(noted))
+
+
+def _failure(error: Exception) -> dict[str, Any]:
+    return {"ok": False, "error": error.told if isinstance(error, HubError) else error_object(error)}

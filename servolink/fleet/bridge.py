@@ -1,0 +1,103 @@
+"""Bridge: one board, between its hub and the broker."""
+
+from __future__ import annotations
+
+import asyncio
+from functools import partial
+
+from servolink.fleet.access import BrokerAccess
+from servolink.fleet.answers import Answers
+from servolink.fleet.broker import Publication, Received, Wire, WireOptions
+from servolink.fleet.commands import CommandDesk, Level
+from servolink.fleet.hub_session import HubSession
+from servolink.fleet.journal import Journal
+from servolink.fleet.outbox import Outbox
+from servolink.fleet.policy import BoardPolicy
+from servolink.fleet.prepared import PreparedRun
+from servolink.fleet.pulse import Pulse
+from servolink.fleet.stop_desk import StopDesk
+from servolink.fleet.telemetry import Telemetry
+from servolink.fleet.topics import OFFLINE, ONLINE, Topics
+
+SESSION_SECONDS = 300
+"""How long the broker keeps commands for a board that has lost its connection; most expire long before."""
+
+
+class Bridge:
+    """Connects a board that a hub of this machine shares with a broker."""
+
+    def __init__(
+        self,
+        hub_name: str,
+        board: str,
+        access: BrokerAccess,
+        topics: Topics,
+        policy: BoardPolicy,
+        journal: Journal,
+        *,
+        hz: float,
+    ) -> None:
+        """Connect the board shared as `hub_name`, as `board`; `hz` is how often its servos are sent."""
+        self.board = board
+        self.hub = HubSession(hub_name, policy, f"the fleet at {access.address}")
+        will = Publication(topics.board(board, "available"), OFFLINE, 1, retain=True, content_type="text/plain")
+        options = WireOptions(f"{topics.prefix}/{board}", will=will, session_seconds=SESSION_SECONDS, acknowledges=True)
+        self.wire = Wire(access, options)
+        self.wire.subscriptions = [(topics.board(board, "cmd"), 1), (topics.board(board, "pulse"), 0)]
+        self.wire.on_message = self._receive
+        self.wire.on_connect = self._begin
+        self.wire.on_problem = partial(self._log, "error")
+        self.outbox = Outbox(self.wire)
+        self.telemetry = Telemetry(topics, board, policy, self.hub, self.wire, self.outbox, hz)
+        self.hub.on_connect = self.telemetry.begin
+        self.hub.on_notification = self.telemetry.hear
+        self.hub.on_lost = self.telemetry.hub_lost
+        self.prepared = PreparedRun(self.hub)
+        self.stops = StopDesk(self.hub, self.prepared)
+        self._topics = topics
+        self._available = will
+        self._pulse = Pulse(self._send_pulse)
+        self._answers = Answers(board, topics, self.outbox, journal)
+        self._commands = CommandDesk(
+            board, policy, self.hub, journal, self._answers, self._pulse, self.prepared, self.stops, self._log
+        )
+        self._commands.on_change = self.telemetry.look_again
+
+    def start(self, group: asyncio.TaskGroup) -> None:
+        """Begin, in tasks of `group`. OpenError of the first attempt to reach broker or hub ends the group."""
+        self._commands.finish_interrupted()
+        for task in (
+            self.hub.run(),
+            self.wire.run(),
+            self.outbox.run(),
+            self._pulse.run(),
+            self.telemetry.send_servos(),
+            self.telemetry.send_state(),
+        ):
+            group.create_task(task)
+
+    async def leave(self) -> None:
+        """Answer what is under way, and say that the board is not available any more."""
+        await self.stops.close()
+        await self._commands.close()
+        self.outbox.put(self._available)
+        await self.outbox.flush()
+
+    async def _begin(self) -> None:
+        """Say that the board is there, on a new connection."""
+        self._pulse.begin()
+        await self.wire.send(self._available._replace(payload=ONLINE))
+        self.telemetry.resend()
+
+    async def _send_pulse(self, word: str) -> None:
+        topic = self._topics.board(self.board, "pulse")
+        await self.wire.send(Publication(topic, word, 0, retain=True, content_type="text/plain"))
+
+    def _receive(self, message: Received) -> None:
+        if message.topic == self._topics.board(self.board, "pulse"):
+            self._pulse.heard(message.payload.decode("ascii", "replace"))
+        else:
+            self._commands.receive(message, partial(self.wire.acknowledge, message))
+
+    def _log(self, level: Level, text: str) -> None:
+        self.telemetry.log(level, text)

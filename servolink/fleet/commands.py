@@ -1,0 +1,292 @@
+"""Commands: carries out what comes from afar, each once, in time, and within the policy, and answers each.
+
+A command passes these in their order: it is read and checked, its age is known, it is not one that came before, there
+is room for it, it is noted on the disk, its turn comes. Only then the hub gets it, which checks it like any other.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import math
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager, nullcontext
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+import msgspec
+from msgspec import Raw
+
+from servolink.errors import EncodeError, OutcomeUnknown, ServolinkError
+from servolink.escaping import escape, quote
+from servolink.files import reason
+from servolink.fleet.answers import Answers, Sender
+from servolink.fleet.broker import Received
+from servolink.fleet.hub_session import HubSession, result_of
+from servolink.fleet.journal import Entry, Journal
+from servolink.fleet.policy import BoardPolicy
+from servolink.fleet.prepared import PreparedRun
+from servolink.fleet.pulse import Pulse
+from servolink.fleet.stop_desk import StopDesk
+from servolink.fleet.topics import METHODS as OWN
+from servolink.fleet.topics import MOST_BYTES, MOTION, SESSION_METHODS, Cancel, Command, Prepare
+from servolink.hub.control.faults import Code, RpcError
+from servolink.hub.control.session import METHODS
+from servolink.hub.roles import Role
+from servolink.json_text import read_json
+from servolink.protocol.json_errors import convert
+
+MOST_WAITING = 64
+"""Commands of one board that are not over; more are answered with `busy`."""
+LONGEST_MOTION = 60
+"""Seconds that a command which moves something may take to arrive, whatever its expiry."""
+
+Level: TypeAlias = Literal["info", "warning", "error"]
+Log: TypeAlias = Callable[[Level, str], None]
+
+_IN_ORDER = {name for name, method in METHODS.items() if method.in_order} | set(OWN)
+_INTERRUPTED = "the command was interrupted, and nobody knows whether it was done; it is not repeated"
+
+
+class _Accepted(NamedTuple):
+    """A command that will be carried out."""
+
+    command: Command
+    sender: Sender
+    until: float
+    """When it must have begun, by the clock of the event loop."""
+    stops: int
+    """Stops before it: after another one it must not begin."""
+    acknowledge: Callable[[], None]
+
+
+class CommandDesk:
+    """Takes the commands of one board."""
+
+    def __init__(
+        self,
+        board: str,
+        policy: BoardPolicy,
+        hub: HubSession,
+        journal: Journal,
+        answers: Answers,
+        pulse: Pulse,
+        prepared: PreparedRun,
+        stops: StopDesk,
+        log: Log,
+    ) -> None:
+        """Take commands as `policy` allows, and note them in `journal`."""
+        self.on_change: Callable[[], None] = lambda: None
+        """Called when a command may have changed what is stored on the board."""
+        self._board = board
+        self._role = Role[policy.allow.upper()]
+        self._hub = hub
+        self._journal = journal
+        self._answers = answers
+        self._pulse = pulse
+        self._prepared = prepared
+        self._stops = stops
+        self._log = log
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._order = asyncio.Lock()
+        self._refused_retained: OrderedDict[str, None] = OrderedDict()
+
+    def finish_interrupted(self) -> None:
+        """Answer what an earlier program was carrying out when it was killed."""
+        for entry in self._journal.unfinished():
+            sender = Sender(entry.response_topic, entry.correlation)
+            if entry.answer is None:
+                self._answers.fail(entry.id, sender, OutcomeUnknown(_INTERRUPTED))
+            else:
+                self._answers.repeat(entry.id, sender, entry.answer)
+
+    def receive(self, message: Received, acknowledge: Callable[[], None]) -> None:
+        """Take a message of `cmd`; never raises. `acknowledge` is called when it need not be delivered again."""
+        if message.is_retained and not message.payload:  # somebody has removed what was retained
+            acknowledge()
+            return
+        sender = Sender(message.response_topic, message.correlation)
+        command_id: str | None = None
+        try:
+            value = _read(message)
+            command_id = _id_in(value)
+            command: Command = _converted(value, Command)
+            if self._is_repeated(message, command):
+                acknowledge()
+                return
+            if command.method == "stop":
+                self._stops.stop(command.id, sender, self._answers)
+                acknowledge()
+                return
+            accepted = _Accepted(command, sender, self._checked(message, command), self._stops.count, acknowledge)
+        except Exception as error:  # noqa: BLE001 - whatever is wrong with a message is an answer
+            self._answers.refuse(command_id, sender, error)
+            self._log("warning", f"a command was refused: {error}")
+            acknowledge()
+            return
+        task = asyncio.get_running_loop().create_task(self._carry_out(accepted, _digest(message.payload)))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def close(self) -> None:
+        """End what is under way; what was begun is answered as interrupted."""
+        tasks = list(self._tasks)
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            await asyncio.wait(tasks)
+        for entry in self._journal.unfinished():
+            if entry.answer is None:
+                sender = Sender(entry.response_topic, entry.correlation)
+                self._answers.fail(entry.id, sender, OutcomeUnknown(_INTERRUPTED))
+
+    # --- checks ------------------------------------------------------------------------------------------------
+
+    def _is_repeated(self, message: Received, command: Command) -> bool:
+        """Return whether a command came before, and needs no answer."""
+        if message.is_retained:
+            if command.id in self._refused_retained:
+                return True
+            self._refused_retained[command.id] = None
+            if len(self._refused_retained) > MOST_WAITING:
+                self._refused_retained.popitem(last=False)
+            raise RpcError(
+                Code.INVALID_REQUEST,
+                "retained commands are not carried out: they would come again with every connection",
+                remedy="remove it, by an empty retained message, and send commands that are not retained",
+            )
+        entry = self._journal.find(command.id)
+        if entry is None:
+            return False
+        if entry.digest != _digest(message.payload):
+            raise RpcError(Code.INVALID_REQUEST, f"the id {command.id} was used for another command")
+        self._log("info", f"{escape(command.method)} {command.id} was delivered again, and is not repeated")
+        return True
+
+    def _checked(self, message: Received, command: Command) -> float:
+        """Return until when a command may be begun. Raise RpcError if it may not be carried out."""
+        self._check_method(command.method)
+        now = asyncio.get_running_loop().time()
+        expiry: float | None = message.expiry
+        if command.method in MOTION:
+            if expiry is None:
+                raise RpcError(
+                    Code.INVALID_REQUEST,
+                    f"{command.method} needs a message expiry: a robot must not move late",
+                    remedy="send it with the property message-expiry-interval, such as 10 seconds",
+                )
+            expiry = min(expiry, LONGEST_MOTION)
+        if expiry is not None and now > self._pulse.latest(expiry, command.pulse):
+            raise _expired()
+        if len(self._tasks) >= MOST_WAITING:
+            raise RpcError(Code.BUSY, f"{len(self._tasks)} commands of {self._board} wait already")
+        return math.inf if expiry is None else now + expiry
+
+    def _check_method(self, name: str) -> None:
+        if name in SESSION_METHODS or (name not in METHODS and name not in OWN):
+            raise RpcError(
+                Code.METHOD_NOT_FOUND,
+                f"there is no method {quote(name)} from afar",
+                remedy="use one of the methods of the reference of fleets",
+            )
+        needed = METHODS[name].role if name in METHODS else Role.RUN
+        if needed > self._role:
+            raise RpcError(
+                Code.FORBIDDEN,
+                f"{name} is not allowed from afar: it needs {Role(needed)}, and {self._board} allows {self._role}",
+                remedy=f'on its machine, write allow = "{Role(needed)}" for {self._board} in fleet.toml',
+            )
+
+    # --- carrying out ------------------------------------------------------------------------------------------
+
+    async def _carry_out(self, accepted: _Accepted, digest: str) -> None:
+        command, sender = accepted.command, accepted.sender
+        try:
+            await self._note(Entry(command.id, digest, time.time(), sender.response_topic, sender.correlation))
+        except ServolinkError as error:
+            self._answers.refuse(command.id, sender, error)
+            return
+        finally:
+            accepted.acknowledge()
+        try:
+            result = await self._done(accepted)
+        except Exception as error:  # noqa: BLE001 - whatever a command raises is an answer
+            self._answers.fail(command.id, sender, error)
+        else:
+            self._answers.succeed(command.id, sender, result)
+
+    async def _note(self, entry: Entry) -> None:
+        try:
+            await self._journal.note(entry)
+        except OSError as error:
+            raise ServolinkError(f"the command cannot be noted, so it is not carried out: {reason(error)}") from error
+
+    async def _done(self, accepted: _Accepted) -> Any:
+        """Return the result of a command, when its turn has come. Raise what is the matter with it."""
+        command = accepted.command
+        async with self._turn(command.method):
+            if accepted.stops != self._stops.count and command.method in _IN_ORDER:
+                raise RpcError(
+                    Code.INVALID_REQUEST,
+                    "the board was stopped before this began",
+                    remedy="send it again, if it is still wanted",
+                )
+            if asyncio.get_running_loop().time() > accepted.until:
+                raise _expired()
+            if command.method == "prepare":
+                return await self._prepared.prepare(_converted(command.params, Prepare))
+            if command.method == "cancel":
+                return self._prepared.cancel(_converted(command.params, Cancel).start)
+            reply = await self._hub.ask(command.method, command.params, self._reporter(command.id, accepted.sender))
+            if METHODS[command.method].role == Role.EDIT:
+                self.on_change()
+            return result_of(reply)
+
+    def _turn(self, method: str) -> AbstractAsyncContextManager[object]:
+        return self._order if method in _IN_ORDER else nullcontext()
+
+    def _reporter(self, command_id: str, sender: Sender) -> Callable[[Raw], None]:
+        def report(params: Raw) -> None:
+            progress = {name: value for name, value in msgspec.json.decode(params).items() if name != "id"}
+            self._answers.report(command_id, sender, progress)
+
+        return report
+
+
+def _read(message: Received) -> Any:
+    """Return the JSON value in a message. Raise RpcError if there is none."""
+    if len(message.payload) > MOST_BYTES:
+        raise RpcError(Code.PARSE_ERROR, f"the message is larger than {MOST_BYTES >> 20} MiB")
+    try:
+        return read_json(message.payload)
+    except ValueError as error:
+        raise RpcError(Code.PARSE_ERROR, f"the message {error}") from None
+
+
+def _converted(value: Any, kind: Any) -> Any:
+    try:
+        return convert(value, kind)
+    except EncodeError as error:
+        raise RpcError(Code.INVALID_PARAMS, str(error), path=error.path) from None
+
+
+def _id_in(value: Any) -> str | None:
+    """Return the id of what may not be a command, None if it has none that can be a command's."""
+    found = value.get("id") if isinstance(value, dict) else None
+    try:
+        return msgspec.convert({"id": found, "method": ""}, Command).id
+    except msgspec.ValidationError:
+        return None
+
+
+def _expired() -> RpcError:
+    return RpcError(
+        Code.INVALID_REQUEST,
+        "the command has expired: it took too long to arrive, or to have its turn; nothing was done",
+        remedy="send it again, if it is still wanted",
+    )
+
+
+def _digest(payload: bytes) -> str:
+    return hashlib.blake2b(payload, digest_size=8).hexdigest()

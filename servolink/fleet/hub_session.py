@@ -1,0 +1,99 @@
+"""HubSession: one board, used through its hub as any program does, and again after the hub has ended."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import NoReturn
+
+import msgspec
+from msgspec import UNSET, Raw
+
+from servolink.client.rpc_channel import Reply, RpcChannel, open_channel
+from servolink.errors import ConnectionLost, OpenError, ServolinkError
+from servolink.fleet.policy import BoardPolicy
+from servolink.hub.control.faults import ErrorObject
+from servolink.transports.share import Greeting
+
+_FIRST_PAUSE = 0.1
+_LONGEST_PAUSE = 5.0
+
+
+class HubSession:
+    """A program of a hub, with the rights and the limits of a policy: the hub enforces both."""
+
+    def __init__(self, name: str, policy: BoardPolicy, who: str) -> None:
+        """Use the board that is shared as `name`, as `who`; use `run`."""
+        self.name = name
+        self.on_notification: Callable[[str, Raw], None] = lambda name, params: None
+        self.on_connect: Callable[[], Awaitable[None]] | None = None
+        """Awaited on each connection."""
+        self.on_lost: Callable[[str], None] = lambda text: None
+        """Called with the reason when the hub is gone."""
+        self._policy = policy
+        self._greeting = Greeting(wants="rpc", who=who, role=policy.allow)
+        self._channel: RpcChannel | None = None
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the hub is there."""
+        return self._channel is not None
+
+    async def run(self) -> NoReturn:
+        """Connect, and again after each loss. Raise OpenError if the first attempt fails."""
+        was_connected, pause = False, _FIRST_PAUSE
+        while True:
+            try:
+                ended = asyncio.Event()
+                channel, _ = await open_channel(self.name, self._greeting)
+                try:
+                    channel.on_end, channel.on_notification = ended.set, self.on_notification
+                    await self._begin(channel)
+                    was_connected, pause = True, _FIRST_PAUSE
+                    await ended.wait()
+                finally:
+                    self._channel = None
+                    await channel.close()
+                self.on_lost(f"the hub of {self.name} has ended; waiting for it")
+            except (OpenError, ConnectionLost):
+                if not was_connected:
+                    raise
+            await asyncio.sleep(pause)
+            pause = min(2 * pause, _LONGEST_PAUSE)
+
+    async def ask(self, method: str, params: object, on_progress: Callable[[Raw], None] | None = None) -> Reply:
+        """Return what the hub answers. Raise ConnectionLost if it is gone."""
+        if self._channel is None:
+            raise ConnectionLost(f"the hub of {self.name} is gone; it is being waited for")
+        return await self._channel.ask(method, params, on_progress)
+
+    def tell(self, method: str, **params: object) -> None:
+        """Call a method without waiting for it; no effect if the hub is gone."""
+        if self._channel is not None:
+            self._channel.tell(method, **params)
+
+    async def _begin(self, channel: RpcChannel) -> None:
+        if (limits := self._policy.tightening()) is not None:
+            reply = await channel.ask("limits.tighten", limits)
+            if reply.error is not UNSET:  # without its limits a policy allows nothing
+                told = msgspec.json.decode(reply.error, type=ErrorObject)
+                raise ServolinkError(f"the limits for {self.name} cannot be used: {told.message}")
+        self._channel = channel
+        if self.on_connect is not None:
+            await self.on_connect()
+
+
+class HubError(ServolinkError):
+    """An error of the hub, which is passed on as it is."""
+
+    def __init__(self, told: ErrorObject) -> None:
+        """Keep what it tells."""
+        super().__init__(told.message)
+        self.told = told
+
+
+def result_of(reply: Reply) -> Raw:
+    """Return the result in a reply. Raise HubError if it is an error."""
+    if reply.error is not UNSET:
+        raise HubError(msgspec.json.decode(reply.error, type=ErrorObject))
+    return reply.result

@@ -1,0 +1,176 @@
+"""From the boards of this machine to a broker: finds their hubs, or shares them here, and bridges each."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
+from typing import Any, NamedTuple, TypeAlias
+
+import msgspec
+
+from servolink.discovery.names import resolve_board
+from servolink.discovery.search import NONE_HERE, boards, search
+from servolink.errors import OpenError, ServolinkError
+from servolink.fleet.access import BrokerAccess
+from servolink.fleet.bridge import Bridge
+from servolink.fleet.broker import retained
+from servolink.fleet.commands import Level
+from servolink.fleet.journal import opened_journal
+from servolink.fleet.policy import FleetFile
+from servolink.fleet.topics import ONLINE, BoardNow, Topics
+from servolink.fleet.urgent import Urgent
+from servolink.hub.serving import serve_board
+
+OnLine: TypeAlias = Callable[[Level, str], None]
+
+_SHARED = "share://"
+_FAREWELL = 1.0  # seconds for the last answers
+
+
+class Here(NamedTuple):
+    """A board of this machine."""
+
+    hub: str
+    """The name of the hub that shares it."""
+    name: str
+    """What the fleet calls it."""
+
+
+@asynccontextmanager
+async def boards_here(names: Sequence[str], name: str | None = None, **options: Any) -> AsyncIterator[list[Here]]:
+    """Yield the boards with these names or addresses, or all that are here; share those that no hub shares.
+
+    `name` is what the fleet calls the only one, in place of the name of its hub. `options` are those of `connect`.
+    Raise OpenError if there is none, or one cannot be used.
+    """
+    addresses = await _named(names) if names else await _found()
+    if name is not None and len(addresses) != 1:
+        raise OpenError(
+            f"--name is for one board, and {len(addresses)} are to join: name one of {', '.join(addresses)}"
+        )
+    async with AsyncExitStack() as stack:
+        here = []
+        for address in addresses:
+            if address.startswith(_SHARED):
+                hub = address.removeprefix(_SHARED).partition("?")[0]
+            else:
+                hub = (await stack.enter_async_context(serve_board(address, **options)))[0].name
+            here.append(Here(hub, name or hub))
+        yield here
+
+
+async def _named(names: Sequence[str]) -> list[str]:
+    return list(dict.fromkeys([(await resolve_board(name)).url for name in names]))
+
+
+async def _found() -> list[str]:
+    found = boards(await asyncio.to_thread(search))
+    usable = [board.url for board in found if not board.problem]
+    if not usable:
+        problems = "; ".join(f"{board.url}: {board.problem}" for board in found)
+        raise OpenError(problems or NONE_HERE)
+    return usable
+
+
+class Fleet:
+    """The boards of this machine that take part in a fleet."""
+
+    def __init__(self, access: BrokerAccess, topics: Topics, policies: FleetFile, *, hz: float) -> None:
+        """Let them take part at a broker, as `policies` allow; use `join`."""
+        self.bridges: list[Bridge] = []
+        self.on_line: OnLine = lambda level, text: None
+        """Called with what people at this machine should know, not escaped."""
+        self._access = access
+        self._topics = topics
+        self._policies = policies
+        self._hz = hz
+        self._was_lost = False
+
+    async def join(self, here: Sequence[Here], on_ready: Callable[[], None]) -> None:
+        """Serve boards until this is cancelled; call `on_ready` when all have joined. Raise OpenError if one cannot."""
+        await self._check(here)
+        async with AsyncExitStack() as stack:
+            for board in here:
+                journal = stack.enter_context(opened_journal(board.name))
+                policy = self._policies.policy_of(board.name)
+                bridge = Bridge(board.hub, board.name, self._access, self._topics, policy, journal, hz=self._hz)
+                bridge.telemetry.on_line = partial(self._tell, f"{board.name}: ")
+                self.bridges.append(bridge)
+            urgent = Urgent(self._access, self._topics, self.bridges)
+            urgent.wire.on_state = self._tell_state
+            urgent.wire.on_problem = partial(self._tell, "", "error")
+            await _serve(self.bridges, urgent, on_ready)
+
+    def _tell(self, board: str, level: Level, text: str) -> None:
+        self.on_line(level, f"{board}{text}")
+
+    def _tell_state(self, is_connected: bool, text: str) -> None:  # noqa: FBT001 - the only argument of its kind
+        if is_connected and self._was_lost:
+            self.on_line("info", f"{self._access.address}: connected again")
+        elif not is_connected and not self._was_lost:
+            self.on_line("error", f"{text}; trying again")
+        self._was_lost = not is_connected
+
+    async def _check(self, here: Sequence[Here]) -> None:
+        """Raise OpenError for a board whose name another machine has given to a board that is there."""
+        kept = await retained(self._access, [self._topics.board("+", "available"), self._topics.board("+", "state")])
+        for _, name in here:
+            if kept.get(self._topics.board(name, "available")) != ONLINE.encode():
+                continue
+            try:
+                state = msgspec.json.decode(kept.get(self._topics.board(name, "state"), b""), type=BoardNow)
+            except (msgspec.MsgspecError, UnicodeDecodeError):
+                continue
+            if state.host != socket.gethostname():
+                raise OpenError(
+                    f"a board called {name} has joined already, from {state.host}: give this one another name, with "
+                    "--name or with `servolink use NAME URL`"
+                )
+
+
+async def _serve(bridges: Sequence[Bridge], urgent: Urgent, on_ready: Callable[[], None]) -> None:
+    tasks = [asyncio.create_task(_run(bridges, urgent)), asyncio.create_task(_ready(bridges, urgent))]
+    running, ready = tasks
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        if not running.done():
+            on_ready()
+        await running
+    finally:
+        ready.cancel()
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)
+
+
+async def _ready(bridges: Sequence[Bridge], urgent: Urgent) -> None:
+    for wire in [urgent.wire, *(bridge.wire for bridge in bridges)]:
+        await wire.until_connected()
+
+
+async def _run(bridges: Sequence[Bridge], urgent: Urgent) -> None:
+    """Run everything. Raise the first error that ends it."""
+    try:
+        async with asyncio.TaskGroup() as group:
+            urgent.begin(group)
+            for bridge in bridges:
+                bridge.start(group)
+            try:
+                await asyncio.Event().wait()
+            finally:
+                async with asyncio.timeout(_FAREWELL):
+                    await asyncio.gather(urgent.leave(), *(bridge.leave() for bridge in bridges))
+    except* ServolinkError as errors:
+        raise _first(errors) from None
+    except* TimeoutError:
+        pass
+
+
+def _first(errors: BaseExceptionGroup[Any]) -> BaseException:
+    first: BaseException = errors
+    while isinstance(first, BaseExceptionGroup):
+        first = first.exceptions[0]
+    return first

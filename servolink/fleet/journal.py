@@ -1,0 +1,195 @@
+"""Journal: which commands a board has taken on, so that none is carried out twice, whatever happens in between.
+
+A command is on the disk before it is carried out. What is found unfinished when the journal is opened was interrupted:
+nobody knows whether it was done, so it is not repeated, and its sender is told.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from io import FileIO
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from servolink.discovery.announcements import lock
+from servolink.errors import OpenError
+from servolink.files import reason, user_folder, write_atomically
+
+MOST_KEPT = 4096
+"""Commands that are remembered; the oldest are forgotten first."""
+LONGEST_KEPT = 24 * 3600.0
+"""Seconds after which a command is forgotten when the journal is opened, but for the latest."""
+
+_ALWAYS_KEPT = 256  # whatever the clock says: it may have been set
+_PRIVATE = 0o700
+_ENCODER = msgspec.json.Encoder()
+
+
+class Entry(Struct, omit_defaults=True):
+    """A command, or the news of one."""
+
+    id: str
+    digest: str = ""
+    """Of the payload: the same id must not stand for another command."""
+    at: float = 0.0
+    response_topic: str | None = None
+    correlation: bytes | None = None
+    answer: str | None = None
+    """The result, as soon as it is known."""
+    is_over: bool = False
+    """Whether the broker has the result."""
+
+
+class Journal:
+    """The commands of one board."""
+
+    def __init__(self, path: Path) -> None:
+        """Use `opened_journal`."""
+        self._path = path
+        self._entries: dict[str, Entry] = {}
+        self._buffer: list[bytes] = []
+        self._writing = asyncio.Lock()
+        self._file: FileIO | None = None
+        self._lines = 0
+
+    def open(self) -> None:
+        """Read what is there, and shorten it."""
+        self._read()
+        kept = self._compact()
+        self._entries = {entry.id: entry for entry in kept}
+
+    def close(self) -> None:
+        """Write what is left."""
+        if self._file is not None:
+            self._append(self._taken())
+            self._file.close()
+
+    def unfinished(self) -> list[Entry]:
+        """Return the commands whose result the broker has not got."""
+        return [entry for entry in self._entries.values() if not entry.is_over]
+
+    def find(self, command_id: str) -> Entry | None:
+        """Return the command with this id, None if it is not known."""
+        return self._entries.get(command_id)
+
+    async def note(self, entry: Entry) -> None:
+        """Return when a command is on the disk. Raise OSError if it cannot be written: then it is not known.
+
+        Commands that come together are written together.
+        """
+        line = _ENCODER.encode(entry)
+        self._entries[entry.id] = entry
+        self._buffer.append(line)
+        try:
+            async with self._writing:
+                if any(each is line for each in self._buffer):
+                    await asyncio.to_thread(self._write, self._taken())
+        except OSError:
+            self._entries.pop(entry.id, None)
+            raise
+        while len(self._entries) > MOST_KEPT:
+            self._entries.pop(next(iter(self._entries)))
+
+    def answered(self, command_id: str, answer: str) -> None:
+        """Remember the result of a command until it is over."""
+        self._add(command_id, Entry(command_id, answer=answer))
+
+    def over(self, command_id: str) -> None:
+        """Remember that the broker has the result of a command."""
+        self._add(command_id, Entry(command_id, is_over=True))
+
+    def _add(self, command_id: str, news: Entry) -> None:
+        """Write with the next command, or in a moment: a lost line costs a repeated result, not a repeated motion."""
+        entry = self._entries.get(command_id)
+        if entry is None:
+            return
+        _update(entry, news)
+        with suppress(OSError, ValueError):  # ValueError: it is being shortened, which writes the news too
+            self._append([_ENCODER.encode(news)])
+
+    def _taken(self) -> list[bytes]:
+        taken, self._buffer = self._buffer, []
+        return taken
+
+    def _write(self, lines: list[bytes]) -> None:
+        if self._lines + len(lines) > 4 * MOST_KEPT:
+            self._compact()
+            return
+        self._append(lines)
+        if self._file is not None:
+            os.fsync(self._file.fileno())
+
+    def _append(self, lines: list[bytes]) -> None:
+        if self._file is None:
+            return
+        # A line break before, too: a line that did not fit on the disk must not spoil the next one.
+        text = b"\n" + b"\n".join(lines) + b"\n"
+        if self._file.write(text) != len(text):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self._lines += len(lines)
+
+    def _read(self) -> None:
+        try:
+            text = self._path.read_bytes()
+        except FileNotFoundError:
+            return
+        for line in text.splitlines():
+            try:
+                news = msgspec.json.decode(line, type=Entry)
+            except msgspec.MsgspecError:  # the end of the power in the middle of a line
+                continue
+            entry = self._entries.get(news.id)
+            if entry is None:
+                self._entries[news.id] = news
+            else:
+                _update(entry, news)
+
+    def _compact(self) -> list[Entry]:
+        """Write only what is still worth keeping, and return it."""
+        oldest = time.time() - LONGEST_KEPT
+        entries = list(self._entries.values())[-MOST_KEPT:]
+        late, latest = entries[:-_ALWAYS_KEPT], entries[-_ALWAYS_KEPT:]
+        kept = [entry for entry in late if entry.at > oldest or not entry.is_over] + latest
+        if self._file is not None:
+            self._file.close()
+        write_atomically(self._path, b"".join(_ENCODER.encode(entry) + b"\n" for entry in kept), private=True)
+        self._lines = len(kept)
+        self._file = open(self._path, "ab", buffering=0)  # noqa: SIM115 - closed by `close`
+        return kept
+
+
+def _update(entry: Entry, news: Entry) -> None:
+    entry.is_over = entry.is_over or news.is_over
+    entry.answer = None if entry.is_over else news.answer or entry.answer
+
+
+@contextmanager
+def opened_journal(board: str) -> Iterator[Journal]:
+    """Open the journal of a board, for this program alone. Raise OpenError if that cannot be."""
+    try:
+        folder = user_folder("data") / "fleet"
+        folder.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
+        claim = open(folder / f"{board}.lock", "ab", buffering=0)  # noqa: SIM115 - closed below
+    except OSError as error:
+        raise OpenError(f"the commands of {board} cannot be noted: {reason(error)}") from error
+    with claim:
+        if not lock(claim, wait=False):
+            raise OpenError(
+                f"another program of this machine connects {board} with a broker already; end that one first"
+            )
+        journal = Journal(folder / f"{board}.journal")
+        try:
+            journal.open()
+        except OSError as error:
+            raise OpenError(f"the commands of {board} cannot be noted: {reason(error)}") from error
+        try:
+            yield journal
+        finally:
+            journal.close()

@@ -1,0 +1,78 @@
+"""Outbox: what the broker must get, kept until it has it, across losses of the connection."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from typing import NamedTuple, NoReturn
+
+from servolink.errors import ConnectionLost
+from servolink.fleet.broker import Denied, Publication, Wire
+
+MOST_KEPT = 1000
+"""Messages that wait; the oldest is dropped for a new one, and counted."""
+_AT_ONCE = 16  # messages that the broker has not confirmed: it need not be waited for between any two
+
+
+class _Item(NamedTuple):
+    message: Publication
+    on_sent: Callable[[], None] | None
+
+
+class Outbox:
+    """Sends messages in their order. One that was sent when the connection was lost is sent again."""
+
+    def __init__(self, wire: Wire) -> None:
+        """Send over `wire`; use `run`."""
+        self.dropped = 0
+        """Messages that were dropped because too many waited."""
+        self._wire = wire
+        self._waiting: deque[_Item] = deque()
+        self._news = asyncio.Event()
+
+    def put(self, message: Publication, on_sent: Callable[[], None] | None = None) -> None:
+        """Have a message sent; `on_sent` is called when the broker has it, or refuses it for good."""
+        if len(self._waiting) >= MOST_KEPT:
+            self._waiting.popleft()
+            self.dropped += 1
+        self._waiting.append(_Item(message, on_sent))
+        self._news.set()
+
+    async def run(self) -> NoReturn:
+        """Send what there is, for ever."""
+        while True:
+            await self._news.wait()
+            await self._wire.until_connected()
+            await self._send_some()
+            if not self._waiting:
+                self._news.clear()
+
+    async def flush(self) -> None:
+        """Send what there is, as far as the connection allows."""
+        while self._waiting and self._wire.is_connected:
+            if not await self._send_some():
+                return
+
+    async def _send_some(self) -> bool:
+        """Send the next messages; return whether the broker has all of them."""
+        items = [self._waiting.popleft() for _ in range(min(_AT_ONCE, len(self._waiting)))]
+        done = [False] * len(items)
+
+        async def send(at: int) -> None:
+            item = items[at]
+            with suppress(ConnectionLost):
+                with suppress(Denied):  # said by the wire; another attempt would be denied, too
+                    await self._wire.send(item.message)
+                done[at] = True
+                if item.on_sent is not None:
+                    item.on_sent()
+
+        try:
+            await asyncio.gather(*map(send, range(len(items))))
+        finally:
+            self._waiting.extendleft(
+                item for item, is_done in reversed([*zip(items, done, strict=True)]) if not is_done
+            )
+        return all(done)

@@ -1,0 +1,100 @@
+"""What may be done from afar with the boards of this machine: `fleet.toml`, which has the groups, too."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import UNSET, Meta, Struct, UnsetType
+
+from servolink.errors import OpenError
+from servolink.escaping import quote
+from servolink.files import MIB, is_name, read_file, reason
+from servolink.fleet.groups import fleet_file
+from servolink.motion.limits import MotionLimits
+from servolink.transports.share import RoleName
+
+FILE = "fleet.toml"
+
+
+class _Table(Struct, forbid_unknown_fields=True):
+    """A table of the file; what is left out is as in `default`."""
+
+    allow: RoleName | UnsetType = UNSET
+    max_speed: Annotated[float, Meta(gt=0)] | UnsetType = UNSET
+    angles: dict[str, tuple[float, float]] | UnsetType = UNSET
+
+
+class _File(Struct, forbid_unknown_fields=True):
+    default: _Table = msgspec.field(default_factory=_Table)
+    boards: dict[str, _Table] = {}
+    groups: Any = None
+    """See `servolink.fleet.groups`."""
+
+
+class BoardPolicy(Struct, frozen=True):
+    """What may be done from afar with one board. Stopping is always allowed."""
+
+    allow: RoleName = "watch"
+    max_speed: float | None = None
+    """Degrees per second; None for the limits of the board alone."""
+    angles: dict[str, tuple[float, float]] = {}
+    """Lowest and highest angle in degrees, by servo id or `all`."""
+
+    def tightening(self) -> dict[str, Any] | None:
+        """Return the params of the method `limits.tighten`, None if there is nothing to limit."""
+        if self.max_speed is None and not self.angles:
+            return None
+        return {"angles": self.angles, "speed_cap": self.max_speed, "source": FILE}
+
+
+class FleetFile(Struct, frozen=True):
+    """A policy file."""
+
+    default: BoardPolicy = BoardPolicy()
+    boards: dict[str, BoardPolicy] = {}
+
+    def policy_of(self, board: str) -> BoardPolicy:
+        """Return what may be done with a board."""
+        return self.boards.get(board, self.default)
+
+
+def load_fleet_file(path: Path | None = None) -> FleetFile:
+    """Return the policy in `path`, or in `fleet.toml` of this user, which need not exist.
+
+    Raise OpenError, which names the file and the place in it, if it cannot be used.
+    """
+    chosen = path or fleet_file()
+    try:
+        text = read_file(chosen, MIB).decode("utf-8-sig")
+    except FileNotFoundError as error:
+        if path is None:
+            return FleetFile()
+        raise OpenError(f"{quote(str(chosen))} does not exist") from error
+    except (OSError, ValueError) as error:
+        raise OpenError(f"{quote(str(chosen))} cannot be read: {reason(error)}") from error
+    try:
+        return _checked(msgspec.convert(tomllib.loads(text), _File))
+    except (ValueError, RecursionError, OverflowError) as error:  # errors of TOML and of types are ValueErrors
+        raise OpenError(f"{quote(str(chosen))} cannot be used: {error}; correct it") from error
+
+
+def _checked(file: _File) -> FleetFile:
+    """Return what the file says. Raise ValueError for what no board can be."""
+    for name in file.boards:
+        if not is_name(name):
+            raise ValueError(f"{quote(name)} cannot be a name: names have only letters, digits, - and _")
+    default = _merged(BoardPolicy(), file.default, "default")
+    boards = {name: _merged(default, table, f"boards.{name}") for name, table in file.boards.items()}
+    return FleetFile(default, boards)
+
+
+def _merged(default: BoardPolicy, table: _Table, where: str) -> BoardPolicy:
+    given = {name: value for name in table.__struct_fields__ if (value := getattr(table, name)) is not UNSET}
+    for servo, pair in given.get("angles", {}).items():
+        if servo != "all" and not (servo.isascii() and servo.isdecimal()):
+            raise ValueError(f'{where}.angles: {quote(servo)} must be a servo id, or "all"')
+        MotionLimits(pair if servo == "all" else {int(servo): pair})
+    return msgspec.structs.replace(default, **given)

@@ -1,0 +1,100 @@
+"""Urgent: what all boards of this machine do at once, on a connection of its own, which no flood of commands holds up.
+
+Stops of one board come this way too, and so does the message that starts several boards together: it arrives once for
+all boards of a machine.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import msgspec
+
+from servolink.fleet.access import BrokerAccess
+from servolink.fleet.answers import Answers, Sender
+from servolink.fleet.bridge import Bridge
+from servolink.fleet.broker import Received, Wire, WireOptions
+from servolink.fleet.outbox import Outbox
+from servolink.fleet.stop_desk import read_stop
+from servolink.fleet.topics import Echo, Echoed, Start, Started, Topics
+
+
+class Urgent:
+    """The connection for stops, starts and echoes."""
+
+    def __init__(self, access: BrokerAccess, topics: Topics, bridges: Iterable[Bridge]) -> None:
+        """Serve the boards of `bridges`."""
+        self._topics = topics
+        name = f"{topics.prefix}/_fleet/{socket.gethostname()}-{os.getpid()}"
+        self.wire = Wire(access, WireOptions(name, sees_retained=False))
+        self._outbox = Outbox(self.wire)
+        self._bridges: Mapping[str, Bridge] = {bridge.board: bridge for bridge in bridges}
+        self._answers = {name: Answers(name, topics, self._outbox) for name in self._bridges}
+        self._tasks: set[asyncio.Task[None]] = set()
+        self.wire.subscriptions = [
+            (topics.fleet("stop"), 1),
+            (topics.fleet("start"), 1),
+            (topics.fleet("echo"), 0),
+            *((topics.board(name, "stop"), 1) for name in self._bridges),
+        ]
+        self.wire.on_message = self._receive
+
+    def begin(self, group: asyncio.TaskGroup) -> None:
+        """Begin, in tasks of `group`."""
+        group.create_task(self.wire.run())
+        group.create_task(self._outbox.run())
+
+    async def leave(self) -> None:
+        """Send the answers that are left."""
+        await self._outbox.flush()
+
+    def _receive(self, message: Received) -> None:
+        received = asyncio.get_running_loop().time()
+        if message.is_retained:  # of who knows when
+            return
+        sender = Sender(message.response_topic, message.correlation)
+        if message.topic == self._topics.fleet("echo"):
+            if (echo := _read(message.payload, Echo)) is not None:
+                for answers in self._answers.values():
+                    answers.succeed(echo.id, sender, Echoed(received))
+        elif message.topic == self._topics.fleet("start"):
+            if (start := _read(message.payload, Start)) is not None:
+                self._start(start, sender, received)
+        else:
+            self._stop(message, sender)
+
+    def _stop(self, message: Received, sender: Sender) -> None:
+        command_id = read_stop(message.payload).id
+        found = self._topics.parse(message.topic)
+        for name in self._bridges if found is None else [found[0]]:
+            self._bridges[name].stops.stop(command_id, sender, self._answers[name])
+
+    def _start(self, start: Start, sender: Sender, received: float) -> None:
+        for name, bridge in self._bridges.items():
+            if bridge.prepared.is_for(start.id):
+                task = asyncio.get_running_loop().create_task(self._begin(bridge, start, sender, received))
+                self._tasks.add(task)
+                task.add_done_callback(self._tasks.discard)
+            else:
+                bridge.telemetry.log("info", f"a start was not for {name}: nothing is prepared for {start.id}")
+
+    async def _begin(self, bridge: Bridge, start: Start, sender: Sender, received: float) -> None:
+        answers = self._answers[bridge.board]
+        try:
+            await bridge.prepared.start()
+        except Exception as error:  # noqa: BLE001 - whatever prevents it is an answer
+            answers.refuse(start.id, sender, error)
+        else:
+            now = asyncio.get_running_loop().time()
+            answers.succeed(start.id, sender, Started(bridge.telemetry.now.host, round(now - received, 6), now))
+
+
+def _read(payload: bytes, kind: Any) -> Any:
+    try:
+        return msgspec.json.decode(payload, type=kind)
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
+        return None
