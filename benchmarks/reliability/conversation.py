@@ -17,7 +17,7 @@ from servolink.protocol import editing, joystick, records, servos, settings
 from servolink.protocol.packet import Command, Packet, Request
 
 _STEP = records.Step(1, 90, 20)
-_STOP = servos.SetServoParameterRequest(servos.ALL_SERVOS, 0, 1)
+STOP = servos.SetServoParameterRequest(servos.ALL_SERVOS, 0, 1)
 
 _KINDS: dict[Callable[[Random], Packet], float] = {
     lambda random: editing.QueryProjectIDRequest(): 12,
@@ -46,7 +46,7 @@ _KINDS: dict[Callable[[Random], Packet], float] = {
     lambda random: servos.ExecuteActionExRequest(random.randrange(1, 4)): 3,
     lambda random: editing.ExecuteMacroRequest(random.randrange(1, 4)): 6,
     lambda random: settings.ClearAllDataRequest(): 2.5,
-    lambda random: _STOP: 0.5,
+    lambda random: STOP: 0.5,
 }
 
 
@@ -65,7 +65,7 @@ _RARE: dict[Callable[[Random], Packet], float] = {
     lambda random: servos.QueryServoListRequest(): 1,
     lambda random: servos.ExecuteActionRequest((_STEP,)): 1,
     lambda random: servos.SetAngleUnitRequest(random.randrange(1, 4), 0): 0.5,
-    lambda random: _STOP: 0.5,
+    lambda random: STOP: 0.5,
 }
 _WRITES: dict[Callable[[Random], Packet], float] = {
     **_RARE,
@@ -131,7 +131,7 @@ class Conversation:
         while self.steps < until:
             self.steps += 1
             packet = drawn(random, self._load)
-            call = Call(self.steps, packet, is_stop=packet is _STOP)
+            call = Call(self.steps, packet, is_stop=packet is STOP)
             if random.random() < _PARTICULAR:
                 call.timeout = random.choice(_TIMEOUTS)
             if random.random() < self._line.stalls:

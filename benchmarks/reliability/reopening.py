@@ -11,15 +11,18 @@ from random import Random
 
 from benchmarks.measuring import Result, table
 from benchmarks.reliability.board import BOARDS, Character
-from benchmarks.reliability.checker import Call
+from benchmarks.reliability.checker import CALL, Call
 from benchmarks.reliability.clock import SimulatedLoop
-from benchmarks.reliability.conversation import drawn
+from benchmarks.reliability.conversation import STOP, drawn
 from benchmarks.reliability.history import DirectTransport
 from benchmarks.reliability.line import Line
 from benchmarks.reliability.stage import Scene, Stage
 from servolink.connection.opening import FENCES
-from servolink.errors import OpenError
+from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown
+from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.packet import Packet, Request
+from servolink.protocol.records import Step
+from servolink.protocol.servos import ALL_SERVOS, ExecuteActionRequest, QueryServoRequest
 
 _BUSY, _LESS_BUSY = Character("busy", late=0.3), Character("less busy", late=0.1)  # with what they owe
 _CALLS = 3  # of the second program
@@ -32,9 +35,14 @@ def _any_kind(random: Random) -> Packet:
     return packet
 
 
+_STOPS = "stops and movements"
+_READING = QueryServoRequest(ALL_SERVOS)
 _KINDS: dict[str, Callable[[Random], Packet]] = {
     "any": _any_kind,
     "those of the handshake": lambda random: random.choice(FENCES),
+    _STOPS: lambda random: random.choice(
+        (STOP, _READING, ExecuteActionRequest((Step(1, 90, 20),)), ExecuteMacroRequest(1))
+    ),
 }
 
 
@@ -47,6 +55,8 @@ class Owed:
     kinds: str
     weight: float
     """Openings, as a share of those asked for."""
+    stops: bool = False
+    """Whether the next program stops the servos before it does anything else."""
 
     @property
     def name(self) -> str:
@@ -58,6 +68,7 @@ _OWED = (
     Owed(0, 0, "any", 0.05),
     Owed(1, 5, "any", 0.5),
     Owed(1, 5, "those of the handshake", 0.5),
+    Owed(1, 5, _STOPS, 0.5, stops=True),
     Owed(6, 32, "any", 0.2),
     Owed(8, 8, "those of the handshake", 0.2),
     Owed(16, 16, "those of the handshake", 0.2),
@@ -82,8 +93,8 @@ async def _open(owed: Owed, times: int, seed: int) -> Counter[str]:
         begun = loop.now
         counts["openings"] += 1
         try:
-            await stage.open_once()
-        except OpenError:
+            await (_stop_first(stage, counts) if owed.stops else stage.open_once())
+        except (OpenError, ConnectionLost):
             counts["not opened"] += 1
         else:
             counts["wrong openings"] += not _is_right(stage, loop.now)
@@ -95,6 +106,21 @@ async def _open(owed: Owed, times: int, seed: int) -> Counter[str]:
             await stage.disconnect()
         await asyncio.sleep(max(0.0, stage.board.free_at - loop.now) + 0.1)
     return counts
+
+
+async def _stop_first(stage: Stage, counts: Counter[str]) -> None:
+    """Open with a stop, which must be the first frame on the line, and read the servos."""
+    stop, before = Call(0, STOP, is_stop=True), stage.checker.number
+    stop.begun = before
+    CALL.set(stop)
+    await stage.begin_opening()
+    try:
+        await stage.connected.stop()
+    except OutcomeUnknown:
+        counts["unconfirmed stops"] += 1
+    finally:
+        counts["stops that waited"] += stop.sent[:1] != [before + 1] or not stop.executed
+    await stage.conversation.do(Call(0, _READING))
 
 
 def _kill_after(stage: Stage, asked: list[Packet], loop: SimulatedLoop) -> None:
@@ -143,18 +169,22 @@ def run(*, short: bool, openings: int | None = None, seed: int = 1) -> Result:
                     f"{counts['fooled']:,}",
                     f"{counts['sendings'] / opened:.1f}",
                     f"{counts['microseconds'] / opened / 1e6:.2f} s",
+                    f"{counts['stops that waited']:,}, {counts['unconfirmed stops']:,}" if owed.stops else "",
                 )
             )
             if owed.most <= _FEW and counts["wrong openings"] + counts["fooled"]:
                 wrong.append(f"{counts['wrong openings']} wrong openings with {owed.name} owed responses")
+            if counts["stops that waited"]:
+                wrong.append(f"{counts['stops that waited']} stops were not the first frame on the line")
     quote = table(
         "programs that start while the board owes responses to one that was killed",
-        ("owed", "of kinds", "openings", "given up", "wrong", "got a wrong response", "queries", "time"),
+        ("owed", "of kinds", "openings", "given up", "wrong", "got a wrong response", "queries", "time", "stops"),
         rows,
         notes=[
             "3 of 10 owed responses (more than five: 1 of 10) are late by 0.1 to 1.5 s, and hold up those behind them",
             "`given up`: the handshake was not complete after 12 s; `wrong`: opened while a response was still owed",
             "`got a wrong response`: in the three requests that follow; `queries` and `time`: averages of an opening",
+            "`stops`: the program begins with a stop; how many were not sent and done first, how many not confirmed",
         ],
     )
     return {"tables": [quote], "wrong": wrong, "figures": figures}

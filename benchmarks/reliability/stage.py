@@ -127,6 +127,15 @@ class Stage:
 
     async def open_once(self) -> None:
         """Open a connection. Raise OpenError if the board is silent."""
+        await self.begin_opening()
+        try:
+            await self.link.shake_hands()
+        except OpenError:
+            await self.link.close()
+            raise
+
+    async def begin_opening(self) -> None:
+        """Open a connection, whose handshake is still to come."""
         scene = self._scene
         cable = Cable(self._transport(self.board), self.board, scene.codec, self._wire, self.checker)
         depth = scene.depth
@@ -136,11 +145,6 @@ class Stage:
         parser.skipped = link.stats.skipped
         link.answers._parser = parser  # noqa: SLF001 - what it believes is to be compared with what was said
         await link.open()
-        try:
-            await link.shake_hands()
-        except OpenError:
-            await link.close()
-            raise
         self.connected = Board(Session(link), None, MotionLimits())
 
     async def reconnect(self, lost: Board) -> None:
