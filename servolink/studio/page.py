@@ -21,9 +21,19 @@ from servolink.studio.gate import Gate
 from servolink.studio.methods import METHODS, Caller, Studio
 from servolink.transports.share import Greeting, RoleName, Welcome, greet
 
-__all__ = ["MOST_MESSAGE", "board_methods", "draft_methods", "figure_methods", "project_methods", "serve_page"]
+__all__ = [
+    "MOST_MESSAGE",
+    "MOST_UNREAD",
+    "board_methods",
+    "draft_methods",
+    "figure_methods",
+    "project_methods",
+    "serve_page",
+]
 
 MOST_MESSAGE = MOST_BYTES
+MOST_UNREAD = 64
+"""Messages of the studio that wait until the page reads; then it is sent as little as possible."""
 _TOKEN_LIMIT = 5.0  # seconds for the first message
 _MOST_LINE = 8 * MOST_BYTES  # of the hub
 _BAD_TOKEN, _NO_BOARD = 4401, 4404  # codes with which the socket is closed
@@ -103,7 +113,7 @@ class _Page:
         self._studio = studio
         self.token = hello.token
         caller = Caller(studio, hello.who, welcome.url, self, _profile_in(welcome))
-        self._own = Peer(METHODS, caller, self._responses.put_nowait, self._abort, role=Role[role.upper()])
+        self._own = Peer(METHODS, caller, self._respond, self._abort, role=Role[role.upper()])
 
     async def talk(self) -> None:
         """Carry messages until one side ends."""
@@ -140,6 +150,13 @@ class _Page:
         with suppress(ConnectionError):
             while True:
                 await self._messages.send_str((await self._responses.get()).decode())
+                if self._own.is_paused and self._responses.empty():
+                    self._own.resume()
+
+    def _respond(self, response: bytes) -> None:
+        self._responses.put_nowait(response)
+        if self._responses.qsize() >= MOST_UNREAD:
+            self._own.pause()
 
     def notify(self, name: str, params: Struct) -> None:
         """Send a notification of the studio."""

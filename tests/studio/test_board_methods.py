@@ -11,9 +11,9 @@ from servolink.doctor import Finding
 from servolink.studio import board_methods
 from servolink.studio.gate import Gate
 from servolink.studio.links import Links
-from tests.studio.test_server import Place, call, run, runtime, welcomed
+from tests.studio.serving import Place, call, run, welcomed
 
-__all__ = ["runtime"]
+pytestmark = pytest.mark.usefixtures("user")
 
 IN_USE = Finding("in use", "a program has it open", "only one can", "close it")
 DENIED = Finding("permissions", "root only", "you may not", "ask root")

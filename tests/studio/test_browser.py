@@ -173,3 +173,42 @@ def test_what_the_hub_finds_wrong_is_said_until_it_is_put_away(studio: Studio, b
         assert page.locator(".screen").bounding_box()["y"] > main["y"]  # it covers nothing
         page.get_by_role("button", name="Close").click()
         playwright.expect(page.get_by_text("<b>hot</b>")).to_have_count(0)
+
+
+_REACH_IN = """async ({ origin, token }) => {
+  const address = `${origin}/#token=${token}`, loaded = (element) => new Promise((resolve) => {
+    element.onload = () => resolve("loaded");
+    element.onerror = () => resolve("refused");
+    document.body.append(element);
+  });
+  const read = (init) => fetch(address, init).then((response) => response.text()).catch(() => "refused");
+  return {
+    read: await read(),
+    posted: await read({ method: "POST", body: "stop" }),
+    script: await loaded(Object.assign(document.createElement("script"), { src: `${origin}/app.js` })),
+    style: await loaded(
+      Object.assign(document.createElement("link"), { rel: "stylesheet", href: `${origin}/css/base.css` }),
+    ),
+    picture: await loaded(Object.assign(document.createElement("img"), { src: `${origin}/icon.svg` })),
+  };
+}"""
+
+
+def test_another_site_reads_nothing_and_runs_nothing(studio: Studio, other_site: str) -> None:
+    origin, _, token = studio.url.partition("/#token=")
+    with playwright.sync_playwright() as driver:
+        mapped = driver.chromium.launch(
+            executable_path=CHROMIUM, args=[*OPTIONS, "--host-resolver-rules=MAP evil.example 127.0.0.1"]
+        )
+        page = mapped.new_page()
+        page.goto(other_site.replace("127.0.0.1", "evil.example"))
+        reached = page.evaluate(_REACH_IN, {"origin": origin, "token": token})
+        mapped.close()
+    assert set(reached.values()) == {"refused"}, reached
+
+
+def test_a_secret_in_the_query_opens_nothing(studio: Studio, browser: Any) -> None:
+    page = browser.new_page()
+    page.goto(studio.url.replace("/#", "/?"))
+    page.get_by_text("Open the address that the studio prints").wait_for()
+    assert page.locator(".sv").count() == 0

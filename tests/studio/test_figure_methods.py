@@ -10,9 +10,9 @@ import pytest
 from servolink.files import user_folder
 from servolink.project.figure import figure_from_json
 from servolink.studio.figures import read_figure, write_figure
-from tests.studio.test_server import Place, call, run, runtime, welcomed
+from tests.studio.serving import Place, call, run, welcomed
 
-__all__ = ["runtime"]
+pytestmark = pytest.mark.usefixtures("user")
 
 FIGURE = {"figure": 1, "name": "Arm", "view": {}, "joints": [{"id": "arm", "servo": 1, "offset": 12}]}
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import pytest
+
 from servolink import Action, Macro, MacroCommand, Project, Step
 from servolink.profiles.profile import BoardProfile, ProfileInUse, SafetyLimits
 from servolink.project.project_file import format_project, parse_project
 from servolink.project.transfer.backups import BackupStore
 from servolink.studio.project_methods import findings
-from tests.studio.test_server import Place, call, run, runtime, welcomed
+from tests.studio.serving import Place, call, run, welcomed
 
-__all__ = ["runtime"]
+pytestmark = pytest.mark.usefixtures("user")
 
 TEXT = """{"schema": 1, "$schema": "servolink-project.schema.json", "actions": [
   {"action_id": 2, "action_caption": "<img src=x>", "steps": [{"servo_id": 1, "degree": 40, "interval_ms": 500}]},
