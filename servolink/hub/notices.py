@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 from msgspec import Struct
 
@@ -86,8 +86,27 @@ class Problem(Struct, frozen=True, tag="problem"):
     text: str
 
 
+class RecordingChanged(Struct, frozen=True, tag="recording"):
+    """Somebody has started or stopped the recording of the hub, or put a mark into it."""
+
+    event: Literal["started", "stopped", "marked"]
+    who: str
+    name: str
+    """The name of the file."""
+    text: str = ""
+    """The words of a mark."""
+
+
 Notice: TypeAlias = (
-    ProgramJoined | ProgramLeft | ConnectionChanged | LeaseChanged | HoldChanged | Refused | ButtonPressed | Problem
+    ProgramJoined
+    | ProgramLeft
+    | ConnectionChanged
+    | LeaseChanged
+    | HoldChanged
+    | Refused
+    | ButtonPressed
+    | Problem
+    | RecordingChanged
 )
 
 

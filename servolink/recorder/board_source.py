@@ -51,7 +51,7 @@ async def following(board: Board, take: Take, readings: Readings) -> AsyncIterat
     """
     follow = [_follow_states(board, take)]
     if readings.hz:
-        follow.append(_follow_servos(board, readings))
+        follow.append(follow_servos(board, readings))
     tasks = [asyncio.create_task(each) for each in follow]
     try:
         yield
@@ -67,7 +67,7 @@ async def _follow_states(board: Board, take: Take) -> None:
         take(now(), Event("connection", state))
 
 
-async def _follow_servos(board: Board, readings: Readings) -> None:
+async def follow_servos(board: Board, readings: Readings) -> None:
     """Pass on readings; a board that does not answer is asked again."""
     while True:
         try:

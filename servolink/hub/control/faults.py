@@ -64,6 +64,7 @@ KINDS = (
     Kind(305, errors.WrongBoard, "connect the right board"),
     Kind(306, errors.OutcomeUnknown, "read back before sending it again: it may have been done"),
     Kind(400, errors.ProjectError, "correct the project; the message says where"),
+    Kind(401, errors.RecordingError, "do what the message says; `recorder.status` says what goes on"),
 )
 """One code for each kind of error of the library."""
 

@@ -109,6 +109,47 @@ class Tapping(Struct, frozen=True):
     state: Annotated[ConnectionState, about("the hub's connection to the board")]
 
 
+class RecorderStart(Struct, forbid_unknown_fields=True):
+    """What to record."""
+
+    hz: Annotated[float, Meta(ge=0, le=MOST_HZ, description="readings of the servos a second; 0: none")] = 20.0
+    wire_only: Annotated[bool, about("only bytes")] = False
+
+
+class RecorderMark(Struct, forbid_unknown_fields=True):
+    """A mark."""
+
+    text: Annotated[str, Meta(max_length=200)] = ""
+
+
+class RecordingNow(Struct, frozen=True):
+    """The recording of the hub, or the latest one."""
+
+    is_recording: bool
+    name: Annotated[str, about("of the file; empty before the first recording")] = ""
+    file: Annotated[str, about("the whole path, on the computer of the hub")] = ""
+    seconds: float = 0.0
+    size_bytes: Annotated[int, about("on the disk")] = 0
+    messages: int = 0
+    dropped: Annotated[int, about("messages that are missing")] = 0
+    problem: Annotated[str, about("why nothing can be written now; empty if all is well")] = ""
+
+
+class RecordingEntry(Struct, frozen=True):
+    """A recording in the folder of the hub's user."""
+
+    name: str
+    size_bytes: int
+    ended: Annotated[str, about("ISO 8601, UTC")]
+
+
+class RecordingList(Struct, frozen=True):
+    """All recordings, the newest last."""
+
+    folder: str
+    recordings: tuple[RecordingEntry, ...]
+
+
 class ServosAck(Struct, forbid_unknown_fields=True):
     """What was drawn."""
 

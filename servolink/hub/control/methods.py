@@ -33,6 +33,7 @@ from servolink.hub.control.messages import (
 from servolink.hub.control.rpc import Methods
 from servolink.hub.control.tap_feed import TapFeed
 from servolink.hub.notices import HubStatus
+from servolink.hub.recording import HubRecorder
 from servolink.hub.roles import Role
 from servolink.motion.limits import MotionLimits
 
@@ -44,6 +45,7 @@ class Caller(NamedTuple):
     servos: ServosFeed
     buttons: ButtonsFeed
     tap: TapFeed
+    recorder: HubRecorder
 
 
 METHODS: Methods[Caller] = Methods()

@@ -82,6 +82,15 @@ class ProblemNotice(Struct, frozen=True):
     text: str
 
 
+class RecordingNotice(Struct, frozen=True):
+    """The recording of the hub was started, stopped or marked; ask `recorder.status` how it goes on."""
+
+    event: Literal["started", "stopped", "marked"]
+    who: str
+    name: Annotated[str, about("of the file")]
+    text: Annotated[str, about("of a mark")] = ""
+
+
 class TapItem(Struct, frozen=True):
     """One message."""
 
@@ -104,6 +113,7 @@ NOTIFICATIONS: dict[str, type[Struct]] = {
     "hold": HoldNotice,
     "program": ProgramNotice,
     "progress": ProgressNotice,
+    "recording": RecordingNotice,
     "tap": TapFrame,
     "refused": RefusedNotice,
     "problem": ProblemNotice,

@@ -2,7 +2,20 @@
 
 from __future__ import annotations
 
-from servolink.hub.control.messages import Done, NoParams, Tapping, TapStart
+import asyncio
+from pathlib import Path
+
+from servolink.hub.control.messages import (
+    Done,
+    NoParams,
+    RecorderMark,
+    RecorderStart,
+    RecordingEntry,
+    RecordingList,
+    RecordingNow,
+    Tapping,
+    TapStart,
+)
 from servolink.hub.control.methods import METHODS, Caller
 from servolink.hub.roles import Role
 
@@ -25,3 +38,62 @@ def tap_stop(caller: Caller, params: NoParams) -> Done:
     """Send what is left of the notifications `tap`, and no more."""
     caller.tap.stop()
     return Done()
+
+
+# --- the hub's own recorder -------------------------------------------------------------------------------------------
+
+
+@METHODS.add("recorder.start", Role.RUN)
+async def recorder_start(caller: Caller, params: RecorderStart) -> RecordingNow:
+    """Record everything that passes to a new file in a folder of the hub's user.
+
+    It goes on when the program leaves, until anybody stops it, the hub ends, it has 1 GiB, or the disk is nearly full.
+    RecordingError if something is being recorded already.
+    """
+    await caller.recorder.start(caller.control.who, hz=params.hz, wire_only=params.wire_only)
+    return _now(caller)
+
+
+@METHODS.add("recorder.stop", Role.RUN)
+async def recorder_stop(caller: Caller, params: NoParams) -> RecordingNow:
+    """End the recording, and return what it was. RecordingError if nothing is being recorded."""
+    await caller.recorder.stop(caller.control.who)
+    return _now(caller)
+
+
+@METHODS.add("recorder.mark", Role.RUN)
+def recorder_mark(caller: Caller, params: RecorderMark) -> Done:
+    """Put a mark into the recording, to find the moment again. RecordingError if nothing is being recorded."""
+    caller.recorder.mark(params.text, caller.control.who)
+    return Done()
+
+
+@METHODS.add("recorder.status", Role.WATCH)
+def recorder_status(caller: Caller, params: NoParams) -> RecordingNow:
+    """Return how the recording goes on, or how the latest one ended."""
+    return _now(caller)
+
+
+@METHODS.add("recorder.list", Role.WATCH)
+async def recorder_list(caller: Caller, params: NoParams) -> RecordingList:
+    """Return the recordings in the folder."""
+    recorder = caller.recorder
+    found = await asyncio.to_thread(recorder.stored)
+    entries = tuple(RecordingEntry(each.name, each.size, each.ended) for each in found)
+    return RecordingList(str(recorder.folder()), entries)
+
+
+def _now(caller: Caller) -> RecordingNow:
+    status = caller.recorder.status
+    if status is None:
+        return RecordingNow(is_recording=False)
+    return RecordingNow(
+        caller.recorder.is_recording,
+        Path(status.path).name,
+        status.path,
+        round(status.seconds, 3),
+        status.size,
+        status.messages,
+        status.dropped,
+        status.problem,
+    )

@@ -16,6 +16,7 @@ from servolink.hub.control.notifications import (
     LeaseNotice,
     ProblemNotice,
     ProgramNotice,
+    RecordingNotice,
     RefusedNotice,
 )
 from servolink.hub.control.rpc import Peer
@@ -30,8 +31,10 @@ from servolink.hub.notices import (
     Problem,
     ProgramJoined,
     ProgramLeft,
+    RecordingChanged,
     Refused,
 )
+from servolink.hub.recording import HubRecorder
 from servolink.transports.share import Greeting
 
 __all__ = ["METHODS", "ControlSession", "recording", "stored"]
@@ -43,15 +46,18 @@ class ControlInterface:
     def __init__(self, hub: Hub) -> None:
         """Connect to the board when that is first needed."""
         self._readings = Readings(hub)
+        self.recorder = HubRecorder(hub, self._readings.board)
+        """The recording that programs start and stop."""
 
     def open_channel(
         self, hub: Hub, greeting: Greeting, session: str, send: Callable[[bytes], None], abort: Callable[[str], None]
     ) -> ControlSession:
         """Begin to serve a program, as `servolink.hub.doors` wants it."""
-        return ControlSession(hub, self._readings, greeting, session, send, abort)
+        return ControlSession(hub, self._readings, self.recorder, greeting, session, send, abort)
 
     async def close(self) -> None:
-        """Read the board no longer. Sessions are closed by their doors, before that."""
+        """End the recording, and read the board no longer. Sessions are closed by their doors, before that."""
+        await self.recorder.close()
         await self._readings.close()
 
 
@@ -62,6 +68,7 @@ class ControlSession:
         self,
         hub: Hub,
         readings: Readings,
+        recorder: HubRecorder,
         greeting: Greeting,
         session: str,
         send: Callable[[bytes], None],
@@ -76,7 +83,7 @@ class ControlSession:
         self._servos = ServosFeed(self.control.readings, self._notify, lambda: self._peer.is_paused)
         self._buttons = ButtonsFeed(self.control.readings, self._notify)
         self._tap = TapFeed(hub, self._notify, lambda: self._peer.is_paused)
-        caller = Caller(self.control, self._servos, self._buttons, self._tap)
+        caller = Caller(self.control, self._servos, self._buttons, self._tap, recorder)
         self._peer: Peer[Caller] = Peer(METHODS, caller, send, abort, role=self.control.role)
         self._end_listening: Callable[[], None] | None = None
         self._told_dropped = 0
@@ -134,6 +141,8 @@ class ControlSession:
                 self._notify("hold", HoldNotice(hold))
             case Refused() if notice.session == self.control.session:
                 self._notify("refused", RefusedNotice(notice.packet, notice.reason))
+            case RecordingChanged():
+                self._notify("recording", RecordingNotice(notice.event, notice.who, notice.name, notice.text))
             case Problem():
                 self._notify("problem", ProblemNotice(notice.text))
             case _:  # refused to another program, or a button event, which `ButtonsFeed` brings
