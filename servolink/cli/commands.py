@@ -275,7 +275,7 @@ COMMANDS = {
         RECORDINGS,
         "convert:configure",
         "write a recording in the form of other tools",
-        ("convert out.mcap --csv", "convert out.mcap --csv --channel servos -o servos.csv"),
+        ("convert out.mcap --csv", "convert out.mcap --csv --channel servos -o servos.csv", "convert out.mcap --pcap"),
         takes_board=False,
     ),
     "virtual": Command(

@@ -6,10 +6,12 @@ import argparse
 from pathlib import Path
 
 from servolink.cli.arguments import not_empty
-from servolink.cli.main import OK
+from servolink.cli.main import OK, usage_error
 from servolink.cli.output import counted, print_error, print_json, print_text
 from servolink.cli.show import add_selection, selection
-from servolink.recorder.reading import Recording
+from servolink.recorder.channels import Recorded, Wire
+from servolink.recorder.pcapng import save_pcapng
+from servolink.recorder.reading import Recording, Selection
 from servolink.recorder.tables import write_tables
 
 
@@ -19,6 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=not_empty, metavar="FILE", help="a recording")
     form = parser.add_mutually_exclusive_group(required=True)
     form.add_argument("--csv", action="store_true", help="write a table for each channel, for spreadsheets")
+    form.add_argument("--pcap", action="store_true", help="write a capture of the line, for Wireshark")
     parser.add_argument(
         "-o",
         "--output",
@@ -33,13 +36,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the recording in another form."""
     with Recording(Path(args.file)) as recording:
-        written = _write_tables(args, recording)
+        written = _write_capture(args, recording) if args.pcap else _write_tables(args, recording)
         remarks = recording.remarks
     if args.json:
         print_json({"files": {str(path): count for path, count in written.items()}, "remarks": remarks})
         return OK
     for path, count in written.items():
-        print_text(f"{path}  {counted(count, 'row')}")
+        print_text(f"{path}  {counted(count, 'packet' if args.pcap else 'row')}")
     if not written:
         print_text("nothing was written: the recording holds nothing of this kind")
     for remark in remarks:
@@ -55,3 +58,14 @@ def _write_tables(args: argparse.Namespace, recording: Recording) -> dict[Path, 
         return out if args.output and len(wanted.topics) == 1 else out.with_suffix(f".{channel}{out.suffix}")
 
     return write_tables(recording.entries(wanted), path_of, replace=args.force)
+
+
+def _write_capture(args: argparse.Namespace, recording: Recording) -> dict[Path, int]:
+    wanted = selection(args)
+    if wanted != Selection(wanted.since, wanted.until):
+        usage_error(args, "--pcap writes all bytes of the line: only --from and --to select a part")
+    out = Path(args.output) if args.output else recording.path.with_suffix(".pcapng")
+    entries = recording.entries(Selection(wanted.since, wanted.until, frozenset({"/wire"})))
+    wire = ((entry.time, entry.message) for entry in entries if isinstance(entry.message, Wire))
+    recorded = recording.about or Recorded("", "", recording.path.name, "board")
+    return {out: save_pcapng(out, wire, recorded, replace=args.force)}

@@ -7,10 +7,13 @@ response time for each packet. The chunks stay in the recording. Bytes that belo
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from struct import Struct
 from typing import BinaryIO, Final, NamedTuple
 
+from servolink.errors import RecordingError
 from servolink.escaping import escape
+from servolink.files import reason
 from servolink.protocol.frame import ByteOrder, Frame, encode_frame
 from servolink.protocol.parser import FrameParser
 from servolink.recorder.channels import Direction, Recorded, Wire
@@ -45,6 +48,26 @@ def write_pcapng(file: BinaryIO, wire: Iterable[tuple[int, Wire]], recorded: Rec
     """
     order: ByteOrder = "big" if recorded.byte_order == "big" else "little"
     return write_packets(file, captured(wire, order), comment=_comment(recorded, order))
+
+
+def save_pcapng(path: Path, wire: Iterable[tuple[int, Wire]], recorded: Recorded, *, replace: bool = False) -> int:
+    """Write a capture to a file, as `write_pcapng` does.
+
+    Raise RecordingError if it exists and `replace` is not set, or cannot be written; what was begun is removed.
+    """
+    is_begun = False
+    try:
+        with path.open("wb" if replace else "xb") as file:
+            is_begun = True
+            return write_pcapng(file, wire, recorded)
+    except BaseException as error:
+        if is_begun:
+            path.unlink(missing_ok=True)
+        if isinstance(error, FileExistsError):
+            raise RecordingError(f"{path} exists already; --force replaces it") from error
+        if isinstance(error, (OSError, ValueError)) and not isinstance(error, RecordingError):
+            raise RecordingError(f"the capture cannot be written: {reason(error)}") from error
+        raise
 
 
 def write_packets(file: BinaryIO, packets: Iterable[Captured], *, comment: str, link_type: int = LINKTYPE_USER0) -> int:

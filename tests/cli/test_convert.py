@@ -1,4 +1,4 @@
-"""`servolink convert` writes tables that a spreadsheet reads without obeying them."""
+"""`servolink convert` writes tables that a spreadsheet reads without obeying them, and captures."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from servolink.recorder.channels import Event
+from servolink.protocol.codec import Codec
+from servolink.protocol.servos import QueryServoListRequest
+from servolink.recorder.channels import Event, Wire
 from tests.cli.programs import call
-from tests.recorder.files import write
+from tests.recorder.files import START, write
+from tests.recorder.test_pcapng import blocks, read_back
 from tests.recorder.test_reading import MESSAGES
 
 
@@ -83,3 +86,23 @@ def test_file_that_cannot_be_written(place: str, recording: Path, capsys: pytest
     said = call(capsys, "convert", str(recording), "--csv", "-o", str(recording.parent / place))
     assert said.code == 1
     assert "the table cannot be written" in said.err
+
+
+def test_the_wire_is_a_capture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = Codec("big").encode(QueryServoListRequest())
+    wire = [(0.0, Wire("sent", asked[:3], 0.0)), (0.5, Wire("sent", asked[3:], 0.5)), (9.0, Wire("sent", asked, 9.0))]
+    about = {"version": "1", "started": "now", "board": "rex\x1b[2J", "through": "board", "byte_order": "big"}
+    path, out = write(tmp_path / "out.mcap", wire, about=about), tmp_path / "out.pcapng"
+    assert call(capsys, "convert", str(path), "--pcap", "--to", "1").out == f"{out}  1 packet\n"
+    assert read_back(out.read_bytes()) == [(START + 500_000_000, "sent", asked)]
+    assert b"rex\\x1b[2J, byte order big" in next(blocks(out.read_bytes())).options[1]
+    assert "exists already; --force replaces it" in call(capsys, "convert", str(path), "--pcap").err
+    said = call(capsys, "convert", str(path), "--pcap", "--force", "--json")
+    assert said.json == {"files": {str(out): 2}, "remarks": []}
+    assert call(capsys, "convert", str(path), "--pcap", "--servo", "3").code == 2
+
+
+def test_a_capture_that_cannot_be_written(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "convert", str(recording), "--pcap", "-o", str(recording.parent / "none/x.pcapng"))
+    assert said.code == 1
+    assert "the capture cannot be written" in said.err

@@ -112,6 +112,7 @@ TYPED = (
     "show {}",
     "replay {}",
     "convert {} --csv",
+    "convert {} --pcap",
     "convert x --csv -o /{}/x",
     "replay x --to {}",
     "replay x --tcp {}",

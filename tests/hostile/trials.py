@@ -194,6 +194,7 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("convert {mcap} --csv -o {new}"),
         Trial("convert {mcap} --csv -o {new}"),
         Trial("convert {noise} --csv"),
+        Trial("convert {noise} --pcap"),
         Trial("convert {mcap} --csv --channel events -o {missing}/x"),
     ),
     "studio": (
