@@ -196,7 +196,7 @@ def _servos(summary: Summary) -> Table:
         (servo_id, each.caption, *(round(angle, 1) for angle in each.angles), each.most_current, each.most_temperature)
         for servo_id, each in sorted(summary.servos.items())
     ]
-    return Table(("servo", "caption", "from", "to", "most current", "most temperature"), rows)
+    return Table(("servo", "caption", "lowest", "highest", "most current", "most temperature"), rows)
 
 
 def _facts(summary: Summary) -> Iterator[tuple[str, str]]:

@@ -44,7 +44,7 @@ class Readings:
         """Return the board."""
         async with self._opening:
             if self._board is None:
-                transport = LocalTransport(self._hub, who="the control interface", role=Role.WATCH)
+                transport = LocalTransport(self._hub, who="the hub", role=Role.WATCH)
                 self._board = await _open(self._hub, transport)
             return self._board
 
