@@ -22,7 +22,7 @@ from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.servos import QueryServoListRequest
 from servolink.protocol.settings import ClearAllDataRequest, QueryRemainPowerRequest, SendDummyDataRequest
 from tests.client.fake_board import LATENCY, LOST, FakeBoard, Fate, connected, late, lie, now, turns_of_the_loop
-from tests.connection.test_connection_unanswered import cut_content
+from tests.connection.unanswered import cut_content
 from tests.virtual_time import run
 
 PROJECT = QueryProjectIDRequest()

@@ -1,0 +1,45 @@
+"""Boards that a connection is opened to, with requests of an earlier program unanswered."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from random import Random
+from typing import Any
+
+from servolink.connection.connection import Connection
+from servolink.connection.opening import FENCES
+from servolink.protocol.packet import Packet, Request
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    QueryServoListRequest,
+    SetServoParameterRequest,
+)
+from tests.client.fake_board import (
+    FakeBoard,
+    Fate,
+    connected,
+)
+
+FENCE_KINDS = tuple(type(fence) for fence in FENCES)
+LIST = QueryServoListRequest()
+STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
+
+
+@asynccontextmanager
+async def opening(board: FakeBoard, *, seed: int = 1, **options: Any) -> AsyncIterator[Connection]:
+    """Open a connection whose handshake begins when somebody wants it."""
+    async with connected(board, handshake=True, random=Random(seed), **options) as connection:
+        yield connection
+
+
+async def owe(board: FakeBoard, *requests: tuple[Request[Any], Fate]) -> None:
+    """Send what a program sends that is killed before it is answered."""
+    for request, fate in requests:
+        board.plan(type(request), fate)
+        await board.send(board.codec.encode(request))
+    board.sent.clear()
+
+
+def kinds(board: FakeBoard) -> list[type[Packet]]:
+    return [type(packet) for _, packet in board.sent]

@@ -1,0 +1,218 @@
+"""Opening: a board that is silent, in another mode, or lost meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from servolink.connection.connection import Connection
+from servolink.errors import ConnectionLost, OpenError
+from servolink.protocol.editing import (
+    AddActionRequest,
+)
+from servolink.protocol.joystick import ButtonEventResponse
+from servolink.protocol.packet import Packet
+from servolink.protocol.servos import (
+    QueryServoListResponse,
+)
+from servolink.protocol.settings import (
+    TransmissionModeSettingRequest,
+)
+from tests.client.fake_board import (
+    LOST,
+    FakeBoard,
+    Fate,
+    late,
+    now,
+    turns_of_the_loop,
+)
+from tests.connection.openings import FENCE_KINDS, LIST, kinds, opening
+from tests.virtual_time import run
+
+# --- silence, and what explains it --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("patience", [0.5, 3.0, 10.0])
+def test_a_silent_board_is_given_up_after_the_patience_and_five_tries(patience: float) -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=LOST)
+        async with opening(board, patience=patience) as connection:
+            begun = now()
+            with pytest.raises(OpenError) as caught:
+                await connection.shake_hands()
+            assert now() == pytest.approx(begun + patience)
+            assert sum(kind in FENCE_KINDS for kind in kinds(board)) >= 5
+            text = str(caught.value)
+            causes = ["fake://board is open, but no board answers", "switched on", "port", "data cable", "baud rate"]
+            positions = [text.index(cause) for cause in [*causes, "byte_order=big", "servolink doctor"]]
+            assert positions == sorted(positions)
+
+    run(main())
+
+
+def test_bytes_without_a_frame_are_explained_by_byte_order_and_baud_rate() -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=Fate(mangle=lambda frame: bytes(255 - byte for byte in frame)))
+        async with opening(board) as connection:
+            begun = now()
+            with pytest.raises(OpenError, match=r"sends bytes, but no frame .*byte_order=big.* baud rate.*doctor"):
+                await connection.shake_hands()
+            assert now() == pytest.approx(begun + 3)
+
+    run(main())
+
+
+@pytest.mark.parametrize(("spoken_at", "given_up_at"), [((1,), 7), ((1, 2.5, 5, 9), 12)])
+def test_a_board_that_answers_too_little_has_more_time_and_is_told_from_a_silent_one(
+    spoken_at: tuple[float, ...], given_up_at: float
+) -> None:
+    """Twice the patience after its latest response, and four times that in all."""
+
+    async def main() -> None:
+        board = FakeBoard(usual=LOST)
+        async with opening(board) as connection:
+            begun = now()
+            for seconds in spoken_at:
+                asyncio.get_running_loop().call_later(seconds, board.speak, QueryServoListResponse((1,)))
+            with pytest.raises(OpenError, match=r"answers, but too little .*the line is bad, or the board is busy"):
+                await connection.shake_hands()
+            assert now() == pytest.approx(begun + given_up_at)
+
+    run(main())
+
+
+def test_a_board_that_only_sends_button_events_is_not_a_silent_one() -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=LOST)
+        async with opening(board) as connection:
+            asyncio.get_running_loop().call_later(0.1, board.speak, ButtonEventResponse(1, 1))
+            with pytest.raises(OpenError, match="answers, but too little"):
+                await connection.shake_hands()
+            assert board.sent_of(TransmissionModeSettingRequest) == []
+
+    run(main())
+
+
+def test_whoever_waits_for_it_and_whoever_comes_later_is_told_why_it_failed() -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=LOST)
+        async with opening(board) as connection:
+            errors = await asyncio.gather(
+                connection.request(LIST),
+                connection.shake_hands(),
+                connection.request(AddActionRequest(1)),
+                return_exceptions=True,
+            )
+            assert [type(error) for error in errors] == [ConnectionLost, OpenError, ConnectionLost]
+            assert "no board answers" in str(errors[0])
+            assert str(errors[0]).count("fake://board") == 1
+            with pytest.raises(ConnectionLost, match="no board answers"):
+                await connection.request(LIST)
+            with pytest.raises(ConnectionLost, match="no board answers"):
+                await connection.shake_hands()
+            assert AddActionRequest not in kinds(board)
+
+    run(main())
+
+
+# --- transmission mode --------------------------------------------------------------------------------------------
+
+
+def test_a_board_in_the_other_mode_is_woken_once() -> None:
+    class Asleep(FakeBoard):
+        """It answers nothing until mode 1 is set."""
+
+        def _take(self, packet: Packet, frame: bytes) -> None:
+            if isinstance(packet, TransmissionModeSettingRequest):
+                self.usual = Fate()
+            super()._take(packet, frame)
+
+    async def main() -> None:
+        board = Asleep(usual=LOST)
+        async with opening(board) as connection:
+            await connection.shake_hands()
+            assert board.executed_of(TransmissionModeSettingRequest) == [TransmissionModeSettingRequest(1)]
+            assert kinds(board).index(TransmissionModeSettingRequest) == 2
+            await connection.request(LIST)
+            assert connection.stats.unsolicited == 0
+
+    run(main())
+
+
+def test_a_board_that_answers_keeps_its_mode() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        for kind in FENCE_KINDS:
+            board.plan(kind, Fate(), LOST, LOST, LOST)
+        async with opening(board) as connection:
+            await connection.shake_hands()
+            assert TransmissionModeSettingRequest not in kinds(board)
+
+    run(main())
+
+
+def test_the_mode_is_not_touched_if_nobody_wants_that() -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=LOST)
+        async with opening(board, wake=False) as connection:
+            with pytest.raises(OpenError):
+                await connection.shake_hands()
+            assert TransmissionModeSettingRequest not in kinds(board)
+
+    run(main())
+
+
+# --- lost meanwhile -----------------------------------------------------------------------------------------------
+
+
+def test_a_connection_that_is_lost_meanwhile_is_lost_for_all_who_wait_at_once() -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=late(0.1))
+        async with opening(board) as connection:
+            waiting = asyncio.gather(connection.shake_hands(), connection.request(LIST), return_exceptions=True)
+            await asyncio.sleep(0.25)
+            begun = now()
+            board.vanish()
+            errors = await waiting
+            assert now() == begun
+            assert [type(error) for error in errors] == [ConnectionLost, ConnectionLost]
+            assert all("device disconnected" in str(error) for error in errors)
+
+    run(main())
+
+
+def test_a_board_that_vanishes_while_it_is_asked_is_lost_with_the_reason() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        async with opening(board) as connection:
+            board.gone = OSError("write failed")
+            with pytest.raises(ConnectionLost, match="write failed"):
+                await connection.shake_hands()
+
+    run(main())
+
+
+def test_closing_ends_it() -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=LOST)
+        async with opening(board) as connection:
+            opened = asyncio.create_task(connection.shake_hands())
+            await asyncio.sleep(0.1)
+            await connection.close()
+            with pytest.raises(ConnectionLost, match="closed by this program"):
+                await opened
+
+    run(main())
+
+
+def test_a_program_that_ends_meanwhile_is_quiet(caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=LOST)
+        connection = Connection(board, board.codec)
+        await connection.open()
+        asyncio.create_task(connection.shake_hands())  # noqa: RUF006 - it is to be left behind
+        await turns_of_the_loop(3)
+
+    asyncio.run(main())
+    assert caplog.messages == []
