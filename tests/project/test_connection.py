@@ -12,8 +12,8 @@ from servolink.client import connect as connecting
 from servolink.errors import ConnectionLost
 from servolink.project.transfer.pinned import PinnedConnection
 from servolink.protocol.servos import QueryServoListRequest
+from tests.client.reconnections import connected, until
 from tests.client.sockets import Socket
-from tests.client.test_reconnect import connected, until
 from tests.project.boards import OTHER_CONTENTS
 from tests.project.pulled import NEW, OLD_CONTENTS, Make
 from tests.virtual_time import run

@@ -21,8 +21,8 @@ from servolink.project.transfer.plan import plan_project
 from servolink.project.transfer.results import ignore_progress
 from servolink.virtual.storage import Storage
 from servolink.virtual.transport import VirtualTransport
+from tests.client.reconnections import connected, until
 from tests.client.sockets import Socket
-from tests.client.test_reconnect import connected, until
 from tests.project.boards import (
     HERE,
     OTHER,
