@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
+import socket
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -207,6 +208,8 @@ class _Client(aiomqtt.Client):
             keepalive=KEEPALIVE,
             timeout=_LIMIT,
             logger=_quiet,
+            # Or a message waits up to 40 ms for the broker to confirm the one before: an acknowledgement, usually.
+            socket_options=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
         )
         self._client.manual_ack_set(options.acknowledges)
         self._receive = on_message

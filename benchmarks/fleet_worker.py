@@ -1,0 +1,99 @@
+"""A process of the benchmark of the fleet: virtual boards that join a broker, or a bare program that echoes messages.
+
+`python -m benchmarks.fleet_worker boards URL FIRST COUNT HZ` and `python -m benchmarks.fleet_worker echo URL`. It
+prints `ready`; then each line that it reads is answered by CPU seconds and memory, and the end of its input ends it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import resource
+import socket
+import sys
+from contextlib import AsyncExitStack, suppress
+from pathlib import Path
+from time import process_time
+from typing import NoReturn
+
+import aiomqtt
+
+from servolink.fleet.access import BrokerAddress, parse_broker
+
+ECHO = "bare/cmd"
+MACRO = "Wave"
+_SERVOS = 16
+_PAGE = resource.getpagesize()
+
+
+async def _boards(url: str, first: int, count: int, hz: float) -> None:
+    from servolink.client.connect import connect
+    from servolink.fleet.access import broker_access
+    from servolink.fleet.join import Fleet, Here
+    from servolink.fleet.policy import BoardPolicy, FleetFile
+    from servolink.fleet.topics import Topics
+    from servolink.hub.serving import serve_board
+    from servolink.protocol.records import Action, Macro, MacroCommand, Step
+
+    bow = Action(1, "Bow", tuple(Step(servo, 60 if servo % 2 else -60, 500) for servo in range(1, _SERVOS + 1)))
+    wave = Macro(1, MACRO, (MacroCommand(1, total_interval=5000),))
+    async with AsyncExitStack() as stack:
+        here = []
+        for number in range(first, first + count):
+            name = f"bench{number}"
+            served = serve_board(f"virtual://?servos={_SERVOS}&seed={number}", name=name, lease_seconds=0.0)
+            await stack.enter_async_context(served)
+            async with connect(f"share://{name}") as board:
+                await board.add_action(bow)
+                await board.add_macro(wave)
+            here.append(Here(name, name))
+        policies = FleetFile(BoardPolicy(allow="edit"))
+        fleet = Fleet(broker_access(url), Topics(), policies, hz=hz)
+        joined = asyncio.create_task(fleet.join(here, lambda: _say("ready")))
+        answering = asyncio.create_task(_answer())
+        await asyncio.wait((joined, answering), return_when=asyncio.FIRST_COMPLETED)
+        joined.cancel()
+        with suppress(asyncio.CancelledError):
+            await joined
+
+
+def bare_client(address: BrokerAddress) -> aiomqtt.Client:
+    """Return a client of the broker that sends at once, as ours do."""
+    options = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
+    version = aiomqtt.ProtocolVersion.V5
+    return aiomqtt.Client(address.host, address.port, protocol=version, socket_options=options)
+
+
+async def _echo(url: str) -> None:
+    """Answer each message of QoS 1 by one of QoS 1, with nothing between."""
+    async with bare_client(parse_broker(url)) as client:
+        await client.subscribe(ECHO, 1)
+        _say("ready")
+
+        async def echo() -> NoReturn:
+            async for message in client.messages:
+                await client.publish(message.properties.ResponseTopic, message.payload, 1)  # type: ignore[union-attr]
+            raise AssertionError
+
+        echoing = asyncio.create_task(echo())
+        await _answer()
+        echoing.cancel()
+
+
+async def _answer() -> None:
+    """Print CPU seconds and bytes of memory for each line that is read, until the input ends."""
+    while await asyncio.to_thread(sys.stdin.readline):
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])  # noqa: ASYNC240 - no disk
+        _say(json.dumps({"cpu": process_time(), "memory": pages * _PAGE}))
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "echo":
+        asyncio.run(_echo(sys.argv[2]))
+    else:
+        asyncio.run(_boards(sys.argv[2], int(sys.argv[3]), int(sys.argv[4]), float(sys.argv[5])))
