@@ -27,7 +27,7 @@ MOST_KEPT = 4096
 LONGEST_KEPT = 24 * 3600.0
 """Seconds after which a command is forgotten when the journal is opened, but for the latest."""
 
-_ALWAYS_KEPT = 256  # whatever the clock says: it may have been set
+_ALWAYS_KEPT = 256  # by no clock: it may have been set
 _PRIVATE = 0o700
 _ENCODER = msgspec.json.Encoder()
 

@@ -170,7 +170,7 @@ def test_a_broker_that_refuses_is_an_error_that_says_what_to_do(tmp_path: Path) 
 def test_a_message_does_not_wait_for_the_confirmation_of_the_one_before(broker: Broker) -> None:
     async def test() -> None:
         async with running(wire_to(broker.url)) as wire:
-            assert wire._client is not None
-            assert wire._client._client.socket().getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+            client: Any = wire._client
+            assert client._client.socket().getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
     limited(test)

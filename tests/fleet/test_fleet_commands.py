@@ -110,13 +110,14 @@ def _loop_of(board: StandIn) -> asyncio.AbstractEventLoop:
     return board._client._loop
 
 
+@pytest.mark.slow
 def test_a_stop_names_who_is_silent(broker: Broker, said: Callable[..., Said]) -> None:
     with boards(broker, "rex", "fido") as (rex, fido):
         found = said("stop")
         assert found.code == OK
         assert "stopped 2 boards within" in found.out
         fido.is_silent = True
-        found = said("stop", "--within", "0.2", "--json")
+        found = said("stop", "--within", "1", "--json")
         assert found.code == FAILED
         assert list(found.json["stopped"]) == ["rex"]
         assert found.json["silent"] == ["fido"]
