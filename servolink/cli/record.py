@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from contextlib import ExitStack, suppress
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import number
 from servolink.cli.main import FAILED, OK, fail, usage_error
-from servolink.cli.output import counted, print_error, print_json, print_text
+from servolink.cli.output import print_error, print_json, print_text
 from servolink.cli.session import ENDLESS, Interruption, choose_board, run_interruptible
-from servolink.cli.terminal import single_keys
+from servolink.cli.terminal import handled, single_keys
 from servolink.errors import RecordingError
 
 if TYPE_CHECKING:  # and imported late: `--help` needs none of it
-    from servolink.recorder.recorder import Recorder
-    from servolink.recorder.writer import RecorderStatus
+    from servolink.cli.record_view import RecordView
+    from servolink.recorder.recorder import Recorder, Wanted
 
 _MOST_HZ = 200.0
+_UNITS = {"s": 1, "m": 60, "h": 3600}
+_LONGEST_RING = 86400
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -35,6 +40,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="read the servos N times a second (20); 0 sends nothing to the board",
     )
+    parser.add_argument(
+        "--ring",
+        type=_duration,
+        metavar="TIME",
+        help="keep only the last TIME, such as 5m, in memory; write it when something fails, for SIGUSR1 or key w",
+    )
     parser.add_argument("--wire", action="store_true", help="record only the bytes on the line, and send nothing")
     parser.add_argument(
         "--alarm",
@@ -44,6 +55,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="RULE",
         help="note when a servo has such a value, as 'temperature_raw>300'; may be repeated",
     )
+
+
+def _duration(text: str) -> float:
+    """Return the seconds in a text such as `90`, `30s`, `5m` or `1h`."""
+    unit = _UNITS.get(text[-1:], 0)
+    return number(1, _LONGEST_RING, "seconds")(text[:-1] if unit else text) * (unit or 1)
 
 
 def _alarm(text: str) -> str:
@@ -72,37 +89,34 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _record(args: argparse.Namespace, interruption: Interruption) -> int:
+    from servolink.cli.live import can_draw
+    from servolink.cli.record_view import RecordView
     from servolink.client.alarms import Alarm
     from servolink.recorder.recorder import Wanted, record_at
 
     alarms = tuple(map(Alarm.parse, args.alarm))
-    wanted = Wanted(args.file, args.hz, wire_only=args.wire, alarms=alarms)
+    wanted = Wanted(args.file, args.hz, wire_only=args.wire, alarms=alarms, ring=args.ring)
     options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
-    recorder: Recorder | None = None
+    view: RecordView | None = None
     try:
         async with record_at(choose_board(args), wanted, **options) as recorder:
-            _print_start(recorder, as_json=args.json)
+            view = RecordView(recorder, as_json=args.json, on_screen=not args.json and can_draw())
+            _print_start(wanted, as_json=args.json)
             if args.seconds is None:
                 interruption.code = OK
-            await _until_the_end(recorder, args)
+            await _until_the_end(recorder, view, args.seconds)
     finally:
-        if recorder is not None:
-            status = recorder.status
-            interruption.state = summary(status)
-            if args.json:
-                print_json(status_json(status))
+        if view is not None:
+            interruption.state = view.end()
     if recorder.over.is_set():
-        return fail(f"the hub has ended; {summary(status)}", FAILED)
+        return fail(f"the hub has ended; {interruption.state}", FAILED)
     if not args.json:
-        print_text(summary(status))
+        print_text(interruption.state)
     return OK
 
 
-async def _until_the_end(recorder: Recorder, args: argparse.Namespace) -> None:
+async def _until_the_end(recorder: Recorder, view: RecordView, seconds: float | None) -> None:
     """Return when the time is over, when `q` is pressed, or when nothing more can come."""
-    from servolink.cli.live import can_draw
-    from servolink.cli.record_view import status_lines
-
     ending = asyncio.Event()
     marks = 0
 
@@ -111,45 +125,37 @@ async def _until_the_end(recorder: Recorder, args: argparse.Namespace) -> None:
         for key in keys.lower():
             if key == "q":
                 ending.set()
+            elif key == "w":
+                recorder.save("asked for by a key")
             elif key == "m":
                 marks += 1
                 recorder.mark(f"mark {marks}", who="keyboard")
 
-    waiting: list[asyncio.Task[object]] = [asyncio.create_task(event.wait()) for event in (ending, recorder.over)]
-    with ExitStack() as stack:
-        stack.enter_context(single_keys(typed))
-        if not args.json and can_draw():
-            waiting.append(asyncio.create_task(status_lines(recorder)))
+    work = (view.run(), ending.wait(), recorder.over.wait())
+    tasks: list[asyncio.Task[object]] = [asyncio.create_task(each) for each in work]
+    with _saving_for_a_signal(recorder), single_keys(typed):
         try:
-            await asyncio.wait(waiting, timeout=args.seconds, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait(tasks[1:], timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            for task in waiting:
+            for task in tasks:
                 task.cancel()
-            with suppress(asyncio.CancelledError):
-                await asyncio.wait(waiting)
+            await asyncio.wait(tasks)
 
 
-def _print_start(recorder: Recorder, *, as_json: bool) -> None:
+@contextmanager
+def _saving_for_a_signal(recorder: Recorder) -> Iterator[None]:
+    """Write what a ring has kept for each SIGUSR1, in this context."""
+    if recorder.wanted.ring is None or sys.platform == "win32":
+        yield
+        return
+    with handled(lambda: recorder.save("asked for by a signal"), (signal.SIGUSR1,)):
+        yield
+
+
+def _print_start(wanted: Wanted, *, as_json: bool) -> None:
     if as_json:
-        print_json({"recording": str(recorder.wanted.path)})
+        print_json({"recording": str(wanted.path)})
+    elif wanted.ring is None:
+        print_error(f"servolink: recording to {wanted.path}")
     else:
-        print_error(f"servolink: recording to {recorder.wanted.path}")
-
-
-def summary(status: RecorderStatus) -> str:
-    """Return in a sentence what was recorded."""
-    text = f"recorded {counted(status.messages, 'message')} in {status.seconds:.1f} s to {status.path}"
-    if status.dropped:
-        text += f"; {counted(status.dropped, 'message')} missing, because the disk was too slow or full"
-    return text
-
-
-def status_json(status: RecorderStatus) -> dict[str, object]:
-    """Return what was recorded, for programs."""
-    return {
-        "path": status.path,
-        "seconds": round(status.seconds, 3),
-        "size_bytes": status.size,
-        "messages": status.messages,
-        "dropped": status.dropped,
-    }
+        print_error(f"servolink: keeping the last {wanted.ring:g} s, and writing them when something fails")

@@ -137,7 +137,7 @@ class Recorded(Struct, frozen=True):
     """ISO 8601, UTC."""
     board: str
     """Name or address."""
-    through: Literal["board", "hub", "ring", "spy"]
+    through: Literal["board", "hub", "spy"]
     """Recorded alone at the board, beside other programs of a hub, or between a program and a board."""
     byte_order: str = "little"
     caption_encoding: str = "utf-8"

@@ -24,7 +24,11 @@ class Clock:
         """Return monotonic time as nanoseconds since 1970."""
         return self._wall + round((seconds - self.monotonic) * BILLION)
 
+    def iso(self, seconds: float) -> str:
+        """Return monotonic time as text: ISO 8601, UTC."""
+        return datetime.fromtimestamp(self.wall(seconds) // BILLION, UTC).isoformat().replace("+00:00", "Z")
+
     @property
     def started(self) -> str:
         """When it was started: ISO 8601, UTC."""
-        return datetime.fromtimestamp(self._wall // BILLION, UTC).isoformat().replace("+00:00", "Z")
+        return self.iso(self.monotonic)

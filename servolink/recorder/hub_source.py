@@ -16,7 +16,7 @@ from servolink.client.servos import Servo
 from servolink.errors import DecodeError, ServolinkError
 from servolink.escaping import escape
 from servolink.motion.angles import AngleUnit, in_unit
-from servolink.recorder.channels import Event, ProblemFound, decode
+from servolink.recorder.channels import Event, decode
 from servolink.recorder.readings import Readings, Take
 from servolink.transports.share import Greeting, Welcome, this_program
 
@@ -119,7 +119,8 @@ class HubSource:
 
     def _end(self) -> None:
         if self._take is not None:
-            self._take(self._now(), ProblemFound("hub", "the hub has ended, or has disconnected the recorder"))
+            text = "the hub has ended, or has disconnected the recorder"
+            self._take(self._now(), Event("connection", "lost", text=text))
         self.ended.set()
 
 

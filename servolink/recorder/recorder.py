@@ -26,6 +26,7 @@ from servolink.recorder.channels import Event, Message, ProblemFound, Recorded, 
 from servolink.recorder.clock import Clock
 from servolink.recorder.hub_source import tapping
 from servolink.recorder.readings import Readings
+from servolink.recorder.ring import RingWriter, trigger
 from servolink.recorder.writer import RecorderStatus, RecordingWriter
 from servolink.transports.address import Address
 
@@ -44,6 +45,8 @@ class Wanted(Struct, frozen=True):
     wire_only: bool = False
     """Only bytes; then nothing is asked for."""
     alarms: tuple[Alarm, ...] = ()
+    ring: float | None = None
+    """Keep only the last so many seconds, in memory, and write them when something fails; None: write everything."""
 
     def __post_init__(self) -> None:
         """Check the rate."""
@@ -68,12 +71,14 @@ class Recorder:
         self.backlog = Backlog()
         self.over = asyncio.Event()
         """Set when nothing more can come: the hub is gone."""
-        self._writer: RecordingWriter | None = None
+        self._writer: RecordingWriter | RingWriter | None = None
 
     def take(self, seconds: float, message: Message) -> None:
         """Record a message; never waits."""
         if not self.wanted.wire_only or isinstance(message, Wire | ProblemFound):
             self.backlog.put(seconds, message)
+        elif isinstance(self._writer, RingWriter) and (reason := trigger(message)):
+            self._writer.fail(reason)
 
     def mark(self, text: str, *, who: str = "") -> None:
         """Record an event `mark` with this text, to find the moment again."""
@@ -81,9 +86,20 @@ class Recorder:
 
     def begin(self, about: Recorded) -> None:
         """Write to a new file from now on, what was collected first. Raise RecordingError."""
-        self._writer = RecordingWriter(
-            self.wanted.path, about, self.clock, with_packets=not self.wanted.wire_only, backlog=self.backlog
-        )
+        wanted, with_packets = self.wanted, not self.wanted.wire_only
+        if wanted.ring is None:
+            self._writer = RecordingWriter(
+                wanted.path, about, self.clock, with_packets=with_packets, backlog=self.backlog
+            )
+        else:
+            self._writer = RingWriter(
+                wanted.path, about, self.clock, wanted.ring, with_packets=with_packets, backlog=self.backlog
+            )
+
+    def save(self, reason: str) -> None:
+        """Write what a ring has kept, soon; nothing for a recording without one."""
+        if isinstance(self._writer, RingWriter):
+            self._writer.save(reason)
 
     @property
     def status(self) -> RecorderStatus:
@@ -143,7 +159,7 @@ async def record_at(url: str, wanted: Wanted, **options: Any) -> AsyncIterator[R
 
     `options` are those of `connect`. Raise OpenError, and RecordingError, which say what to do.
     """
-    if wanted.path.exists():  # or a board would be opened for nothing
+    if wanted.ring is None and wanted.path.exists():  # or a board would be opened for nothing
         raise RecordingError(f"{wanted.path} exists already; remove it or record to another file")
     address, _ = await resolve_board(url)
     hub = None if address.startswith(_SHARED) else await asyncio.to_thread(hub_of, address)

@@ -11,7 +11,7 @@ from msgspec import Struct
 from servolink.errors import RecordingError
 from servolink.protocol.codec import Codec
 from servolink.recorder.backlog import Backlog, Timed
-from servolink.recorder.channels import TOPICS, Message, ProblemFound, Recorded, Wire, encode
+from servolink.recorder.channels import TOPICS, Message, ProblemFound, Recorded, Wire, decode, encode
 from servolink.recorder.clock import Clock
 from servolink.recorder.mcap_stream import McapStream
 from servolink.recorder.packet_stream import PacketStream
@@ -21,8 +21,18 @@ CHUNK_SECONDS = 1.0
 """After so long what was recorded is on the disk: it is all that a crash can cost."""
 CHUNK_BYTES = 256 * 1024
 """Or after so many bytes, before they are compressed."""
-_LOOK_EVERY = 0.1  # seconds: waking the thread for each message would cost the program more than the message
+LOOK_EVERY = 0.1
+"""Seconds: waking the thread for each message would cost the program more than the message."""
+_WITH_PACKETS = {"/wire", "/problems"}
 _PATIENCE = 5.0  # seconds that closing waits for a disk that takes nothing
+
+
+class Saved(Struct, frozen=True):
+    """A file that was written of a ring."""
+
+    path: str
+    reason: str
+    size: int
 
 
 class RecorderStatus(Struct, frozen=True):
@@ -30,14 +40,16 @@ class RecorderStatus(Struct, frozen=True):
 
     path: str
     seconds: float
-    """Since it began."""
+    """Since it began; of a ring, how far back it goes."""
     size: int
-    """Bytes on the disk."""
+    """Bytes on the disk; of a ring, in memory."""
     messages: int
     dropped: int
     """Messages that are missing, because the disk was too slow or full."""
     problem: str
     """What is wrong with the disk now; empty if nothing is."""
+    saved: tuple[Saved, ...] = ()
+    """The files written of a ring."""
 
 
 class MessageEncoder:
@@ -52,15 +64,25 @@ class MessageEncoder:
 
     def add(self, timed: Timed) -> None:
         """Add a message, and the packets in it."""
-        time, message, stream = self._clock.wall(timed.seconds), timed.message, self.stream
-        stream.add(TOPICS[type(message)], time, encode(message))
-        if self._packets is None:
-            return
+        message = timed.message
+        time = self._clock.wall(timed.seconds)
+        self.stream.add(TOPICS[type(message)], time, encode(message))
+        if self._packets is not None:
+            self._add_packets(self._packets, time, message)
+
+    def add_encoded(self, seconds: float, topic: str, data: bytes) -> None:
+        """Add a message that is encoded already, and the packets in it."""
+        time = self._clock.wall(seconds)
+        self.stream.add(topic, time, data)
+        if self._packets is not None and topic in _WITH_PACKETS:
+            self._add_packets(self._packets, time, decode(topic, data))
+
+    def _add_packets(self, packets: PacketStream, time: int, message: Message) -> None:
         if isinstance(message, Wire):
-            for found in self._packets.feed(message):
-                stream.add(TOPICS[type(found)], time, encode(found))
+            for found in packets.feed(message):
+                self.stream.add(TOPICS[type(found)], time, encode(found))
         elif isinstance(message, ProblemFound) and message.channel == "/wire":
-            self._packets.start_over()
+            packets.start_over()
 
 
 class RecordingWriter:
@@ -119,7 +141,7 @@ class RecordingWriter:
 
     def _run(self) -> None:
         try:
-            while not self._closing.wait(_LOOK_EVERY):
+            while not self._closing.wait(LOOK_EVERY):
                 if self._file.retry():
                     self._drain()
                     self._write_chunk_if_due()
@@ -151,7 +173,7 @@ class RecordingWriter:
         while not self._file.retry():
             if self._clock.now() - begun >= _PATIENCE:
                 return
-            threading.Event().wait(_LOOK_EVERY)
+            threading.Event().wait(LOOK_EVERY)
         self._backlog.tell_dropped(self._clock.now())
         self._drain()
         if self._file.problem:

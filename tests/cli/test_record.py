@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
 from pathlib import Path
 
 import pytest
 
-from servolink.cli.record_view import status_line
+from servolink.cli.record_view import RecordView, status_line
 from servolink.recorder.reading import Recording
 from servolink.recorder.writer import RecorderStatus
 from tests.cli.programs import call
@@ -33,6 +36,33 @@ def test_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert last["size_bytes"] == path.stat().st_size
 
 
+def test_a_ring_says_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "out.mcap"
+    arguments = ("record", str(path), "--seconds", "0.1", "--ring", "5m", "--board", "virtual://")
+    said = call(capsys, *arguments)
+    assert (said.code, said.out) == (0, "nothing failed, and nothing was written\n")
+    assert "keeping the last 300 s" in said.err
+    said = call(capsys, *arguments, "--alarm", "temperature_raw>1")
+    assert said.code == 0
+    (written,) = tmp_path.iterdir()
+    assert said.out.startswith(f"wrote {written}: servo ")
+    said = call(capsys, *arguments, "--alarm", "temperature_raw>1", "--json")
+    assert [min(each) for each in said.objects] == ["recording", "reason", "dropped"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGUSR1")
+def test_a_ring_is_written_for_a_signal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def run(view: RecordView) -> None:
+        os.kill(os.getpid(), signal.SIGUSR1)
+
+    monkeypatch.setattr(RecordView, "run", run)
+    said = call(capsys, "record", str(tmp_path / "o.mcap"), "--seconds", "0.1", "--ring", "60", "--board", "virtual://")
+    (written,) = tmp_path.iterdir()
+    assert said.out == f"wrote {written}: asked for by a signal\nwrote 1 file\n"
+
+
 def test_a_file_that_exists_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "out.mcap"
     path.write_text("mine")
@@ -50,3 +80,4 @@ def test_the_line_on_a_terminal_says_what_is_missing() -> None:
         "1:05  1,234 messages  2.9 MiB  7 missing  nothing can be written: No space left on device  m: mark  q: end"
     )
     assert len(status_line(bad, 40)) == 40
+    assert status_line(status, 80, is_ring=True) == "1:05 in memory  1,234 messages  293 KiB  m: mark  w: write  q: end"

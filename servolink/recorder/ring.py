@@ -1,0 +1,182 @@
+"""RingWriter: the last seconds in bounded memory, written when something fails or somebody asks for it."""
+
+from __future__ import annotations
+
+import os
+import threading
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from servolink.errors import RecordingError
+from servolink.recorder.backlog import Backlog, Timed
+from servolink.recorder.channels import CommandDone, Event, Message, Recorded
+from servolink.recorder.clock import BILLION, Clock
+from servolink.recorder.recording_file import Disk, RecordingFile
+from servolink.recorder.segments import MOST_BYTES, Segments
+from servolink.recorder.writer import CHUNK_BYTES, LOOK_EVERY, MessageEncoder, RecorderStatus, Saved
+
+AFTER = 2.0
+"""Seconds that are recorded after a failure before it is written, and in which further ones count as the same."""
+_AGAIN = 1.0  # seconds until a disk that took nothing is tried again
+_STOP = {"servo_id": 255, "is_start": 0, "is_hold": 1}
+
+
+def trigger(message: Message) -> str:
+    """Return why the ring should be written because of a message; empty if it should not."""
+    match message:
+        case Event(kind="connection", what="lost"):
+            return message.text or "the connection was lost"
+        case Event(kind="alarm"):
+            return message.what
+        case CommandDone(outcome="unknown"):
+            return f"the outcome of {message.packet} is unknown"
+        case CommandDone(packet="SetServoParameterRequest") if _fields(message.fields) == _STOP:
+            return f"{message.who or 'the program'} has stopped the servos"
+        case _:
+            return ""
+
+
+def _fields(fields: Any) -> Any:
+    return fields if isinstance(fields, dict) else msgspec.to_builtins(fields)
+
+
+class RingWriter:
+    """Keeps what was recorded last, and writes files of it; on a thread of its own."""
+
+    def __init__(
+        self,
+        path: Path,
+        about: Recorded,
+        clock: Clock,
+        seconds: float,
+        *,
+        with_packets: bool = True,
+        backlog: Backlog | None = None,
+        disk: Disk = os,
+        most_bytes: int = MOST_BYTES,
+    ) -> None:
+        """Keep the last `seconds`, and name files as `path`, with the time. Raise RecordingError if that cannot be."""
+        MessageEncoder(about, clock)  # which says what is missing
+        if not path.parent.is_dir():
+            raise RecordingError(f"cannot record to {path}: the folder {path.parent} does not exist; create it first")
+        self._path = path
+        self._about = about
+        self._clock = clock
+        self._with_packets = with_packets
+        self._backlog = backlog or Backlog()
+        self._disk = disk
+        self._segments = Segments(seconds, most_bytes)
+        self._saved: tuple[Saved, ...] = ()
+        self._asked: list[str] = []
+        self._reason = ""
+        self._due = 0.0
+        self._problem = ""
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"recorder of {path.name}", daemon=True)
+        self._thread.start()
+
+    def save(self, reason: str) -> None:
+        """Write what is there, soon."""
+        self._asked.append(reason)
+
+    def fail(self, reason: str) -> None:
+        """Write what is there, some seconds later, as for a message that says that something has failed."""
+        if not self._reason:
+            self._reason, self._due = reason, self._clock.now() + AFTER
+
+    def status(self) -> RecorderStatus:
+        """Return how it goes on; the size is that in memory."""
+        segments, now = self._segments, self._clock.now()
+        first = segments.first
+        seconds = 0.0 if first is None else now - first
+        dropped = self._backlog.dropped
+        return RecorderStatus(
+            str(self._path), seconds, segments.size, segments.count, dropped, self._problem, saved=self._saved
+        )
+
+    def close(self) -> None:
+        """End. What has failed in the last seconds is written before. Raise RecordingError if it cannot be."""
+        self._closing.set()
+        self._thread.join()
+        if self._problem:
+            raise RecordingError(f"{self._path}: the recording could not be written: {self._problem}")
+
+    # --- on the thread ------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            self._keep()
+        except Exception as error:  # noqa: BLE001 - a defect of ours, which `close` raises
+            self._problem = f"the recorder has failed: {error}"
+
+    def _keep(self) -> None:
+        while not self._closing.wait(LOOK_EVERY):
+            self._drain()
+            now = self._clock.now()
+            if self._asked:
+                self._save(self._asked.pop(0))
+            elif self._reason and now >= self._due:
+                self._save(self._reason)
+        self._drain()
+        if self._reason or self._asked:
+            self._save(self._reason or self._asked[0])
+
+    def _drain(self) -> None:
+        while (timed := self._backlog.take()) is not None:
+            self._segments.add(timed)
+            if reason := trigger(timed.message):
+                self.fail(reason)
+
+    def _save(self, reason: str) -> None:
+        """Write all that is kept to a new file, and forget it; if the disk is full, try again later."""
+        path = self._free_path()
+        try:
+            size = self._write(path, reason)
+        except RecordingError as error:
+            self._problem, self._reason, self._due = str(error), reason, self._clock.now() + _AGAIN
+            with suppress(OSError):
+                path.unlink()
+            return
+        self._saved = (*self._saved, Saved(str(path), reason, size))
+        self._problem = self._reason = ""
+        self._asked.clear()
+        self._segments.clear()
+
+    def _write(self, path: Path, reason: str) -> int:
+        first = self._segments.first
+        start = self._clock.now() if first is None else first
+        about = msgspec.structs.replace(self._about, started=self._clock.iso(start))
+        encoder = MessageEncoder(about, self._clock, with_packets=self._with_packets)
+        file = RecordingFile(path, disk=self._disk)
+        try:
+            file.put(encoder.stream.head())
+            for seconds, topic, data in self._segments.messages():
+                encoder.add_encoded(seconds, topic, data)
+                if encoder.stream.waiting >= CHUNK_BYTES:
+                    _check(file, file.put(encoder.stream.chunk()))
+            encoder.add(Timed(self._clock.now(), Event("recorder", "saved", text=reason)))
+            _check(file, file.put(encoder.stream.chunk() + encoder.stream.end()))
+            return file.size
+        finally:
+            file.close()
+
+    def _free_path(self) -> Path:
+        """Return the path of a file that does not exist yet."""
+        now = datetime.fromtimestamp(self._clock.wall(self._clock.now()) // BILLION, UTC)
+        stem = f"{self._path.stem}-{now:%Y%m%d-%H%M%S}"
+        suffix, number = self._path.suffix or ".mcap", 1
+        path = self._path.with_name(f"{stem}{suffix}")
+        while path.exists():
+            number += 1
+            path = self._path.with_name(f"{stem}-{number}{suffix}")
+        return path
+
+
+def _check(file: RecordingFile, is_written: bool) -> None:  # noqa: FBT001 - what `put` returns
+    """Raise RecordingError if the disk did not take a block."""
+    if not is_written:
+        raise RecordingError(f"cannot write {file.path}: {file.problem}")
