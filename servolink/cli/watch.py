@@ -21,7 +21,6 @@ from servolink.errors import ConnectionLost, NotFound, ServolinkError
 if TYPE_CHECKING:  # and imported late: `--help` needs none of it
     from servolink.cli.watch_outputs import Output
     from servolink.cli.watch_picture import Watched
-    from servolink.client.alarms import RaisedAlarm
     from servolink.client.board import Board
 
 _MOST_HZ = 50.0
@@ -164,15 +163,10 @@ class _Watch:
                 watched.new_buttons.clear()
                 if reading.alarms and self._args.on_alarm == "exit":
                     return fail(str(reading.alarms[0]), FAILED)
-                for raised in reading.alarms:
-                    self._say(raised)
+                self._output.alarms(reading.alarms)
+                if any(raised.alarm.stops for raised in reading.alarms):
+                    self._interruption.state = "an alarm has sent a stop to all servos"
         return OK
-
-    def _say(self, raised: RaisedAlarm) -> None:
-        """Report an alarm."""
-        if raised.alarm.stops:
-            self._interruption.state = "an alarm has sent a stop to all servos"
-        self._output.note(f"{raised}{'; stopping all servos' if raised.alarm.stops else ''}")
 
     async def _states(self) -> None:
         """Report when the connection is lost, and when it is back."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import csv
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
@@ -13,6 +13,7 @@ from servolink.cli.live import pictures
 from servolink.cli.output import angle_text, print_error, print_json, print_text
 from servolink.cli.servos import servo_object
 from servolink.cli.watch_picture import Watched, picture
+from servolink.client.alarms import RaisedAlarm
 from servolink.errors import ServolinkError
 from servolink.files import reason
 from servolink.motion.angles import Angle
@@ -27,7 +28,10 @@ class Output(Protocol):
         """Show the latest reading, and what came with it."""
 
     def note(self, text: str) -> None:
-        """Show that something has happened to the connection or to the robot."""
+        """Show that something has happened to the connection."""
+
+    def alarms(self, alarms: Sequence[RaisedAlarm]) -> None:
+        """Show the alarms of the latest reading, which has been shown."""
 
 
 class Lines:
@@ -59,6 +63,11 @@ class Lines:
     def note(self, text: str) -> None:
         """Print `text`."""
         print_error(f"servolink: {text}")
+
+    def alarms(self, alarms: Sequence[RaisedAlarm]) -> None:
+        """Print a note for each."""
+        for raised in alarms:
+            self.note(f"{raised}{'; stopping all servos' if raised.alarm.stops else ''}")
 
 
 def _described(watched: Watched) -> dict[str, Any]:
@@ -101,6 +110,9 @@ class Screen:
     def note(self, text: str) -> None:
         """Draw what there is now, which includes what `text` says."""
         self._draw()
+
+    def alarms(self, alarms: Sequence[RaisedAlarm]) -> None:
+        """Do nothing: the picture of the reading shows them."""
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from servolink.cli.watch_outputs import Screen
 from servolink.cli.watch_picture import Watched, picture
 from servolink.client.alarms import Alarm, RaisedAlarm
 from servolink.client.servos import Servo
@@ -22,6 +23,7 @@ from servolink.protocol.records import ServoParameter
 from servolink.transports.faults import Faults
 from tests.cli.programs import in_terminal
 from tests.cli.robot import Robot
+from tests.virtual_time import run
 
 
 def watched(*angles: int, **known: object) -> Watched:
@@ -103,6 +105,19 @@ def test_servos_for_which_there_is_no_room_are_counted() -> None:
 def test_a_servo_with_a_bad_value_is_marked() -> None:
     board = watched(0, alarms=[Alarm.parse("temperature_raw>240")])
     assert picture(board, 80, 24)[5][1] == "bold red"
+
+
+def test_alarms_of_one_reading_are_drawn_with_it_at_once() -> None:
+    async def main() -> list[int]:
+        board, drawn = watched(0), list[int]()
+        screen = Screen(board, lambda: drawn.append(len(board.raised)))
+        for alarms in ((), (), tuple(RaisedAlarm(Alarm.parse("current_raw>10"), servo, 40) for servo in (1, 2))):
+            board.take(ServoReading(1.5, (), 0, alarms))
+            screen.reading()
+            screen.alarms(alarms)
+        return drawn
+
+    assert run(main()) == [0, 2]
 
 
 # --- in a pipe ----------------------------------------------------------------------------------------------------
