@@ -11,8 +11,8 @@ import hashlib
 import math
 import time
 from collections import OrderedDict
-from collections.abc import Callable
-from contextlib import AbstractAsyncContextManager, nullcontext
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import msgspec
@@ -225,13 +225,7 @@ class CommandDesk:
     async def _done(self, accepted: _Accepted) -> Any:
         """Return the result of a command, when its turn has come. Raise what is the matter with it."""
         command = accepted.command
-        async with self._turn(command.method):
-            if accepted.stops != self._stops.count and command.method in _IN_ORDER:
-                raise RpcError(
-                    Code.INVALID_REQUEST,
-                    "the board was stopped before this began",
-                    remedy="send it again, if it is still wanted",
-                )
+        async with self._turn(accepted):
             if asyncio.get_running_loop().time() > accepted.until:
                 raise _expired()
             if command.method == "prepare":
@@ -243,8 +237,28 @@ class CommandDesk:
                 self.on_change()
             return result_of(reply)
 
-    def _turn(self, method: str) -> AbstractAsyncContextManager[object]:
-        return self._order if method in _IN_ORDER else nullcontext()
+    @asynccontextmanager
+    async def _turn(self, accepted: _Accepted) -> AsyncIterator[None]:
+        """Wait for the commands before this one, unless it only reads. Raise RpcError if the board is stopped first."""
+        if accepted.command.method not in _IN_ORDER:
+            yield
+            return
+        turn = asyncio.ensure_future(self._order.acquire())
+        stop = asyncio.ensure_future(self._stops.until_after(accepted.stops))
+        try:
+            await asyncio.wait((turn, stop), return_when=asyncio.FIRST_COMPLETED)
+            if accepted.stops != self._stops.count:
+                raise RpcError(
+                    Code.INVALID_REQUEST,
+                    "the board was stopped before this began",
+                    remedy="send it again, if it is still wanted",
+                )
+            yield
+        finally:
+            stop.cancel()
+            if turn.done() and not turn.cancelled():
+                self._order.release()
+            turn.cancel()
 
     def _reporter(self, command_id: str, sender: Sender) -> Callable[[Raw], None]:
         def report(params: Raw) -> None:

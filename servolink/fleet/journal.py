@@ -1,4 +1,4 @@
-"""Journal: which commands a board has taken on, so that none is carried out twice, whatever happens in between.
+"""Journal: which commands a board has taken on, so that none is carried out twice, even after a crash.
 
 A command is on the disk before it is carried out. What is found unfinished when the journal is opened was interrupted:
 nobody knows whether it was done, so it is not repeated, and its sender is told.
@@ -27,7 +27,7 @@ MOST_KEPT = 4096
 LONGEST_KEPT = 24 * 3600.0
 """Seconds after which a command is forgotten when the journal is opened, but for the latest."""
 
-_ALWAYS_KEPT = 256  # by no clock: it may have been set
+_ALWAYS_KEPT = 256  # even if the clock was set
 _PRIVATE = 0o700
 _ENCODER = msgspec.json.Encoder()
 

@@ -26,14 +26,22 @@ class StopDesk:
         self._prepared = prepared
         self._waiting: deque[tuple[str, Sender, Answers]] = deque(maxlen=_MOST_ANSWERED)
         self._task: asyncio.Task[None] | None = None
+        self._stopped = asyncio.Event()
 
     def stop(self, command_id: str, sender: Sender, answers: Answers) -> None:
         """Stop the board, and answer when it has stopped."""
         self.count += 1
+        self._stopped.set()
+        self._stopped = asyncio.Event()
         self._prepared.forget()
         self._waiting.append((command_id, sender, answers))
         if self._task is None or self._task.done():
             self._task = asyncio.get_running_loop().create_task(self._stop_all())
+
+    async def until_after(self, count: int) -> None:
+        """Return when there have been more stops than `count`."""
+        while self.count == count:
+            await self._stopped.wait()
 
     async def close(self) -> None:
         """Answer those who wait still."""

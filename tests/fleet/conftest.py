@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.fleet.bridged import user
 from tests.fleet.mosquitto import Broker
+
+__all__ = ["broker", "user"]
 
 
 @pytest.fixture

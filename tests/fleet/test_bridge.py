@@ -1,0 +1,198 @@
+"""A board through a bridge and a real broker."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import msgspec
+import pytest
+
+from servolink.errors import OpenError
+from servolink.fleet.policy import BoardPolicy
+from servolink.fleet.topics import BoardNow, EventNow, ServosNow
+from servolink.hub.serving import serve_board
+from servolink.protocol.records import Action, Step
+from tests.fleet.bridged import bridged, far_away, joined, run
+from tests.fleet.mosquitto import Broker, needs_broker
+
+pytestmark = [*needs_broker, pytest.mark.usefixtures("user")]
+
+
+def test_a_board_is_seen_and_moved_from_afar(broker: Broker) -> None:
+    async def main() -> None:
+        async with bridged(broker, hz=50.0) as (far, _):
+            state = await far.state(lambda state: state["servos"] == 4)
+            assert (state["board"], state["connection"], state["allow"]) == ("rex", "connected", "edit")
+            assert far.heard["servolink/rex/available"][0].payload == b"online"
+            moved = await far.call("move", params={"targets": {"1": 60}, "duration": 0.1, "wait": True})
+            assert moved == {"seconds": 0.1}
+            await far.until(
+                lambda: json.loads(far.heard["servolink/rex/servos"][-1].payload)["servos"][0]["angle"] == 60
+            )
+            servos = await far.call("servos.list")
+            assert servos["servos"][0]["angle"] == 60
+        assert far.heard["servolink/rex/available"][-1].payload == b"offline"
+
+    run(main())
+
+
+def test_a_result_goes_where_its_sender_listens(broker: Broker) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            reply = "servolink/_fleet/reply/me"
+            command = await far.send("battery", response_topic=reply, correlation=b"\x00\xff")
+            await far.result(command, reply)
+            assert far.heard[reply][0].correlation == b"\x00\xff"
+            command = await far.send("battery", response_topic="servolink/fido/cmd")
+            await far.result(command)
+            assert "servolink/fido/cmd" not in far.heard
+
+    run(main())
+
+
+def test_a_policy_says_what_may_be_done(broker: Broker) -> None:
+    async def main() -> None:
+        async with bridged(broker, "watch") as (far, hub):
+            error = await far.failure("move", params={"targets": {"1": 60}, "duration": 0.1})
+            assert (error["data"]["kind"], error["data"]["remedy"]) == (
+                "forbidden",
+                'on its machine, write allow = "move" for rex in fleet.toml',
+            )
+            await far.call("stop")
+            assert hub.lease is None
+            assert (await far.failure("lease.take"))["data"]["kind"] == "method_not_found"
+
+    run(main())
+
+
+def test_a_policy_limits_what_is_moved(broker: Broker) -> None:
+    async def main() -> None:
+        policy = BoardPolicy("edit", 90.0, {"1": (-30, 30)})
+        async with bridged(broker, policy=policy) as (far, hub):
+            error = await far.failure("move", params={"targets": {"1": 31}, "duration": 2})
+            assert error["message"].endswith("-30..30 (from fleet.toml)")
+            await hub.board.add_action(Action(7, "Far", (Step(1, 60, 200),)))
+            error = await far.failure("run", params={"type": "action", "id": 7})
+            assert "-30..30 (from fleet.toml)" in error["message"]
+
+    run(main())
+
+
+def test_boards_start_together_when_they_are_told_to(broker: Broker) -> None:
+    async def main() -> None:
+        async with bridged(broker, "run") as (far, hub):
+            await hub.board.add_action(Action(7, "Wave", (Step(1, 60, 10),)))
+            wave = {"type": "action", "id": "Wave"}
+            await far.call("prepare", params={"start": "s1", "run": wave})
+            assert hub.lease is not None
+            await far.publish("servolink/_fleet/start", {"id": "other"})
+            await far.publish("servolink/_fleet/start", {"id": "s1"})
+            started = (await far.result("s1"))["result"]
+            assert 0 <= started["after"] < 5
+            await far.publish("servolink/_fleet/start", {"id": "s1"})  # nothing is prepared any more
+            await far.call("prepare", params={"start": "s2", "run": wave})
+            await far.call("cancel", params={"start": "s2"})
+            error = await far.failure("cancel", params={"start": "s2"})
+            assert error["data"]["kind"] == "NotFound"
+            error = await far.failure("prepare", params={"start": "s3", "run": {"type": "macro", "id": "None"}})
+            assert error["data"]["kind"] == "NotFound"
+            assert len(await far.results("s1")) == 1
+            await far.publish("servolink/_fleet/echo", {"id": "e1"})
+            assert (await far.result("e1"))["result"]["monotonic"] > started["monotonic"]
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("topic", "payload", "command_id"),
+    [
+        ("servolink/_fleet/stop", b'{"id": "all"}', "all"),
+        ("servolink/rex/stop", b"", "stop"),
+        ("servolink/rex/stop", b"\xff nonsense", "stop"),
+        ("servolink/rex/cmd", b'{"id": "x", "method": "stop"}', "x"),
+    ],
+)
+def test_anybody_may_stop_the_board(broker: Broker, topic: str, payload: bytes, command_id: str) -> None:
+    async def main() -> None:
+        async with bridged(broker, "watch") as (far, hub):
+            await hub.board.move({1: 90}, duration=20, wait=False)
+            await far.publish(topic, payload)
+            assert (await far.result(command_id))["ok"]
+            assert not any(servo.is_start for servo in await hub.board.servos())
+
+    run(main())
+
+
+def test_commands_that_wait_are_not_begun_after_a_stop(broker: Broker) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            await far.send("move", params={"targets": {"1": 90}, "duration": 20, "wait": True})
+            second = await far.send("move", params={"targets": {"2": 90}, "duration": 20, "wait": True})
+            await far.publish("servolink/rex/stop", b"")
+            await far.result("stop")
+            error = (await far.result(second))["error"]
+            assert error["message"] == "the board was stopped before this began"
+
+    run(main())
+
+
+def test_what_is_stored_is_in_the_state(broker: Broker) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            bow = {"action_id": 3, "action_caption": "Bow", "steps": []}
+            await far.call("records.put", params={"type": "action", "record": bow})
+            state = await far.state(lambda state: bool(state["actions"]))
+            assert state["actions"] == [{"id": 3, "caption": "Bow"}]
+
+    run(main())
+
+
+def test_a_lost_hub_is_told_and_waited_for(broker: Broker) -> None:
+    async def main() -> None:
+        async with far_away(broker) as far:
+            async with serve_board("virtual://?servos=1", name="rex"):
+                joining = joined(broker, BoardPolicy("edit"))
+                await joining.__aenter__()
+                await far.state(lambda state: state["connection"] == "connected")
+            await far.state(lambda state: state["connection"] == "lost")
+            error = await far.failure("battery")
+            assert error["data"]["kind"] == "ConnectionLost"
+            async with serve_board("virtual://?servos=1", name="rex"):
+                await far.state(lambda state: state["connection"] == "connected")
+                await far.call("battery")
+                await joining.__aexit__(None, None, None)
+
+    run(main())
+
+
+def test_a_name_belongs_to_one_machine(broker: Broker) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            with pytest.raises(OpenError, match="another program of this machine connects rex"):
+                async with joined(broker, BoardPolicy()):
+                    pass
+            state = await far.state()
+        async with far_away(broker) as far:
+            await far.publish("servolink/rex/state", {**state, "host": "elsewhere"}, retain=True)
+            await far.publish("servolink/rex/available", b"online", retain=True)
+            with pytest.raises(OpenError, match="has joined already, from elsewhere: give this one another name"):
+                async with joined(broker, BoardPolicy()):
+                    pass
+
+    run(main())
+
+
+def test_payloads_are_as_declared(broker: Broker) -> None:
+    kinds: dict[str, Any] = {"state": BoardNow, "servos": ServosNow, "event": EventNow}
+
+    async def main() -> None:
+        async with bridged(broker, hz=50.0) as (far, _):
+            await far.state()
+            await far.until(lambda: "servolink/rex/servos" in far.heard)
+            for topic, messages in far.heard.items():
+                if kind := kinds.get(topic.rpartition("/")[2]):
+                    for message in messages:
+                        msgspec.json.decode(message.payload, type=kind, strict=True)
+
+    run(main())

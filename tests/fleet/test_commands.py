@@ -1,0 +1,208 @@
+"""Commands from afar: each is carried out once, in time, and answered, whatever comes."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import json
+from typing import Any
+
+import pytest
+
+from servolink.fleet import commands, pulse
+from servolink.fleet.hub_session import HubSession
+from servolink.fleet.journal import Journal
+from tests.fleet.bridged import Far, bridged, run
+from tests.fleet.mosquitto import Broker, needs_broker
+
+pytestmark = [*needs_broker, pytest.mark.usefixtures("user")]
+
+MOVE = {"targets": {"1": 60}, "duration": 0.05}
+CMD = "servolink/rex/cmd"
+
+
+class Calls:
+    """Counts what the hub was asked to do, and can hold it back."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.methods: list[str] = []
+        self.may_go = asyncio.Event()
+        self.may_go.set()
+        ask = HubSession.ask
+
+        async def counted(session: HubSession, method: str, *rest: Any) -> Any:
+            if method not in {"status", "battery", "records.list", "servos.list", "buttons.subscribe"}:
+                self.methods.append(method)
+                await self.may_go.wait()
+            return await ask(session, method, *rest)
+
+        monkeypatch.setattr(HubSession, "ask", counted)
+
+
+def test_a_command_that_comes_twice_is_carried_out_once(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            calls = Calls(monkeypatch)
+            for _ in range(3):
+                await far.send("move", params=MOVE, id="once")
+            assert (await far.results("once"))[0]["ok"]
+            await far.call("project.backups")
+            await far.send("move", params=MOVE, id="once")
+            await far.call("project.backups")
+            assert calls.methods.count("move") == 1
+            assert len(await far.results("once")) == 1
+            await far.send("release", id="once")
+            answers = await far.results("once", 2)
+            assert answers[1]["error"]["message"] == "the id once was used for another command"
+            assert calls.methods.count("release") == 0
+
+    run(main())
+
+
+def test_a_retained_command_is_never_carried_out(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            calls = Calls(monkeypatch)
+            await far.send("move", params=MOVE, id="kept", retain=True)
+            answer = await far.result("kept")
+            assert answer["error"]["message"].startswith("retained commands are not carried out")
+            await far.publish("servolink/_fleet/start", {"id": "s"}, retain=True)
+        calls.methods.clear()
+        async with bridged(broker) as (far, _):
+            await far.results("kept")
+            await far.publish(CMD, b"", retain=True)
+            await far.call("project.backups")
+            assert calls.methods == ["project.backups"]
+
+    run(main())
+
+
+def test_what_moves_must_expire_and_come_in_time(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            calls = Calls(monkeypatch)
+            error = await far.failure("move", params=MOVE, expiry=None)
+            assert error["message"] == "move needs a message expiry: a robot must not move late"
+            error = await far.failure("move", params=MOVE, pulse="of another life")
+            assert error["message"].startswith("the command has expired")
+            await far.until(lambda: "servolink/rex/pulse" in far.heard)
+            word = far.heard["servolink/rex/pulse"][-1].payload.decode()
+            await far.call("move", params=MOVE, pulse=word)
+            monkeypatch.setattr(pulse, "SLACK", -10.0)
+            error = await far.failure("move", params=MOVE)
+            assert error["message"].startswith("the command has expired")
+            assert calls.methods == ["move"]
+
+    run(main())
+
+
+def test_a_command_that_waits_too_long_for_its_turn_expires(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(commands, "LONGEST_MOTION", 0)
+
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            calls = Calls(monkeypatch)
+            calls.may_go.clear()
+            first = await far.send("records.delete", params={"type": "action", "id": 1})
+            second = await far.send("move", params=MOVE)
+            calls.may_go.set()
+            await far.result(first)
+            assert (await far.result(second))["error"]["message"].startswith("the command has expired")
+
+    run(main())
+
+
+def test_a_flood_is_answered_with_busy_and_holds_no_stop_up(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            calls = Calls(monkeypatch)
+            calls.may_go.clear()
+            sent = [await far.send("release") for _ in range(commands.MOST_WAITING + 10)]
+            answers = [await far.result(each) for each in sent[commands.MOST_WAITING :]]
+            assert {answer["error"]["data"]["kind"] for answer in answers} == {"busy"}
+            calls.may_go.set()
+            await far.publish("servolink/rex/stop", b"")
+            assert (await far.result("stop"))["ok"]
+            answers = [await far.result(each) for each in sent[1 : commands.MOST_WAITING]]
+            assert {answer["ok"] for answer in answers} == {False}
+            assert calls.methods.count("release") == 1
+
+    run(main())
+
+
+HOSTILE: list[tuple[bytes, str | None, str]] = [
+    (b"", None, "is not JSON"),
+    (b"\xff\xfe", None, "is not text in UTF-8"),
+    (b"[" * 100_000, None, "nested too deeply"),
+    (b"[]", None, "must be an object"),
+    (b'{"method": "battery"}', None, "'id' is missing"),
+    (b'{"id": 7, "method": "battery"}', None, "id: must be text"),
+    (b'{"id": "a/b", "method": "battery"}', None, "id:"),
+    (b'{"id": "a", "id": "b", "method": "battery"}', None, "is there twice"),
+    (b'{"id": "1"}', "1", "'method' is missing"),
+    (b'{"id": "2", "method": "battery", "params": []}', "2", "params: must be an object"),
+    (b'{"id": "3", "method": "battery", "params": {"x": NaN}}', None, "NaN"),
+    (b'{"id": "4", "method": "battery", "more": 1}', "4", "more"),
+    (b'{"id": "5", "method": "no\\u001bthing"}', "5", "there is no method 'no\\x1bthing'"),
+    (b'{"id": "6", "method": "battery", "params": {"x": 1}}', "6", "'x'"),
+    (b'{"id": "7", "method": "prepare", "params": {"x": 1}}', "7", "needs a message expiry"),
+    (b'{"id": "8", "method": "battery", "who": "' + b"x" * (1024 * 1024) + b'"}', None, "larger than 1 MiB"),
+]
+
+
+def test_hostile_payloads_are_refused_with_a_reason(broker: Broker) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            unnamed = 0
+            for payload, command_id, text in HOSTILE:
+                await far.publish(CMD, payload)
+                unnamed += command_id is None
+                answer = (await far.results(command_id, 1 if command_id else unnamed))[-1]
+                assert not answer["ok"]
+                assert text in answer["error"]["message"]
+            assert (await far.call("battery"))["percent"] == 100
+
+    run(main())
+
+
+def test_nothing_is_done_that_cannot_be_noted(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(journal: Journal, lines: list[bytes]) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            calls = Calls(monkeypatch)
+            monkeypatch.setattr(Journal, "_write", full)
+            error = await far.failure("move", params=MOVE)
+            assert error["message"] == (
+                "the command cannot be noted, so it is not carried out: No space left on device"
+            )
+            assert calls.methods == []
+            monkeypatch.undo()
+
+    run(main())
+
+
+def test_progress_comes_before_the_result(broker: Broker) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            command = await far.send("project.export")
+            assert (await far.result(command))["ok"]
+            messages = [json.loads(each.payload) for each in far.heard["servolink/rex/result"]]
+            assert "progress" in messages[0]
+            assert messages[0]["progress"]["phase"] == "reading"
+
+    run(main())
+
+
+def test_what_is_under_way_when_the_bridge_ends_is_answered(broker: Broker) -> None:
+    async def main() -> None:
+        far: Far
+        async with bridged(broker) as (far, hub):
+            command = await far.send("move", params={"targets": {"1": 90}, "duration": 20, "wait": True})
+            while hub.lease is None:
+                await asyncio.sleep(0.01)
+        answer = await far.result(command)
+        assert answer["error"]["data"]["kind"] == "OutcomeUnknown"
+
+    run(main())

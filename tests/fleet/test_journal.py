@@ -1,0 +1,86 @@
+"""The journal of commands."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from servolink.errors import OpenError
+from servolink.fleet import journal as module
+from servolink.fleet.journal import Entry, Journal, opened_journal
+
+pytestmark = pytest.mark.usefixtures("user")
+
+
+def noted(journal: Journal, *ids: str) -> None:
+    async def main() -> None:
+        await asyncio.gather(*(journal.note(Entry(each, "d", 1.0, "t", b"\x00")) for each in ids))
+
+    asyncio.run(main())
+
+
+def test_a_command_is_known_after_a_crash() -> None:
+    with opened_journal("rex") as journal:
+        noted(journal, "a", "b", "c")
+        journal.answered("b", '{"ok":true}')
+        journal.over("c")
+        again = Journal(journal._path)  # as another program reads it after a crash
+        again.open()
+    assert [entry.id for entry in again.unfinished()] == ["a", "b"]
+    assert (again.unfinished()[0].response_topic, again.unfinished()[0].correlation) == ("t", b"\x00")
+    assert again.unfinished()[1].answer == '{"ok":true}'
+    assert again.find("c") is not None
+    assert again.find("d") is None
+    again.close()
+
+
+def test_commands_that_come_together_are_written_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    writes: list[int] = []
+    write = Journal._write
+
+    def counted(journal: Journal, lines: list[bytes]) -> None:
+        writes.append(len(lines))
+        write(journal, lines)
+
+    monkeypatch.setattr(Journal, "_write", counted)
+    with opened_journal("rex") as journal:
+        noted(journal, *map(str, range(20)))
+    assert sum(writes) == 20
+    assert len(writes) <= 2  # the first, and all that came while it was being written
+
+
+def test_a_journal_belongs_to_one_program() -> None:
+    again = opened_journal("rex")
+    with opened_journal("rex"), opened_journal("fido"), pytest.raises(OpenError, match="connects rex with a broker"):
+        again.__enter__()
+
+
+def test_a_journal_stays_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MOST_KEPT", 10)
+    monkeypatch.setattr(module, "_ALWAYS_KEPT", 3)
+    with opened_journal("rex") as journal:
+        for number in range(100):
+            noted(journal, f"n{number}")
+            journal.over(f"n{number}")
+        assert journal.find("n89") is None
+        assert journal.find("n90") is not None
+        assert journal._path.stat().st_size < 10_000
+    with opened_journal("rex") as journal:  # all are of 1970: only the latest are kept
+        assert [number for number in range(100) if journal.find(f"n{number}")] == [97, 98, 99]
+
+
+def test_a_line_that_was_cut_spoils_no_other(tmp_path: Path) -> None:
+    path = tmp_path / "journal"
+    path.write_bytes(b'\n{"id":"a"}\n\n{"id":"b","dig\n{"id":"c"}\n\xff\n')
+    journal = Journal(path)
+    journal.open()
+    assert [entry.id for entry in journal.unfinished()] == ["a", "c"]
+    journal.close()
+
+
+def test_a_folder_that_cannot_be_written_is_an_error(user: Path) -> None:
+    (user / "XDG_DATA_HOME" / "servolink").write_text("a file", encoding="utf-8")
+    with pytest.raises(OpenError, match="the commands of rex cannot be noted: "), opened_journal("rex"):
+        pass
