@@ -30,6 +30,7 @@ from servolink.hub.notices import (
     Problem,
     ProgramJoined,
     ProgramLeft,
+    ProgramRenamed,
     ProgramStatus,
     Refused,
 )
@@ -142,6 +143,13 @@ class Hub:
         self._joined_at[program.session_id] = self._now()
         self.tell(ProgramJoined(program.session_id, who, door, str(role)))
         return program
+
+    def rename(self, session_id: str, who: str) -> None:
+        """Call a program `who` from now on. No effect if it has left."""
+        program = self.programs.get(session_id)
+        if program is not None:
+            program.who = who
+            self.tell(ProgramRenamed(session_id, who))
 
     def forget(self, program: Program) -> None:
         """End what a program that leaves has here; see `Program.leave`."""

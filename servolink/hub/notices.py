@@ -26,6 +26,13 @@ class ProgramLeft(Struct, frozen=True, tag="program_left"):
     who: str
 
 
+class ProgramRenamed(Struct, frozen=True, tag="program_renamed"):
+    """A program has another name from now on."""
+
+    session: str
+    who: str
+
+
 class ConnectionChanged(Struct, frozen=True, tag="connection_changed"):
     """The connection to the board was lost, restored or closed."""
 
@@ -100,6 +107,7 @@ class RecordingChanged(Struct, frozen=True, tag="recording"):
 Notice: TypeAlias = (
     ProgramJoined
     | ProgramLeft
+    | ProgramRenamed
     | ConnectionChanged
     | LeaseChanged
     | HoldChanged

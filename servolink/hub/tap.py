@@ -15,6 +15,7 @@ from servolink.hub.notices import (
     Problem,
     ProgramJoined,
     ProgramLeft,
+    ProgramRenamed,
 )
 from servolink.protocol.packet import Packet
 from servolink.recorder.channels import Event, Message, ProblemFound, Wire
@@ -72,6 +73,8 @@ def message_of(notice: Notice) -> Message | None:
             return Event("program", "joined", notice.who, notice.session, text=f"{notice.door}, {notice.role}")
         case ProgramLeft():
             return Event("program", "left", notice.who, notice.session)
+        case ProgramRenamed():
+            return Event("program", "renamed", notice.who, notice.session)
         case ConnectionChanged():
             return Event("connection", notice.state)
         case LeaseChanged():

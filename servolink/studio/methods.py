@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from importlib.metadata import version
-from typing import NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import msgspec
-from msgspec import Struct
+from msgspec import Meta, Struct
 
 from servolink.hub.control.messages import NoParams
 from servolink.hub.control.rpc import Methods
@@ -17,12 +17,20 @@ from servolink.studio.gate import Token
 from servolink.studio.links import Links
 from servolink.transports.share import RoleName, Welcome
 
+MOST_NAME = 60
+"""Characters of the name of a page."""
+
 
 class OpenPage(Protocol):
     """A page that is open."""
 
     token: Token
     """The one that it showed."""
+    who: str
+    """What people call it."""
+
+    def rename(self, who: str) -> None:
+        """Call it `who` from now on."""
 
     def notify(self, name: str, params: Struct) -> None:
         """Send a notification."""
@@ -68,12 +76,16 @@ class About(Struct, frozen=True):
     version: str
 
 
+class PageName(Struct, forbid_unknown_fields=True):
+    """What people call a page."""
+
+    who: Annotated[str, Meta(max_length=MOST_NAME)]
+
+
 class Caller(NamedTuple):
     """The page that calls a method."""
 
     studio: Studio
-    who: str
-    """What people call the page."""
     url: str
     """The address of the board."""
     page: OpenPage
@@ -82,6 +94,13 @@ class Caller(NamedTuple):
 
 
 METHODS: Methods[Caller] = Methods()
+
+
+@METHODS.add("studio.rename", Role.WATCH)
+def rename(caller: Caller, params: PageName) -> PageName:
+    """Change what people call the page."""
+    caller.page.rename(params.who)
+    return params
 
 
 @METHODS.add("studio.about", Role.WATCH)

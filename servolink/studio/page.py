@@ -18,7 +18,7 @@ from servolink.json_text import read_json
 from servolink.profiles.profile import BoardProfile, ProfileInUse
 from servolink.studio import board_methods, draft_methods, figure_methods, project_methods  # they add their methods
 from servolink.studio.gate import Gate
-from servolink.studio.methods import METHODS, Caller, Studio
+from servolink.studio.methods import METHODS, MOST_NAME, Caller, Studio
 from servolink.transports.share import Greeting, RoleName, Welcome, greet
 
 __all__ = [
@@ -44,7 +44,7 @@ class Hello(Struct, forbid_unknown_fields=True):
     """The first message of a page."""
 
     token: Annotated[str, Meta(max_length=200)]
-    who: Annotated[str, Meta(max_length=60)] = ""
+    who: Annotated[str, Meta(max_length=MOST_NAME)] = ""
     """What people call this page, such as `Tablet 2`."""
 
 
@@ -82,7 +82,7 @@ async def _connected(
     """Connect to the control interface of the hub for one page. Raise OpenError if there is no hub."""
     reader = asyncio.StreamReader(limit=_MOST_LINE)
     protocol = asyncio.StreamReaderProtocol(reader)
-    greeting = Greeting(wants="rpc", who=f"studio: {who or 'a page'}", role=role)
+    greeting = Greeting(wants="rpc", who=_name_for_hub(who), role=role)
     pipe, welcome = await greet(studio.hub, greeting, protocol)
     protocol.connection_made(pipe)
     writer = asyncio.StreamWriter(pipe, protocol, reader, asyncio.get_running_loop())
@@ -112,7 +112,8 @@ class _Page:
         self._responses: asyncio.Queue[bytes] = asyncio.Queue()
         self._studio = studio
         self.token = hello.token
-        caller = Caller(studio, hello.who, welcome.url, self, _profile_in(welcome))
+        self.who = hello.who
+        caller = Caller(studio, welcome.url, self, _profile_in(welcome))
         self._own = Peer(METHODS, caller, self._respond, self._abort, role=Role[role.upper()])
 
     async def talk(self) -> None:
@@ -158,6 +159,12 @@ class _Page:
         if self._responses.qsize() >= MOST_UNREAD:
             self._own.pause()
 
+    def rename(self, who: str) -> None:
+        """Call the page `who` from now on, in the hub too."""
+        self.who = who
+        params = {"who": _name_for_hub(who)}
+        self._writer.write(msgspec.json.encode({"jsonrpc": "2.0", "method": "rename", "params": params}) + b"\n")
+
     def notify(self, name: str, params: Struct) -> None:
         """Send a notification of the studio."""
         self._own.notify(name, params)
@@ -168,6 +175,10 @@ class _Page:
 
     def _abort(self, _reason: str) -> None:
         self._writer.transport.abort()
+
+
+def _name_for_hub(who: str) -> str:
+    return f"studio: {who or 'a page'}"
 
 
 def _profile_in(welcome: Welcome) -> ProfileInUse | None:

@@ -350,6 +350,27 @@ def test_the_hold_and_the_lease_end_with_their_program() -> None:
     run(main())
 
 
+def test_a_program_that_is_renamed_keeps_its_lease() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("tablet") as tablet, here.program("studio") as studio:
+            await tablet.call("status")
+            await studio.call("lease.take", dead_man=60)
+            await studio.call("rename", who="Tablet 2")
+            renamed = await tablet.until("program")
+            assert (renamed["event"], renamed["who"], renamed["session"]) == (
+                "renamed",
+                "Tablet 2",
+                "session of studio",
+            )
+            assert (await tablet.call("status"))["lease"]["who"] == "Tablet 2"
+            with pytest.raises(RpcFailed, match="Tablet 2"):
+                await tablet.call("move", targets={"1": 10}, duration=0.1)
+            with pytest.raises(RpcFailed, match="who"):
+                await studio.call("rename", who="x" * 201)
+
+    run(main())
+
+
 def test_watching_goes_on_when_the_board_answers_again(monkeypatch: pytest.MonkeyPatch) -> None:
     async def main() -> None:
         async with shared(patience=10) as here, here.program("page") as page:

@@ -199,3 +199,16 @@ def test_a_damaged_note_of_the_port_is_left_alone(content: bytes) -> None:
     (path,) = (user_folder("data") / "studio").iterdir()
     path.write_bytes(content)
     assert last_port("robbie") == 0
+
+
+def test_a_page_has_another_name_at_once() -> None:
+    async def test(place: Place) -> None:
+        async with place.page() as page:
+            await welcomed(page, place.gate.new_token("edit"))
+            assert (await call(page, "studio.rename", who="Blue"))["result"] == {"who": "Blue"}
+            assert "studio: Blue" in [one["who"] for one in (await call(page, "status"))["result"]["programs"]]
+            edit = {"kind": "project_id", "id": 0, "known": 0, "record": 5}
+            assert (await call(page, "studio.draft.save", edits=[edit]))["result"]["saved"][0]["who"] == "Blue"
+            assert "error" in await call(page, "studio.rename", who="x" * 61)
+
+    run(test)

@@ -64,6 +64,12 @@ class Hold(Struct, forbid_unknown_fields=True):
     reason: Annotated[str, Meta(max_length=200, description="for the people whose programs wait")] = ""
 
 
+class Rename(Struct, forbid_unknown_fields=True):
+    """What people call a program."""
+
+    who: Annotated[str, Meta(max_length=200, description="for the people who use other programs")]
+
+
 class LeaseNow(Struct, frozen=True):
     """The lease; null if it is free."""
 

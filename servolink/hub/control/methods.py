@@ -21,6 +21,7 @@ from servolink.hub.control.messages import (
     NoParams,
     Ran,
     Release,
+    Rename,
     Run,
     ServoList,
     ServoParameters,
@@ -60,6 +61,14 @@ def status(caller: Caller, params: NoParams) -> HubStatus:
     """
     caller.control.wants_programs = True
     return caller.control.hub.status()
+
+
+@METHODS.add("rename", Role.WATCH)
+def rename(caller: Caller, params: Rename) -> Done:
+    """Change what this program is called, as its greeting did. Lease and hold stay as they are."""
+    caller.control.who = params.who
+    caller.control.hub.rename(caller.control.session, params.who)
+    return Done()
 
 
 @METHODS.add("board.state", Role.WATCH)

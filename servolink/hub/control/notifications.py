@@ -50,13 +50,13 @@ class HoldNotice(Struct, frozen=True):
 
 
 class ProgramNotice(Struct, frozen=True):
-    """A program has joined or left; for programs that have called `status`."""
+    """A program has joined, left or changed its name; for programs that have called `status`."""
 
-    event: Literal["joined", "left"]
+    event: Literal["joined", "left", "renamed"]
     session: str
     who: str
-    door: Annotated[str | None, about("where it joined: share, tcp, pty or local; null if it left")] = None
-    role: Annotated[str | None, about("null if it left")] = None
+    door: Annotated[str | None, about("where it joined: share, tcp, pty or local; null unless it joined")] = None
+    role: Annotated[str | None, about("null unless it joined")] = None
 
 
 class ProgressNotice(Struct, frozen=True):

@@ -31,6 +31,7 @@ from servolink.hub.notices import (
     Problem,
     ProgramJoined,
     ProgramLeft,
+    ProgramRenamed,
     RecordingChanged,
     Refused,
 )
@@ -125,12 +126,14 @@ class ControlSession:
         """Pass on a notice of the hub."""
         self.control.heard(notice)
         match notice:
-            case ProgramJoined() | ProgramLeft() if not self.control.wants_programs:
+            case ProgramJoined() | ProgramLeft() | ProgramRenamed() if not self.control.wants_programs:
                 pass
             case ProgramJoined():
                 self._notify("program", ProgramNotice("joined", notice.session, notice.who, notice.door, notice.role))
             case ProgramLeft():
                 self._notify("program", ProgramNotice("left", notice.session, notice.who))
+            case ProgramRenamed():
+                self._notify("program", ProgramNotice("renamed", notice.session, notice.who))
             case ConnectionChanged():
                 self._notify("connection", ConnectionNow(notice.state))
             case LeaseChanged():

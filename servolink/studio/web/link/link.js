@@ -30,7 +30,8 @@ export class Link {
    */
   constructor(url, token, who) {
     this._url = url;
-    this._hello = JSON.stringify({ token, who });
+    this._token = token;
+    this._who = who;
     /** @type {WebSocket | null} */
     this._socket = null;
     /** @type {Map<number, { resolve: (result: any) => void, reject: (error: Error) => void, onProgress?: (progress: any) => void }>} */
@@ -50,7 +51,7 @@ export class Link {
     this.onState("connecting", "");
     const socket = (this._socket = new WebSocket(this._url));
     let isWelcome = false;
-    socket.onopen = () => socket.send(this._hello);
+    socket.onopen = () => socket.send(JSON.stringify({ token: this._token, who: this._who }));
     socket.onmessage = (event) => {
       const message = JSON.parse(event.data);
       if (isWelcome) return this._take(message);
@@ -60,6 +61,15 @@ export class Link {
       this.onWelcome(message);
     };
     socket.onclose = (event) => this._lost(event);
+  }
+
+  /**
+   * Change what the people at other pages read of this one, now and whenever it connects again.
+   * @param {string} who
+   */
+  rename(who) {
+    this._who = who;
+    this.tell("studio.rename", { who });
   }
 
   /**

@@ -66,7 +66,7 @@ export const en = {
   "board.has_control": "has control",
   "board.watching": "looking on",
   "board.may_watch": "may only watch",
-  "board.page_name": "Name of this page, from the next reload on",
+  "board.page_name": "Name of this page, for the others",
   "board.page_name_example": "Tablet 2",
   "board.links": "Tablets and other machines",
   "board.only_here": "Only this machine reaches the studio. To let others in, start it with the name under which they reach this machine:",

@@ -66,7 +66,7 @@ export const zh = {
   "board.has_control": "控制中",
   "board.watching": "观看中",
   "board.may_watch": "只能观看",
-  "board.page_name": "本页面的名称（重新加载后生效）",
+  "board.page_name": "本页面的名称",
   "board.page_name_example": "平板 2",
   "board.links": "平板和其他电脑",
   "board.only_here": "目前只有本机能打开工作室。要让其他设备进入，请用它们访问本机的名称启动：",

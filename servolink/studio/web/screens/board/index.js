@@ -17,7 +17,7 @@ export function BoardScreen({ link, motion }) {
   if (fit.value !== null) return html`<${FitCard} link=${link} motion=${motion} />`;
   return html`<h1 class="sr">${t("screen.board")}</h1>
     <div class="conn">
-      <div><${BoardList} link=${link} /><${LinkCard} link=${link} /></div>
-      <div><${Doctor} link=${link} /><${About} /><${FigureCard} link=${link} /><${People} /></div>
+      <div><${BoardList} link=${link} /><${FigureCard} link=${link} /><${LinkCard} link=${link} /></div>
+      <div><${Doctor} link=${link} /><${About} /><${People} link=${link} /></div>
     </div>`;
 }

@@ -8,7 +8,9 @@ import { t } from "../../texts/text.js";
 
 /** @typedef {import("../../state/robot.js").Program} Program */
 
-export function People() {
+/** @param {{ link: import("../../link/link.js").Link }} props */
+export function People({ link }) {
+  const rename = (/** @type {string} */ name) => link.rename((who.value = name));
   const mine = welcome.value?.session;
   return html`<section class="card">
     <header><h2>${t("board.people")}</h2></header>
@@ -18,7 +20,7 @@ export function People() {
       </ul>
       <label class="field"><span>${t("board.page_name")}</span>
         <input class="inp" maxlength="60" value=${who.value} placeholder=${t("board.page_name_example")}
-          onChange=${(/** @type {Event} */ event) => (who.value = /** @type {HTMLInputElement} */ (event.currentTarget).value)} />
+          onChange=${(/** @type {Event} */ event) => rename(/** @type {HTMLInputElement} */ (event.currentTarget).value)} />
       </label>
     </div>
   </section>`;
