@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import re
 from contextlib import AsyncExitStack
 
 from servolink.cli.main import OK, usage_error
@@ -13,6 +14,7 @@ from servolink.errors import TransportUnavailable
 
 _MOST_PORT = 65535
 _LOOPBACK = "127.0.0.1"
+_HOST = re.compile(r"[\w.-]+|https://[\w.-]+(:[0-9]{1,5})?/?", re.ASCII)
 _NOT_ENCRYPTED = (
     "the studio is not encrypted: everybody in this network who reads along can do what these addresses allow; "
     "put it behind a proxy that speaks TLS"
@@ -31,8 +33,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--allow-host",
         action="append",
         default=[],
+        type=_host,
         metavar="NAME",
-        help="a name or address under which other machines reach this one; may be repeated",
+        help="a name or address under which other machines reach this one, or https://NAME of a proxy that speaks TLS; "
+        "may be repeated",
     )
 
 
@@ -40,6 +44,14 @@ def _port(text: str) -> int:
     if not text.isascii() or not text.isdecimal() or int(text) > _MOST_PORT:
         raise argparse.ArgumentTypeError(f"must be a port from 0 to {_MOST_PORT}, not {text!r}")
     return int(text)
+
+
+def _host(text: str) -> str:
+    if not _HOST.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"must be a name or address, as in robot.local, or https://NAME of a proxy that speaks TLS, not {text!r}"
+        )
+    return text
 
 
 def run(args: argparse.Namespace) -> int:
@@ -59,10 +71,10 @@ def run(args: argparse.Namespace) -> int:
 async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
     """Serve until the task is cancelled."""
     try:
+        from servolink.studio.links import Links
         from servolink.studio.server import serve_studio
     except ModuleNotFoundError as error:
-        raise TransportUnavailable("servolink studio needs aiohttp: pip install 'servolink[studio]'") from error
-    from servolink.studio.links import Links
+        raise TransportUnavailable(f"servolink studio needs {error.name}: pip install 'servolink[studio]'") from error
     from servolink.studio.start import check_place, opened_in_browser, studio_for
 
     check_place(args.host, tuple(args.allow_host))

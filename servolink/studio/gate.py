@@ -17,8 +17,14 @@ from servolink.transports.share import RoleName
 
 LOOPBACK = ("127.0.0.1", "localhost")
 _TOKEN_BYTES = 24
+_TLS = "https://"
 
 Token: TypeAlias = str
+
+
+def address_of(host: str, port: int) -> str:
+    """Return the address of the page for those who reach this machine as `host`."""
+    return host.rstrip("/") if host.startswith(_TLS) else f"http://{host}:{port}"
 
 
 class Gate:
@@ -27,13 +33,14 @@ class Gate:
     def __init__(self, port: int, hosts: Iterable[str] = ()) -> None:
         """Let pages in that were loaded from this machine at `port`, or as one of `hosts`, such as `robot.local`.
 
-        A host may be behind a proxy that encrypts: then neither its name nor its origin has the port.
+        A host may be behind a proxy that encrypts, as in `https://robot.school.example`.
         """
         self._hosts = {f"{host}:{port}" for host in LOOPBACK}
         self._origins = {f"http://{host}" for host in self._hosts}
         for host in hosts:
-            self._hosts |= {host, f"{host}:{port}"}
-            self._origins |= {f"http://{host}:{port}", f"https://{host}", f"https://{host}:{port}"}
+            address = address_of(host, port).lower()
+            self._hosts.add(address.partition("://")[2])
+            self._origins.add(address)
         self._tokens: dict[Token, RoleName] = {}
 
     def is_ours(self, host: str | None) -> bool:

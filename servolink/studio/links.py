@@ -6,7 +6,8 @@ from typing import Annotated, Literal, TypeAlias
 
 from msgspec import Meta, Struct
 
-from servolink.studio.gate import Gate, Token
+from servolink.studio.gate import Gate, Token, address_of
+from servolink.studio.qr import QrCode, qr_code
 
 LinkRole: TypeAlias = Literal["edit", "watch"]
 ROLES: tuple[LinkRole, ...] = ("edit", "watch")
@@ -18,6 +19,7 @@ class LinkAddress(Struct, frozen=True):
     role: LinkRole
     host: str
     address: Annotated[str, Meta(description="with its secret")]
+    qr: QrCode
 
 
 class Links:
@@ -33,9 +35,10 @@ class Links:
     def addresses(self) -> tuple[LinkAddress, ...]:
         """Return those that are valid; none for a studio that only this machine reaches."""
         return tuple(
-            LinkAddress(role, host, f"http://{host}:{self._port}/#token={token}")
+            LinkAddress(role, host, address, qr_code(address))
             for host in self._hosts
             for role, token in sorted(self._tokens.items())
+            for address in [f"{address_of(host, self._port)}/#token={token}"]
         )
 
     def is_one(self, token: Token) -> bool:

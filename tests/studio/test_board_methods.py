@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
+import segno
 from aiohttp import WSMsgType
 
 from servolink.doctor import Finding
 from servolink.studio import board_methods
 from servolink.studio.gate import Gate
 from servolink.studio.links import Links
+<<<<<<< HEAD
 from tests.studio.serving import Place, call, run, welcomed
+=======
+from servolink.studio.qr import qr_code
+from tests.studio.test_server import Place, call, run, runtime, welcomed
+>>>>>>> 7235099 (Show links for tablets as QR codes, and name a TLS proxy exactly)
 
 pytestmark = pytest.mark.usefixtures("user")
 
@@ -109,6 +116,18 @@ def test_links_have_the_names_under_which_the_studio_is_reached() -> None:
         ("edit", "http://10.0.0.7:8200/"),
         ("watch", "http://10.0.0.7:8200/"),
     ]
+    for link in links.addresses():
+        assert link.qr == qr_code(link.address)
     assert links.revoke("edit") is not None
     assert links.revoke("edit") is None
     assert {link.role for link in links.addresses()} == {"watch"}
+
+
+def test_a_qr_code_is_drawn_as_it_is() -> None:
+    text = "http://robot.local:8200/#token=abc"
+    code = qr_code(text)
+    drawn = [[0] * code.size for _ in range(code.size)]
+    for x, y, width in (map(int, each) for each in re.findall(r"M(\d+) (\d+)h(\d+)v1h-\d+z", code.path)):
+        drawn[y][x : x + width] = [1] * width
+    wanted = segno.make_qr(text, error="m")
+    assert drawn == [list(row) for row in wanted.matrix_iter(border=4)]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import pytest
 
 from servolink.studio.gate import Gate
@@ -23,13 +25,17 @@ def test_only_our_own_origins_are_ours() -> None:
 
 
 def test_an_allowed_host_may_stand_behind_a_proxy() -> None:
-    gate = Gate(8200, ["robot.local"])
-    assert gate.is_ours("robot.local:8200")
-    assert gate.is_ours("robot.local")
-    assert gate.is_our_page("https://robot.local")
-    assert gate.is_our_page("http://robot.local:8200")
-    assert not gate.is_our_page("http://robot.local")
-    assert not gate.is_ours("other.local:8200")
+    for host, address in (
+        ("robot.local", "http://robot.local:8200"),
+        ("https://robot.local", "https://robot.local"),
+        ("https://Robot.local:8443/", "https://robot.local:8443"),
+    ):
+        gate = Gate(8200, [host])
+        for scheme, port in itertools.product(("http", "https"), ("", ":8200", ":8443")):
+            other = f"{scheme}://robot.local{port}"
+            assert gate.is_our_page(other) == (other == address)
+            assert gate.is_ours(f"robot.local{port}") == address.endswith(f"robot.local{port}")
+        assert not gate.is_ours("other.local:8200")
 
 
 def test_a_token_opens_the_studio_for_its_role_until_it_is_revoked() -> None:

@@ -74,6 +74,7 @@ export const en = {
   "board.not_encrypted_detail": "Everybody in this network who reads along can do what they allow.",
   "board.link_drives": "Drives and edits",
   "board.link_watches": "Watches, and may stop",
+  "board.qr": "QR code for {host}",
   "board.revoke": "Revoke",
   "board.new_link": "New link",
   "board.revoked": "Revoked: pages opened through it were closed.",

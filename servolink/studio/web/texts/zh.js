@@ -74,6 +74,7 @@ export const zh = {
   "board.not_encrypted_detail": "此网络中能窃听的人都能做链接允许的事。",
   "board.link_drives": "可控制和编辑",
   "board.link_watches": "可观看和急停",
+  "board.qr": "{host} 的二维码",
   "board.revoke": "撤销",
   "board.new_link": "新链接",
   "board.revoked": "已撤销：通过它打开的页面已关闭。",

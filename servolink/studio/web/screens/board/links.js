@@ -10,7 +10,8 @@ import { useAnswer } from "./asking.js";
 import { Command } from "./command.js";
 
 /** @typedef {"edit" | "watch"} LinkRole */
-/** @typedef {{ links: { role: LinkRole, host: string, address: string }[], is_open_to_others: boolean }} Answer */
+/** @typedef {{ size: number, path: string }} Qr */
+/** @typedef {{ links: { role: LinkRole, host: string, address: string, qr: Qr }[], is_open_to_others: boolean }} Answer */
 
 const ROLES = /** @type {LinkRole[]} */ (["edit", "watch"]);
 
@@ -37,6 +38,12 @@ export function LinkCard({ link }) {
   </section>`;
 }
 
+/** @param {{ qr: Qr, host: string }} props */
+const Code = ({ qr: { size, path }, host }) => html`<details class="qr">
+  <summary>${t("board.qr", { host })}</summary>
+  <svg viewBox="0 0 ${size} ${size}" role="img" aria-label=${t("board.qr", { host })}><path d=${path} /></svg>
+</details>`;
+
 /** @param {{ role: LinkRole, links: Answer["links"], onChange: (role: LinkRole, action: "revoke" | "renew") => void }} props */
 function LinksOf({ role, links, onChange }) {
   const isThere = links.length > 0;
@@ -46,7 +53,7 @@ function LinksOf({ role, links, onChange }) {
         ? html`<button class="btn s danger" onClick=${() => onChange(role, "revoke")}><${Icon} name="close" />${t("board.revoke")}</button>`
         : html`<button class="btn s" onClick=${() => onChange(role, "renew")}><${Icon} name="plus" />${t("board.new_link")}</button>`}
     </div>
-    ${links.map(({ address }) => html`<${Command} key=${address} text=${address} />`)}
+    ${links.map(({ address, host, qr }) => html`<${Code} key=${`code ${host}`} qr=${qr} host=${safeText(host)} /><${Command} key=${host} text=${address} />`)}
     ${!isThere && html`<p class="mut">${t("board.revoked")}</p>`}
   </div>`;
 }

@@ -1,0 +1,95 @@
+"""Other machines reach the studio through links, until these are revoked: in a real browser, under another name."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from servolink import sync
+from tests.processes import finish, start
+from tests.studio.browser import CHROMIUM, OPTIONS, in_browser, new_profile, opened, until
+
+playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
+expect = playwright.expect
+
+pytestmark = in_browser
+
+NAME = "robot.test"
+
+
+class Classroom(NamedTuple):
+    """A studio in a network."""
+
+    here: str
+    """The address for the machine of the studio."""
+    drive: str
+    watch: str
+
+
+@pytest.fixture
+def classroom(user: Path) -> Iterator[Classroom]:
+    options = ["--demo", "--no-browser", "--host", "*", "--allow-host", NAME]
+    program = start([sys.executable, "-m", "servolink", "studio", *options])
+    assert program.stdout is not None
+    addresses = dict(program.stdout.readline().split() for _ in range(3))
+    yield Classroom(addresses["studio"], addresses["drive"], addresses["watch"])
+    finish(program, signal.SIGTERM)
+
+
+@pytest.fixture
+def tablet() -> Iterator[Any]:
+    """Give a browser that reaches the studio under its name in the network."""
+    with playwright.sync_playwright() as driver:
+        found = driver.chromium.launch(
+            executable_path=CHROMIUM, args=[*OPTIONS, f"--host-resolver-rules=MAP {NAME} 127.0.0.1"]
+        )
+        yield found
+        found.close()
+
+
+def test_links_watch_and_drive_until_they_are_revoked(classroom: Classroom, tablet: Any) -> None:
+    assert f"http://{NAME}:" in classroom.watch
+    profiles = [new_profile(tablet, size) for size in ("desktop", "tablet", "tablet")]
+    with (
+        opened(tablet, classroom.here, profile=profiles[0]) as here,
+        opened(tablet, classroom.watch, profile=profiles[1]) as watching,
+        opened(tablet, classroom.drive, profile=profiles[2]) as driving,
+    ):
+        expect(watching.get_by_text("This page may only watch.")).to_be_visible()
+        expect(watching.get_by_label("Target of servo 2,")).to_be_disabled()
+        expect(driving.get_by_label("Target of servo 2,")).to_be_enabled()
+        watching.keyboard.press("Escape")
+        expect(watching.get_by_text("Stopped", exact=True)).to_be_visible()
+        with sync.connect("share://virtual") as board:
+            until(lambda: not any(servo.is_start for servo in board.servos()))
+        driving.get_by_role("link", name="Board").locator("visible=true").click()
+        expect(driving.get_by_text("Who is here")).to_be_visible()
+        assert driving.get_by_text("Tablets and other machines").count() == 0  # links are given by the machine itself
+        here.get_by_role("link", name="Board").click()
+        expect(here.get_by_text("Links are not encrypted")).to_be_visible()
+        shown = here.locator(".cmd code")
+        assert {shown.nth(number).inner_text() for number in range(2)} == {classroom.drive, classroom.watch}
+        here.get_by_text(f"QR code for {NAME}").first.click()
+        expect(here.get_by_role("img", name="QR code for").first).to_be_visible()
+        for page, number in ((driving, 0), (watching, 0)):
+            here.get_by_role("button", name="Revoke").nth(number).click()
+            expect(page.get_by_text("This address has expired.")).to_be_visible()
+        here.get_by_role("button", name="New link").last.click()
+        until(lambda: shown.count() == 1)
+        assert classroom.watch not in shown.inner_text()
+
+
+def test_a_page_has_its_new_name_at_once(classroom: Classroom, tablet: Any) -> None:
+    with opened(tablet, classroom.here) as here, opened(tablet, classroom.drive) as other:
+        for page in (here, other):
+            page.get_by_role("link", name="Board").click()
+        here.get_by_label("Name of this page").fill("Blue tablet")
+        here.get_by_label("Name of this page").press("Enter")
+        expect(other.get_by_text("studio: Blue tablet")).to_be_visible()
+        here.reload()
+        expect(other.get_by_text("studio: Blue tablet")).to_be_visible()
