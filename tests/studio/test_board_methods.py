@@ -13,12 +13,8 @@ from servolink.doctor import Finding
 from servolink.studio import board_methods
 from servolink.studio.gate import Gate
 from servolink.studio.links import Links
-<<<<<<< HEAD
-from tests.studio.serving import Place, call, run, welcomed
-=======
 from servolink.studio.qr import qr_code
-from tests.studio.test_server import Place, call, run, runtime, welcomed
->>>>>>> 7235099 (Show links for tablets as QR codes, and name a TLS proxy exactly)
+from tests.studio.serving import Place, call, run, welcomed
 
 pytestmark = pytest.mark.usefixtures("user")
 

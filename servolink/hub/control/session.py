@@ -126,14 +126,9 @@ class ControlSession:
         """Pass on a notice of the hub."""
         self.control.heard(notice)
         match notice:
-            case ProgramJoined() | ProgramLeft() | ProgramRenamed() if not self.control.wants_programs:
-                pass
-            case ProgramJoined():
-                self._notify("program", ProgramNotice("joined", notice.session, notice.who, notice.door, notice.role))
-            case ProgramLeft():
-                self._notify("program", ProgramNotice("left", notice.session, notice.who))
-            case ProgramRenamed():
-                self._notify("program", ProgramNotice("renamed", notice.session, notice.who))
+            case ProgramJoined() | ProgramLeft() | ProgramRenamed():
+                if self.control.wants_programs:
+                    self._notify("program", _program_notice(notice))
             case ConnectionChanged():
                 self._notify("connection", ConnectionNow(notice.state))
             case LeaseChanged():
@@ -154,3 +149,9 @@ class ControlSession:
     def _name_of(self, session: str) -> str | None:
         program = self._hub.programs.get(session)
         return None if program is None else program.who
+
+
+def _program_notice(notice: ProgramJoined | ProgramLeft | ProgramRenamed) -> ProgramNotice:
+    if isinstance(notice, ProgramJoined):
+        return ProgramNotice("joined", notice.session, notice.who, notice.door, notice.role)
+    return ProgramNotice("left" if isinstance(notice, ProgramLeft) else "renamed", notice.session, notice.who)
