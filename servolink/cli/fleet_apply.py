@@ -162,10 +162,10 @@ class _Apply:
             print_json({"done": done, "unchanged": same, "failed": failed, "not_begun": not_begun})
             return
         if applied.done:
-            names = ", ".join(applied.done)
+            names = ", ".join(sorted(applied.done))
             print_text(f"done, and verified, on {counted(len(applied.done), 'board')}: {names}", "green")
         if same:
-            print_text(f"held it already: {', '.join(same)}")
+            print_text(f"held it already: {', '.join(sorted(same))}")
         for board, text in failed.items():
             print_error(f"servolink: {text if board in text else f'{board}: {text}'}")
         if not_begun:

@@ -44,6 +44,7 @@ def run_together(args: argparse.Namespace) -> int:
             print_json(
                 {
                     "started": list(ran.started),
+                    "held_back": list(ran.held_back),
                     "failed": ran.failed,
                     "spread_seconds": ran.spread,
                     "measured_by": ran.measured_by,
@@ -61,7 +62,8 @@ def _print_run(ran: RanTogether, name: int | str) -> None:
     for text in ran.failed.values():
         print_error(f"servolink: {text}")
     if not ran.started:
-        print_error("servolink: nobody was started; --anyway starts those that can")
+        ready = f"; --anyway starts those that are ready: {', '.join(ran.held_back)}" if ran.held_back else ""
+        print_error(f"servolink: no board was started{ready}")
         return
     print_text(f"{name} was started on {counted(len(ran.started), 'board')}: {', '.join(ran.started)}")
     if ran.spread is not None:

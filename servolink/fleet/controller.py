@@ -61,10 +61,12 @@ class Controller:
         token = secrets.token_hex(8)
         self.wire = Wire(access, WireOptions(f"servolink-fleet-{token}", session_seconds=_KEPT))
         self._reply_to = f"{topics.prefix}/_fleet/reply/{token}"
-        kinds: list[BoardTopic] = ["available", "state", "log"]
-        self.wire.subscriptions = [(self._reply_to, 1), *((topics.board("+", kind), 1) for kind in kinds)]
+        kinds: list[BoardTopic] = ["available", "state", "log", "pulse"]
         if with_servos:
-            self.wire.subscriptions.append((topics.board("+", "servos"), 0))
+            kinds.append("servos")
+        at_most_once = {"log", "pulse", "servos"}
+        boards = [(topics.board("+", kind), 0 if kind in at_most_once else 1) for kind in kinds]
+        self.wire.subscriptions = [(self._reply_to, 1), *boards]
         self.wire.on_message = self._receive
         self.wire.on_connect = self._connected_again
         self._exchanges: dict[str, Exchange] = {}
@@ -112,7 +114,9 @@ class Controller:
         """
         topic, message_id = self.topics.board(board, "cmd"), new_id()
         patience = self.patience if patience is None else patience
-        command = Command(message_id, method, dict(_plain(params)), self.who)
+        seen = self.roster.get(board)
+        pulse = seen.pulse if seen is not None and method in MOTION else None
+        command = Command(message_id, method, _plain(params), self.who, pulse)
         payload = msgspec.json.encode(command)
         if len(payload) > MOST_BYTES:
             raise ServolinkError(f"{board}: {method} is longer than {MOST_BYTES >> 20} MiB, the most that is sent")

@@ -13,6 +13,7 @@ from servolink.fleet.topics import MOST_BYTES, OFFLINE, ONLINE, BoardNow, LogLin
 MOST_BOARDS = 5000
 """Boards that are kept; whoever may write to the broker could invent any number of them."""
 
+_LONGEST_PULSE = 64
 _STATE = msgspec.json.Decoder(BoardNow)
 _SERVOS = msgspec.json.Decoder(ServosNow)
 _LOG = msgspec.json.Decoder(LogLine)
@@ -33,6 +34,8 @@ class BoardSeen:
     """When it last sent anything, in seconds of the clock of the event loop."""
     frames: int = 0
     """States of the servos that were received."""
+    pulse: str | None = None
+    """The latest word of its pulse, which shows how old a command is."""
     log: LogLine | None = None
     """The latest line of its log."""
     _servos: bytes = field(default=b"", repr=False)
@@ -52,8 +55,13 @@ class BoardSeen:
             self._servos = payload  # decoded when it is shown: most frames never are
             self.frames += 1
             return False
+        if kind == "pulse":
+            self.pulse = payload.decode("ascii", "replace")[:_LONGEST_PULSE]
+            return False
         if kind == "available":
             was, self.is_online = self.is_online, payload == ONLINE.encode()
+            if was != self.is_online:
+                self.pulse = None  # another program may answer for the board now, and knows no words of this one
             return was != self.is_online
         if kind == "state":
             self._take_state(payload)

@@ -14,7 +14,7 @@ from servolink.fleet.topics import Stop
 
 PATIENCE = 5.0
 """Seconds until a board that has not answered counts as silent."""
-_AGAIN = 0.5  # seconds until a board that has not answered is sent another stop
+_AGAIN = 1.0  # seconds until a board that has not answered is sent another stop
 
 
 class Stopped(Struct, frozen=True):

@@ -30,6 +30,8 @@ class RanTogether(Struct, frozen=True):
 
     started: tuple[str, ...]
     """The boards that say that they have started."""
+    held_back: tuple[str, ...]
+    """Boards that were ready, and not started because others were not."""
     failed: dict[str, str]
     """Why others did not: they could not prepare, or did not confirm the start."""
     spread: float | None
@@ -86,7 +88,8 @@ async def run_together(
     problems = {**(failed or {}), **prepared.failed}
     if not prepared.done or (problems and not anyway):
         await _cancel(controller, start, prepared.done)
-        return RanTogether((), {board: str(error) for board, error in problems.items()}, None, None, None)
+        texts = {board: str(error) for board, error in problems.items()}
+        return RanTogether((), tuple(sorted(prepared.done)), texts, None, None, None)
     delays = await _delays(controller, prepared.done)
     with controller.exchange(start) as exchange:
         loop = asyncio.get_running_loop()
@@ -139,7 +142,7 @@ def _result(
     spread, measured_by = _spread(started, exchange, delays)
     durations = [one.seconds for board, one in prepared.items() if board in started and one.seconds is not None]
     texts = {board: str(error) for board, error in failed.items()}
-    return RanTogether(tuple(sorted(started)), texts, spread, measured_by, max(durations, default=None))
+    return RanTogether(tuple(sorted(started)), (), texts, spread, measured_by, max(durations, default=None))
 
 
 def _started(value: object) -> Started | None:

@@ -141,7 +141,7 @@ def test_what_starts_together_is_said(broker: Broker, said: Callable[..., Said])
         found = said("run", "Dance", "--on", "rex")
         assert found.code == FAILED
         assert "rex has no action or macro 'Dance'" in found.err
-        assert "nobody was started" in found.err
+        assert "no board was started" in found.err
 
 
 def test_a_project_is_applied_to_all_and_each_failure_is_named(
