@@ -278,6 +278,12 @@ COMMANDS = {
         ("convert out.mcap --csv", "convert out.mcap --csv --channel servos -o servos.csv", "convert out.mcap --pcap"),
         takes_board=False,
     ),
+    "report": Command(
+        RECORDINGS,
+        "report:configure",
+        "write one file for a bug report, with nothing private in it",
+        ("report --yes --seconds 1", "report --recording out.mcap --yes -o bug.zip"),
+    ),
     "virtual": Command(
         DEVELOPERS,
         "virtual:configure",

@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     async def main(interruption: Interruption) -> int:
         report = await examine(facts, board, args.byte_order, args.timeout)
         if args.json:
-            print_json(_described(report))
+            print_json(described(report))
         else:
             _print(report)
         return NO_BOARD if report.is_absent else FAILED if report.findings else OK
@@ -95,7 +95,8 @@ def _devices(facts: SystemFacts, board: str | None) -> list[UsbDevice]:
     return found
 
 
-def _described(report: Report) -> dict[str, Any]:
+def described(report: Report) -> dict[str, Any]:
+    """Return an examination for `--json`."""
     return {
         "boards": [asdict(candidate) for candidate in report.candidates],
         "examined": report.urls,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from difflib import get_close_matches
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import msgspec
 
@@ -27,6 +29,7 @@ from servolink.escaping import escape
 from servolink.protocol.codec import PACKETS_BY_NAME
 from servolink.recorder.channels import CHANNELS, Recorded
 from servolink.recorder.reading import Recording, Selection, base_name
+from servolink.recorder.report import RECORDING, is_zip, read_report
 from servolink.recorder.story import Line, Story, duration
 from servolink.recorder.summary import Summary
 
@@ -39,7 +42,7 @@ _WHO = 10  # columns
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink show`."""
     parser.set_defaults(run=run)
-    parser.add_argument("file", type=not_empty, metavar="FILE", help="a recording")
+    parser.add_argument("file", type=not_empty, metavar="FILE", help="a recording, or a report")
     add_selection(parser)
 
 
@@ -81,15 +84,39 @@ def _packet(text: str) -> str:
 
 def run(args: argparse.Namespace) -> int:
     """Tell the story of a recording, or print its messages as JSON."""
-    wanted = selection(args)
-    with Recording(Path(args.file)) as recording:
+    wanted, path = selection(args), Path(args.file)
+    if is_zip(path):
+        _show_report(args, path, wanted)
+    else:
+        _show(args, path, wanted)
+    return OK
+
+
+def _show(args: argparse.Namespace, path: Path, wanted: Selection) -> None:
+    with Recording(path) as recording:
         if args.json:
             _print_messages(recording, wanted)
         else:
             _tell(recording, wanted)
             for remark in recording.remarks:
                 print_error(f"servolink: {recording.path}: {remark}")
-    return OK
+
+
+def _show_report(args: argparse.Namespace, path: Path, wanted: Selection) -> None:
+    """Print the facts of a report, and tell its recording."""
+    facts, files = read_report(path)
+    if args.json:
+        print_json({"report": facts, "files": {name: len(content) for name, content in files.items()}})
+    else:
+        print_table(Table(("file", "bytes"), [(name, len(content)) for name, content in files.items()]))
+        for line in json.dumps(facts, indent=1).splitlines():
+            print_text(line)
+        print_text("")
+    if RECORDING in files:
+        with TemporaryDirectory(prefix="servolink-") as folder:
+            unpacked = Path(folder) / RECORDING
+            unpacked.write_bytes(files[RECORDING])
+            _show(args, unpacked, wanted)
 
 
 def _print_messages(recording: Recording, wanted: Selection) -> None:

@@ -25,6 +25,7 @@ from tests.hostile.test_lying_boards import lying
 from tests.virtual_time import run
 
 TALKING = {
+    "report": ("report --yes --force --seconds 1 -o {new}.zip",),
     "list": ("list --probe",),
     "doctor": ("doctor lying://board",),
     "info": ("info",),

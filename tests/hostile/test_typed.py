@@ -111,6 +111,8 @@ TYPED = (
     'encode {{"id":20020,"fields":{{"{}":1}}}}',
     "show {}",
     "replay {}",
+    "report --recording {} --yes",
+    "--url {} report --yes --seconds 0 -o /{}/x",
     "convert {} --csv",
     "convert {} --pcap",
     "convert x --csv -o /{}/x",

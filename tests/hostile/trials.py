@@ -197,6 +197,13 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("convert {noise} --pcap"),
         Trial("convert {mcap} --csv --channel events -o {missing}/x"),
     ),
+    "report": (
+        Trial("--url {few} report --seconds 0.05 --yes --with-project -o {report}", timed=True),
+        Trial("show {report}", timed=True),
+        Trial("--url serial:///dev/{place} report --yes --force -o {report}", timed=True),
+        Trial("--url {few} report --recording {mcap} --yes --force -o {report}", timed=True),
+        Trial("--url {few} report --recording {noise} --yes --force -o {report}"),
+    ),
     "studio": (
         Trial("--url serial:///dev/{place} studio --no-browser"),
         Trial("--url serial:///dev/{text} studio --no-browser"),

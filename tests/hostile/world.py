@@ -38,7 +38,7 @@ SERVOS = 240
 _SERVOS = {"all": SERVOS, "few": 64}
 """By board; a table of all servos takes long to draw."""
 _MEMORY = 400_000
-_GIVEN = ("mixed", "noise", "stream", "script", "mcap")
+_GIVEN = ("mixed", "noise", "stream", "script", "mcap", "report")
 _MARK = "?" * 32
 _UNESCAPED = "/[]:$()'\"\\"
 _IN_FILES = "x\x1b[2J\x1b]0;o\x07\r\n\t\x7f\x9b31m\u202e\u2066\u200b\u2028\u3164[bold]:bomb:%00&$(x)=1'\"\\\udcff\udc9b"
