@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import number
 from servolink.cli.main import FAILED, OK, fail, usage_error
-from servolink.cli.output import print_error, print_json, print_text
+from servolink.cli.output import counted, print_error, print_json, print_text
 from servolink.cli.session import ENDLESS, Interruption, choose_board, run_interruptible
 from servolink.cli.terminal import handled, single_keys
 from servolink.errors import RecordingError
@@ -55,6 +55,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="RULE",
         help="note when a servo has such a value, as 'temperature_raw>300'; may be repeated",
     )
+    parser.add_argument(
+        "--repair", action="store_true", help="record nothing, but mend FILE if its end is missing, as after a crash"
+    )
 
 
 def _duration(text: str) -> float:
@@ -75,7 +78,9 @@ def _alarm(text: str) -> str:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record until the time is over, until `q` is pressed or until Ctrl-C."""
+    """Record until the time is over, until `q` is pressed or until Ctrl-C; or mend a file."""
+    if args.repair:
+        return _repair(args)
 
     async def main(interruption: Interruption) -> int:
         return await _record(args, interruption)
@@ -86,6 +91,19 @@ def run(args: argparse.Namespace) -> int:
         raise
     except ValueError as error:
         usage_error(args, str(error))
+
+
+def _repair(args: argparse.Namespace) -> int:
+    from servolink.recorder.repair import repair
+
+    done = repair(args.file)
+    if args.json:
+        print_json({"messages": done.messages, "original": done.original or None})
+    elif done.original:
+        print_text(f"repaired {args.file}: {counted(done.messages, 'message')}; the file as it was is {done.original}")
+    else:
+        print_text(f"{args.file} is whole, with {counted(done.messages, 'message')}; nothing was changed")
+    return OK
 
 
 async def _record(args: argparse.Namespace, interruption: Interruption) -> int:

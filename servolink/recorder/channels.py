@@ -7,6 +7,7 @@ missing is left out, and each schema is written out in full.
 from __future__ import annotations
 
 import json
+from functools import cache
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
 import msgspec
@@ -165,6 +166,7 @@ def decode(topic: str, data: bytes) -> Message:
         raise DecodeError(f"{topic}: {escape(str(error))[:200]}", data) from None
 
 
+@cache
 def schema(topic: str) -> bytes:
     """Return the JSON Schema of a channel, without references."""
     (found,), definitions = msgspec.json.schema_components([CHANNELS[topic]], ref_template="{name}")

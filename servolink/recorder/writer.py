@@ -24,7 +24,7 @@ CHUNK_BYTES = 256 * 1024
 LOOK_EVERY = 0.1
 """Seconds: waking the thread for each message would cost the program more than the message."""
 _WITH_PACKETS = {"/wire", "/problems"}
-_PATIENCE = 5.0  # seconds that closing waits for a disk that takes nothing
+_PATIENCE = 1.0  # seconds that closing waits for a disk that takes nothing
 
 
 class Saved(Struct, frozen=True):

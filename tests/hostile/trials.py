@@ -177,6 +177,8 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("--url {few} record {missing}/{name} --seconds 0.02", timed=True),
         Trial("--url serial:///dev/{place} record {recorded}"),
         Trial("record {noise}"),
+        Trial("record --repair {noise}"),
+        Trial("record --repair {mcap}"),
     ),
     "show": (
         Trial("show {mcap}", timed=True),

@@ -1,0 +1,124 @@
+"""Repair: a file that was cut anywhere keeps all of its whole chunks."""
+
+from __future__ import annotations
+
+import io
+import random
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from servolink.errors import RecordingError
+from servolink.recorder.channels import Event, Recorded, Wire, decode, encode
+from servolink.recorder.mcap_reader import McapReader
+from servolink.recorder.mcap_stream import MAGIC, McapStream
+from servolink.recorder.reading import Recording
+from servolink.recorder.repair import Mending, repair
+from tests.cli.programs import call
+
+ABOUT = Recorded("0", "2026-11-22T16:00:00Z", "rex", "board", byte_order="big")
+STEP = 997
+
+
+def blocks(chunks: int = 40, size: int = 12) -> list[bytes]:
+    """Return the blocks of a recording: its head, chunks of `size` messages, and its end."""
+    stream, noise = McapStream(ABOUT), random.Random(1)
+    made = [stream.head()]
+    for chunk in range(chunks):
+        for number in range(size):
+            stream.add("/wire", chunk * 1000 + number, encode(Wire("sent", noise.randbytes(60), float(chunk))))
+        made.append(stream.chunk())
+    return [*made, stream.end()]
+
+
+def test_a_file_cut_anywhere_keeps_its_whole_chunks(tmp_path: Path) -> None:
+    made = blocks(24)
+    whole = b"".join(made)
+    ends = [sum(map(len, made[: count + 1])) for count in range(len(made))]
+    path = tmp_path / "cut.mcap"
+    for cut in range(len(MAGIC), len(whole), STEP):
+        path.write_bytes(whole[:cut])
+        mended = b"".join(Mending(McapReader(path)).blocks())
+        messages = [message for _, _, message in make_reader(io.BytesIO(mended), validate_crcs=True).iter_messages()]
+        least = 12 * sum(end <= cut for end in ends[1:-1])
+        # A chunk is followed by its index, so that one that is whole may be read before its block ends.
+        assert least <= len(messages) <= least + 12
+        assert len(messages) % 12 == 0
+        times = [chunk * 1000 + number for chunk in range(len(messages) // 12) for number in range(12)]
+        assert [message.log_time for message in messages] == times
+        assert all(isinstance(decode("/wire", message.data), Wire) for message in messages)
+
+
+def test_the_file_is_replaced_and_the_original_kept(tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    cut = b"".join(blocks()[:20])[:-3]
+    path.write_bytes(cut)
+    done = repair(path)
+    assert done.messages == 12 * 19
+    assert Path(done.original).read_bytes() == cut
+    with Recording(path) as recording:
+        assert len(list(recording.entries())) == done.messages
+        assert recording.remarks == []
+        assert recording.about == ABOUT
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["out.mcap", "out.mcap.cut"]
+    assert repair_again(path)
+
+
+def repair_again(path: Path) -> bool:
+    """Return whether a second repair refuses to lose the original."""
+    with pytest.raises(RecordingError, match="would be lost"):
+        repair(path)
+    return True
+
+
+@pytest.mark.parametrize("missing", [0, 1, 8, 20])
+def test_a_whole_file_is_left_alone(tmp_path: Path, missing: int) -> None:
+    path = tmp_path / "out.mcap"
+    data = b"".join(blocks())
+    path.write_bytes(data[: len(data) - missing])
+    done = repair(path)
+    assert bool(done.original) == bool(missing)
+    if not missing:
+        assert path.read_bytes() == data
+        assert [each.name for each in tmp_path.iterdir()] == ["out.mcap"]
+
+
+def test_damage_in_the_middle_costs_that_chunk(tmp_path: Path) -> None:
+    made = blocks()
+    damaged = bytearray(made[5])
+    damaged[80] ^= 0xFF
+    path = tmp_path / "out.mcap"
+    path.write_bytes(b"".join((*made[:5], bytes(damaged), *made[6:])))
+    assert repair(path).messages == 12 * 39
+
+
+def test_what_is_no_recording_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    path.write_bytes(b"mine")
+    with pytest.raises(RecordingError, match="not an MCAP file"):
+        repair(path)
+    assert [each.name for each in tmp_path.iterdir()] == ["out.mcap"]
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "out.mcap"
+    path.write_bytes(b"".join(blocks()[:5]))
+    said = call(capsys, "record", "--repair", str(path))
+    assert said.out == f"repaired {path}: 48 messages; the file as it was is {path}.cut\n"
+    Path(f"{path}.cut").unlink()
+    assert (
+        call(capsys, "record", "--repair", str(path)).out == f"{path} is whole, with 48 messages; nothing was changed\n"
+    )
+    assert call(capsys, "record", "--repair", str(path), "--json").json == {"messages": 48, "original": None}
+
+
+def test_events_are_kept(tmp_path: Path) -> None:
+    stream = McapStream(ABOUT)
+    head = stream.head()
+    stream.add("/events", 1, encode(Event("mark", "here")))
+    path = tmp_path / "out.mcap"
+    path.write_bytes(head + stream.chunk())
+    repair(path)
+    with Recording(path) as recording:
+        assert [entry.message for entry in recording.entries()] == [Event("mark", "here")]
