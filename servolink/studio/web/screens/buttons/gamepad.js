@@ -8,24 +8,30 @@ import { BY_GAMEPAD } from "./layout.js";
 export const gamepadName = signal("");
 
 /**
- * Call `onPress` and `onRelease` with the ids of buttons while the component is shown and the page is in front.
+ * Call `onPress` and `onRelease` with the ids of buttons while the component is shown and the page is in front. Buttons
+ * that are down before that are not pressed. Call `onLost` if the gamepad is gone while a button is down.
  * @param {(id: number) => void} onPress
  * @param {(id: number) => void} onRelease
+ * @param {() => void} onLost
  */
-export function useGamepad(onPress, onRelease) {
+export function useGamepad(onPress, onRelease, onLost) {
   useEffect(() => {
     /** @type {Set<number>} */
     let before = new Set();
-    let frame = 0;
+    let frame = 0, isFirst = true;
     const look = () => {
       frame = requestAnimationFrame(look);
       const gamepad = navigator.getGamepads().find((each) => each?.connected && each.mapping === "standard");
       const name = safeText(gamepad?.id ?? "");
       if (gamepadName.value !== name) gamepadName.value = name;
       const now = new Set(downOn(gamepad));
-      for (const id of now) if (!before.has(id)) onPress(id);
-      for (const id of before) if (!now.has(id)) onRelease(id);
+      if (gamepad === undefined && before.size > 0) onLost();
+      else if (!isFirst && document.hasFocus()) {
+        for (const id of now) if (!before.has(id)) onPress(id);
+        for (const id of before) if (!now.has(id)) onRelease(id);
+      }
       before = now;
+      isFirst = false;
     };
     look();
     return () => cancelAnimationFrame(frame);

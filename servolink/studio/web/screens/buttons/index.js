@@ -47,13 +47,13 @@ export function ButtonsScreen(tools) {
 /** @param {{ project: Project, table: Table } & Tools} props */
 function Content({ project, table, motion }) {
   const secondsOf = totals(project);
-  const { press, release } = usePresses(motion);
+  const { press, release, end } = usePresses(motion);
   /** @param {number} id */
   const choose = (id) => {
     chosenButton.value = id;
     if (mode.value === "robot") press(id);
   };
-  useGamepad(choose, release);
+  useGamepad(choose, release, end);
   const of = (/** @type {number} */ id) => buttonOf(table, id);
   const shown = {
     chosen: chosenButton.value,
@@ -148,6 +148,7 @@ function usePresses(motion) {
       made.press(id);
     },
     release: (/** @type {number} */ id) => made.release(id),
+    end,
   };
 }
 
