@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import json
 import re
 from pathlib import Path
 
 import pytest
 
+from servolink.doctor import environment, permissions
 from servolink.studio.files import page_files
 from tests.studio.vendor import VENDOR, sha256
 
@@ -84,3 +87,15 @@ def test_the_page_is_small() -> None:
     import gzip
 
     assert sum(len(gzip.compress(file.content)) for file in page_files().values()) < _GZIPPED
+
+
+def test_every_finding_before_a_board_is_opened_has_a_chinese_text() -> None:
+    """It has a title and a reason; the facts and the commands in it are those of the machine."""
+    checks = set()
+    for module in (environment, permissions):
+        for node in ast.walk(ast.parse(inspect.getsource(module))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Finding":
+                name = node.args[0]
+                checks.add(name.value if isinstance(name, ast.Constant) else environment.LATENCY_TIMER)
+    text = (WEB / "texts/doctor-zh.js").read_text(encoding="utf-8")
+    assert set(re.findall(r'^  "([^"]+)": \{ title: ".+", meaning: ".+" \},$', text, re.MULTILINE)) == checks

@@ -4,7 +4,8 @@ import { html } from "../../html.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { isLive, welcome } from "../../state/robot.js";
-import { t } from "../../texts/text.js";
+import { DOCTOR_ZH } from "../../texts/doctor-zh.js";
+import { language, t } from "../../texts/text.js";
 import { useAnswer } from "./asking.js";
 import { Command } from "./command.js";
 
@@ -34,14 +35,17 @@ export function Doctor({ link }) {
 }
 
 /** @param {{ number: number, finding: Finding }} props */
-const One = ({ number, finding: { check, observation, meaning, remedy } }) => html`<div class="find">
-  <div class="row"><span class="chip warn num">${number}</span><b>${safeText(check)}</b></div>
-  <dl>
-    <dt>${t("board.seen")}</dt><dd>${safeText(observation)}</dd>
-    <dt>${t("board.means")}</dt><dd>${safeText(meaning)}</dd>
-    <dt>${t("board.do")}</dt><dd class="cmds">${remedy.split("\n").map((step) => html`<${Step} text=${step} />`)}</dd>
-  </dl>
-</div>`;
+function One({ number, finding: { check, observation, meaning, remedy } }) {
+  const said = language.value === "zh" ? DOCTOR_ZH[check] : undefined;
+  return html`<div class="find">
+    <div class="row"><span class="chip warn num">${number}</span><b>${said?.title ?? safeText(check)}</b></div>
+    <dl>
+      <dt>${t("board.seen")}</dt><dd>${safeText(observation)}</dd>
+      <dt>${t("board.means")}</dt><dd>${said?.meaning ?? safeText(meaning)}</dd>
+      <dt>${t("board.do")}</dt><dd class="cmds">${remedy.split("\n").map((step) => html`<${Step} text=${step} />`)}</dd>
+    </dl>
+  </div>`;
+}
 
 /** @param {{ text: string }} props */
 function Step({ text }) {
