@@ -58,6 +58,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="how often the servos are sent; 0 for never (10)",
     )
+    group = parser.add_argument_group("Home Assistant")
+    group.add_argument("--home-assistant", action="store_true", help="have Home Assistant find the boards")
+    group.add_argument("--numbers", action="store_true", help="let it set the angle of each servo, too")
+    group.add_argument(
+        "--discovery-prefix", type=not_empty, metavar="TEXT", help="where it looks for devices (homeassistant)"
+    )
     add_timeout(parser, None, "how long to wait for each response of a board, 3 unless given")
     add_access(parser)
 
@@ -74,6 +80,9 @@ def run(args: argparse.Namespace) -> int:
     if not broker:
         usage_error(args, f"which broker? Name one, as in mqtt://teacher.local, or set {BROKER_VARIABLE}")
 
+    if (args.numbers or args.discovery_prefix) and not args.home_assistant:
+        usage_error(args, "--numbers and --discovery-prefix belong to --home-assistant")
+
     async def main(interruption: Interruption) -> int:
         return await _join(args, broker, interruption)
 
@@ -89,16 +98,19 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
         from servolink.fleet.join import Fleet, boards_here
     except ModuleNotFoundError as error:
         raise TransportUnavailable("servolink fleet needs aiomqtt: pip install 'servolink[fleet]'") from error
+    from servolink.fleet import home_assistant
     from servolink.fleet.policy import load_fleet_file
     from servolink.fleet.topics import PREFIX, Topics
 
     topics, policies = Topics(args.prefix or PREFIX), load_fleet_file(args.policy)
+    where = Topics(args.discovery_prefix or home_assistant.PREFIX).prefix
+    found_by = home_assistant.HomeAssistant(where, args.numbers) if args.home_assistant else None
     access = await asyncio.to_thread(access_of, args, broker)
     options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
     async with AsyncExitStack() as stack:
         here = await stack.enter_async_context(boards_here(args.boards, args.name, **options))
         interruption.state, interruption.code = "the boards were left as they are", OK
-        fleet = Fleet(access, topics, policies, hz=args.hz)
+        fleet = Fleet(access, topics, policies, hz=args.hz, home_assistant=found_by)
         if not args.json and can_draw():
             fleet.on_line = await stack.enter_async_context(_on_terminal(fleet, str(access.address)))
         else:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 from functools import partial
 
 from servolink.fleet.access import BrokerAccess
+from servolink.fleet.announcer import Announcer
 from servolink.fleet.answers import Answers
 from servolink.fleet.broker import Publication, Received, Wire, WireOptions
 from servolink.fleet.commands import CommandDesk, Level
+from servolink.fleet.home_assistant import HomeAssistant
 from servolink.fleet.hub_session import HubSession
 from servolink.fleet.journal import Journal
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.prepared import PreparedRun
-from servolink.fleet.pulse import Pulse
+from servolink.fleet.pulse import Fence, Pulse, PulseLink
 from servolink.fleet.stop_desk import StopDesk
 from servolink.fleet.telemetry import Telemetry
 from servolink.fleet.topics import OFFLINE, ONLINE, Topics
@@ -43,7 +46,7 @@ class Bridge:
         will = Publication(topics.board(board, "available"), OFFLINE, 1, retain=True, content_type="text/plain")
         options = WireOptions(f"{topics.prefix}/{board}", will=will, session_seconds=SESSION_SECONDS, acknowledges=True)
         self.wire = Wire(access, options)
-        self.wire.subscriptions = [(topics.board(board, "cmd"), 1), (topics.board(board, "pulse"), 0)]
+        self.wire.subscriptions = [(topics.board(board, "cmd"), 1), (topics.board(board, "pulse"), 1)]
         self.wire.on_message = self._receive
         self.wire.on_connect = self._begin
         self.wire.on_problem = partial(self._log, "error")
@@ -55,49 +58,66 @@ class Bridge:
         self.prepared = PreparedRun(self.hub)
         self.stops = StopDesk(self.hub, self.prepared)
         self._topics = topics
+        self._policy = policy
+        self._announcer: Announcer | None = None
         self._available = will
-        self._pulse = Pulse(self._send_pulse)
+        self.pulse = Pulse(self._send_pulse)
+        self._link = PulseLink(self.pulse)
+        self.fence = Fence(self.pulse)
+        """Put up for each stop that comes on another connection."""
         self._answers = Answers(board, topics, self.outbox, journal)
-        self._commands = CommandDesk(
-            board, policy, self.hub, journal, self._answers, self._pulse, self.prepared, self.stops, self._log
+        self.commands = CommandDesk(
+            board, policy, self.hub, journal, self._answers, self.prepared, self.stops, self.fence, self._log
         )
-        self._commands.on_change = self.telemetry.look_again
+        self.commands.on_change = self.telemetry.look_again
+
+    def announce(self, home_assistant: HomeAssistant, kept: Mapping[str, bytes]) -> None:
+        """Have Home Assistant find the board; `kept` is what the broker holds from an earlier time, by topic."""
+        self._announcer = Announcer(
+            home_assistant, self._topics, self._policy, self.telemetry, self.outbox, self.wire, kept
+        )
 
     def start(self, group: asyncio.TaskGroup) -> None:
         """Begin, in tasks of `group`. OpenError of the first attempt to reach broker or hub ends the group."""
-        self._commands.finish_interrupted()
+        self.commands.finish_interrupted()
         for task in (
             self.hub.run(),
             self.wire.run(),
             self.outbox.run(),
-            self._pulse.run(),
+            self.pulse.run(),
             self.telemetry.send_servos(),
             self.telemetry.send_state(),
         ):
             group.create_task(task)
+        if self._announcer is not None:
+            group.create_task(self._announcer.send_vitals())
 
     async def leave(self) -> None:
         """Answer what is under way, and say that the board is not available any more."""
         await self.stops.close()
-        await self._commands.close()
+        await self.commands.close()
         self.outbox.put(self._available)
         await self.outbox.flush()
 
     async def _begin(self) -> None:
         """Say that the board is there, on a new connection."""
-        self._pulse.begin()
+        self._link.begin()
+        if self.fence.is_up:
+            self.fence.put_up()
         await self.wire.send(self._available._replace(payload=ONLINE))
         self.telemetry.resend()
 
-    async def _send_pulse(self, word: str) -> None:
+    async def _send_pulse(self, word: str, qos: int) -> None:
         topic = self._topics.board(self.board, "pulse")
-        await self.wire.send(Publication(topic, word, 0, retain=True, content_type="text/plain"))
+        await self.wire.send(Publication(topic, word, qos, retain=True, content_type="text/plain"))
 
     def _receive(self, message: Received) -> None:
         if message.topic == self._topics.board(self.board, "pulse"):
-            self._pulse.heard(message.payload.decode("ascii", "replace"))
+            self._link.heard(message.payload)
+            self.fence.heard(message.payload)
+            self.wire.acknowledge(message)
         else:
-            self._commands.receive(message, partial(self.wire.acknowledge, message))
+            self.commands.receive(message, self._link, partial(self.wire.acknowledge, message))
 
     def _log(self, level: Level, text: str) -> None:
         self.telemetry.log(level, text)

@@ -27,7 +27,7 @@ from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.journal import Entry, Journal
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.prepared import PreparedRun
-from servolink.fleet.pulse import Pulse
+from servolink.fleet.pulse import Fence, PulseLink
 from servolink.fleet.stop_desk import StopDesk
 from servolink.fleet.topics import METHODS as OWN
 from servolink.fleet.topics import MOST_BYTES, MOTION, SESSION_METHODS, Cancel, Command, Prepare
@@ -71,9 +71,9 @@ class CommandDesk:
         hub: HubSession,
         journal: Journal,
         answers: Answers,
-        pulse: Pulse,
         prepared: PreparedRun,
         stops: StopDesk,
+        fence: Fence,
         log: Log,
     ) -> None:
         """Take commands as `policy` allows, and note them in `journal`."""
@@ -84,9 +84,9 @@ class CommandDesk:
         self._hub = hub
         self._journal = journal
         self._answers = answers
-        self._pulse = pulse
         self._prepared = prepared
         self._stops = stops
+        self._fence = fence
         self._log = log
         self._tasks: set[asyncio.Task[None]] = set()
         self._order = asyncio.Lock()
@@ -101,8 +101,11 @@ class CommandDesk:
             else:
                 self._answers.repeat(entry.id, sender, entry.answer)
 
-    def receive(self, message: Received, acknowledge: Callable[[], None]) -> None:
-        """Take a message of `cmd`; never raises. `acknowledge` is called when it need not be delivered again."""
+    def receive(self, message: Received, link: PulseLink, acknowledge: Callable[[], None]) -> None:
+        """Take a command that came on a connection with `link`; never raises.
+
+        `acknowledge` is called when it need not be delivered again.
+        """
         if message.is_retained and not message.payload:  # somebody has removed what was retained
             acknowledge()
             return
@@ -119,7 +122,7 @@ class CommandDesk:
                 self._stops.stop(command.id, sender, self._answers)
                 acknowledge()
                 return
-            accepted = _Accepted(command, sender, self._checked(message, command), self._stops.count, acknowledge)
+            accepted = _Accepted(command, sender, self._checked(message, command, link), self._stops.count, acknowledge)
         except Exception as error:  # noqa: BLE001 - whatever is wrong with a message is an answer
             self._answers.refuse(command_id, sender, error)
             self._log("warning", f"a command was refused: {error}")
@@ -164,9 +167,11 @@ class CommandDesk:
         self._log("info", f"{escape(command.method)} {command.id} was delivered again, and is not repeated")
         return True
 
-    def _checked(self, message: Received, command: Command) -> float:
+    def _checked(self, message: Received, command: Command, link: PulseLink) -> float:
         """Return until when a command may be begun. Raise RpcError if it may not be carried out."""
         self._check_method(command.method)
+        if self._fence.is_up and command.method in _IN_ORDER:
+            raise _stopped()
         now = asyncio.get_running_loop().time()
         expiry: float | None = message.expiry
         if command.method in MOTION:
@@ -177,7 +182,7 @@ class CommandDesk:
                     remedy="send it with the property message-expiry-interval, such as 10 seconds",
                 )
             expiry = min(expiry, LONGEST_MOTION)
-        if expiry is not None and now > self._pulse.latest(expiry, command.pulse):
+        if expiry is not None and now > link.latest(expiry, command.pulse):
             raise _expired()
         if len(self._tasks) >= MOST_WAITING:
             raise RpcError(Code.BUSY, f"{len(self._tasks)} commands of {self._board} wait already")
@@ -248,11 +253,7 @@ class CommandDesk:
         try:
             await asyncio.wait((turn, stop), return_when=asyncio.FIRST_COMPLETED)
             if accepted.stops != self._stops.count:
-                raise RpcError(
-                    Code.INVALID_REQUEST,
-                    "the board was stopped before this began",
-                    remedy="send it again, if it is still wanted",
-                )
+                raise _stopped()
             yield
         finally:
             stop.cancel()
@@ -292,6 +293,14 @@ def _id_in(value: Any) -> str | None:
         return msgspec.convert({"id": found, "method": ""}, Command).id
     except msgspec.ValidationError:
         return None
+
+
+def _stopped() -> RpcError:
+    return RpcError(
+        Code.INVALID_REQUEST,
+        "the board was stopped before this began",
+        remedy="send it again, if it is still wanted",
+    )
 
 
 def _expired() -> RpcError:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from typing import Any, NamedTuple, TypeAlias
@@ -18,6 +18,7 @@ from servolink.fleet.access import BrokerAccess
 from servolink.fleet.bridge import Bridge
 from servolink.fleet.broker import retained
 from servolink.fleet.commands import Level
+from servolink.fleet.home_assistant import HomeAssistant
 from servolink.fleet.journal import opened_journal
 from servolink.fleet.policy import FleetFile
 from servolink.fleet.topics import ONLINE, BoardNow, Topics
@@ -78,8 +79,19 @@ async def _found() -> list[str]:
 class Fleet:
     """The boards of this machine that take part in a fleet."""
 
-    def __init__(self, access: BrokerAccess, topics: Topics, policies: FleetFile, *, hz: float) -> None:
-        """Let them take part at a broker, as `policies` allow; use `join`."""
+    def __init__(
+        self,
+        access: BrokerAccess,
+        topics: Topics,
+        policies: FleetFile,
+        *,
+        hz: float,
+        home_assistant: HomeAssistant | None = None,
+    ) -> None:
+        """Let them take part at a broker, as `policies` allow; use `join`.
+
+        The servos are sent `hz` times a second at most. Home Assistant finds the boards if `home_assistant` says where.
+        """
         self.bridges: list[Bridge] = []
         self.on_line: OnLine = lambda level, text: None
         """Called with what people at this machine should know, not escaped."""
@@ -87,17 +99,21 @@ class Fleet:
         self._topics = topics
         self._policies = policies
         self._hz = hz
+        self._home_assistant = home_assistant
         self._was_lost = False
 
     async def join(self, here: Sequence[Here], on_ready: Callable[[], None]) -> None:
         """Serve boards until this is cancelled; call `on_ready` when all have joined. Raise OpenError if one cannot."""
-        await self._check(here)
+        kept = await retained(self._access, [*self._kept_topics(here)])
+        self._check(here, kept)
         async with AsyncExitStack() as stack:
             for board in here:
                 journal = stack.enter_context(opened_journal(board.name))
                 policy = self._policies.policy_of(board.name)
                 bridge = Bridge(board.hub, board.name, self._access, self._topics, policy, journal, hz=self._hz)
                 bridge.telemetry.on_line = partial(self._tell, f"{board.name}: ")
+                if self._home_assistant is not None:
+                    bridge.announce(self._home_assistant, kept)
                 self.bridges.append(bridge)
             urgent = Urgent(self._access, self._topics, self.bridges)
             urgent.wire.on_state = self._tell_state
@@ -114,9 +130,15 @@ class Fleet:
             self.on_line("error", f"{text}; trying again")
         self._was_lost = not is_connected
 
-    async def _check(self, here: Sequence[Here]) -> None:
+    def _kept_topics(self, here: Sequence[Here]) -> Iterator[str]:
+        for _, name in here:
+            yield self._topics.board(name, "available")
+            yield self._topics.board(name, "state")
+            if self._home_assistant is not None:
+                yield self._home_assistant.topic(self._topics, name)
+
+    def _check(self, here: Sequence[Here], kept: Mapping[str, bytes]) -> None:
         """Raise OpenError for a board whose name another machine has given to a board that is there."""
-        kept = await retained(self._access, [self._topics.board("+", "available"), self._topics.board("+", "state")])
         for _, name in here:
             if kept.get(self._topics.board(name, "available")) != ONLINE.encode():
                 continue

@@ -13,7 +13,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from typing import NoReturn
 
-from servolink.errors import ServolinkError
+from servolink.errors import ConnectionLost, ServolinkError
 
 INTERVAL = 1.0
 SLACK = 1.5
@@ -25,42 +25,94 @@ _MOST_KEPT = 120  # twice the longest expiry
 class Pulse:
     """The words of one board, and when they were sent."""
 
-    def __init__(self, send: Callable[[str], Awaitable[None]]) -> None:
-        """Send words with `send`."""
+    def __init__(self, send: Callable[[str, int], Awaitable[None]]) -> None:
+        """Send words with `send`, which takes a word and the QoS."""
         self._send = send
         self._name = secrets.token_hex(4)
         self._number = 0
         self._times: dict[str, float] = {}
+
+    async def run(self) -> NoReturn:
+        """Send a word each second."""
+        while True:
+            with suppress(ServolinkError):
+                await self._send(self.new_word(), 0)
+            await asyncio.sleep(INTERVAL)
+
+    def new_word(self) -> str:
+        """Return the next word, which is to be sent now."""
+        self._number += 1
+        word = f"{self._name}-{self._number}"
+        self._times[word] = asyncio.get_running_loop().time()
+        if len(self._times) > _MOST_KEPT:
+            del self._times[next(iter(self._times))]
+        return word
+
+    async def send(self, word: str) -> None:
+        """Send a word in the order of the commands, which have QoS 1, too."""
+        await self._send(word, 1)
+
+    def time_of(self, word: str) -> float:
+        """Return when a word was sent; minus infinity for one that is unknown, or too old."""
+        return self._times.get(word, float("-inf"))
+
+
+class PulseLink:
+    """A connection on which the words of a pulse come back."""
+
+    def __init__(self, pulse: Pulse) -> None:
+        """Listen to `pulse`."""
+        self._pulse = pulse
         self._newest = float("-inf")
 
     def begin(self) -> None:
         """Start over: all that comes on a new connection is sent from now on."""
         self._newest = asyncio.get_running_loop().time()
 
-    async def run(self) -> NoReturn:
-        """Send a word each second."""
-        while True:
-            with suppress(ServolinkError):
-                await self.beat()
-            await asyncio.sleep(INTERVAL)
-
-    async def beat(self) -> None:
-        """Send the next word."""
-        self._number += 1
-        word = f"{self._name}-{self._number}"
-        self._times[word] = asyncio.get_running_loop().time()
-        if len(self._times) > _MOST_KEPT:
-            del self._times[next(iter(self._times))]
-        await self._send(word)
-
-    def heard(self, word: str) -> None:
+    def heard(self, payload: bytes) -> None:
         """Take a word that the broker has sent back."""
-        self._newest = max(self._newest, self._times.get(word, float("-inf")))
+        self._newest = max(self._newest, self._pulse.time_of(payload.decode("ascii", "replace")))
 
     def latest(self, expiry: float, word: str | None) -> float:
         """Return the time until which a message that comes now may be acted upon.
 
-        `expiry` is what was left of it when the broker sent it; `word` is the one in it.
+        `expiry` is how much was left of it when the broker sent it; `word` is the one in it.
         """
-        begun = self._newest if word is None else min(self._newest, self._times.get(word, float("-inf")))
+        begun = self._newest if word is None else min(self._newest, self._pulse.time_of(word))
         return begun + expiry + SLACK
+
+
+class Fence:
+    """Keeps out what was sent before a stop and comes after it: the stop has a connection of its own, and overtakes.
+
+    A word is sent on the connection of the commands. What comes before the word comes back was sent before the stop.
+    """
+
+    def __init__(self, pulse: Pulse) -> None:
+        """Take words of `pulse`."""
+        self._pulse = pulse
+        self._word: str | None = None
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def is_up(self) -> bool:
+        """Whether what comes now may have been sent before the stop."""
+        return self._word is not None
+
+    def put_up(self) -> None:
+        """Keep out what was sent before now. Call it for a stop, and again for a new connection."""
+        self._word = self._pulse.new_word()
+        self._task = asyncio.get_running_loop().create_task(self._send(self._word))
+
+    def heard(self, payload: bytes) -> None:
+        """Take a word that the broker has sent back."""
+        if self._word is not None and payload == self._word.encode():
+            self._word = None
+
+    async def _send(self, word: str) -> None:
+        try:
+            await self._pulse.send(word)
+        except ConnectionLost:  # put up again on the next connection
+            pass
+        except ServolinkError:  # the broker denies the topic, and has said so
+            self._word = None

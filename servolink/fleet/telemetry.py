@@ -62,6 +62,8 @@ class Telemetry:
         )
         """The board as it was last known."""
         self.servo_ids: tuple[int, ...] = ()
+        self.least_hz = 0.0
+        """How often the servos are read, even if they are not sent."""
         self.on_catalog: Callable[[], None] = lambda: None
         """Called when actions, macros or servos have changed."""
         self.on_line: Callable[[Any, str], None] = lambda level, text: None
@@ -71,7 +73,8 @@ class Telemetry:
         self._wire = wire
         self._outbox = outbox
         self._hz = hz
-        self._frame: Raw | None = None
+        self.frame: Raw | None = None
+        """The latest states of the servos, as JSON."""
         self._has_frame = asyncio.Event()
         self._news = asyncio.Event()
         self._catalog_due = self._battery_due = 0.0
@@ -85,8 +88,8 @@ class Telemetry:
     async def begin(self) -> None:
         """Ask a hub that has just been connected to for everything. Raise ConnectionLost if it is gone again."""
         self._catalog_due = self._battery_due = 0.0
-        if self._hz:
-            await self._hub.ask("servos.watch", {"hz": self._hz})
+        if hz := self._hz or self.least_hz:
+            await self._hub.ask("servos.watch", {"hz": hz})
         self._hears_buttons = False
         self._news.set()
 
@@ -110,7 +113,7 @@ class Telemetry:
         with suppress(msgspec.MsgspecError, UnicodeDecodeError):
             match name:
                 case "servos":
-                    self._frame = Raw(bytes(params))
+                    self.frame = Raw(bytes(params))
                     self._has_frame.set()
                 case "button":
                     self._event(msgspec.json.decode(params, type=ButtonPressed))
@@ -148,11 +151,12 @@ class Telemetry:
             await self._has_frame.wait()
             await self._wire.until_connected()
             self._has_frame.clear()
-            frame = self._frame
+            frame = self.frame
             if frame is None:
                 continue
-            with suppress(ConnectionLost):
-                await self._wire.send(Publication(topic, bytes(frame)))
+            if self._hz:
+                with suppress(ConnectionLost):
+                    await self._wire.send(Publication(topic, bytes(frame)))
             self._hub.tell("servos.ack", number=msgspec.json.decode(frame, type=_Number).number)
 
     async def send_state(self) -> NoReturn:

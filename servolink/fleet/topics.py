@@ -51,7 +51,9 @@ SESSION_METHODS = frozenset(
 )
 """The methods of the control interface that a fleet does not have: they belong to one program's connection."""
 
-BoardTopic: TypeAlias = Literal["available", "state", "servos", "event", "log", "cmd", "stop", "result", "pulse"]
+BoardTopic: TypeAlias = Literal[
+    "available", "state", "servos", "vitals", "event", "log", "cmd", "press", "stop", "result", "pulse"
+]
 FleetTopic: TypeAlias = Literal["start", "stop", "echo"]
 CommandId: TypeAlias = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+(?!\n)$")]
 Who: TypeAlias = Annotated[str, Meta(max_length=60, description="the sender as people call it")]
@@ -142,6 +144,16 @@ class ServosNow(ServosFrame, frozen=True):
     """The latest state of the servos. Sent to `servos`, QoS 0: one that is late is left out."""
 
 
+class Vitals(Struct, frozen=True):
+    """What programs need that keep every value. Sent to `vitals`, retained, every few seconds; by servo id."""
+
+    angle: dict[int, int]
+    temperature_raw: dict[int, int]
+    current_raw: dict[int, int]
+    highest_temperature_raw: int | None
+    highest_current_raw: int | None
+
+
 class EventNow(ButtonPressed, frozen=True, kw_only=True):
     """A button of the joystick. Sent to `event`."""
 
@@ -171,6 +183,18 @@ class Command(Struct, forbid_unknown_fields=True):
         Annotated[str, Meta(max_length=40)] | None,
         about("the latest `pulse` of the board that the sender has heard: how old the command is, without clocks"),
     ] = None
+
+
+class Press(Struct, forbid_unknown_fields=True):
+    """A method to carry out at once or never, from a program that can neither number messages nor let them expire.
+
+    Sent to `press`, QoS 0, it expires in 5 seconds, and is not kept for a board that is away. Nobody knows one that is
+    sent twice from two.
+    """
+
+    method: Annotated[str, Meta(max_length=40)]
+    params: dict[str, Any] = {}
+    who: Who = ""
 
 
 class Prepare(Struct, forbid_unknown_fields=True):
@@ -253,10 +277,12 @@ class Result(Struct, frozen=True, kw_only=True, omit_defaults=True):
 SENT: dict[str, tuple[type[Struct], int, bool]] = {
     "state": (BoardNow, 1, True),
     "servos": (ServosNow, 0, False),
+    "vitals": (Vitals, 0, True),
     "event": (EventNow, 1, False),
     "log": (LogLine, 0, False),
     "result": (Result, 1, False),
     "cmd": (Command, 1, False),
+    "press": (Press, 0, False),
     "stop": (Stop, 1, False),
     "_fleet/start": (Start, 1, False),
     "_fleet/stop": (Stop, 1, False),

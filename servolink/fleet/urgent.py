@@ -1,15 +1,16 @@
 """Urgent: what all boards of this machine do at once, on a connection of its own, which no flood of commands holds up.
 
 Stops of one board come this way too, and so does the message that starts several boards together: it arrives once for
-all boards of a machine.
+all boards of a machine. A press comes this way because the broker keeps nothing for this connection while it is lost.
 """
 
 from __future__ import annotations
 
 import asyncio
 import os
+import secrets
 import socket
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -19,28 +20,36 @@ from servolink.fleet.answers import Answers, Sender
 from servolink.fleet.bridge import Bridge
 from servolink.fleet.broker import Received, Wire, WireOptions
 from servolink.fleet.outbox import Outbox
+from servolink.fleet.pulse import PulseLink
 from servolink.fleet.stop_desk import read_stop
-from servolink.fleet.topics import Echo, Echoed, Start, Started, Topics
+from servolink.fleet.topics import Command, Echo, Echoed, Press, Start, Started, Topics
+
+_PRESS_SECONDS = 5
 
 
 class Urgent:
     """The connection for stops, starts and echoes."""
 
-    def __init__(self, access: BrokerAccess, topics: Topics, bridges: Iterable[Bridge]) -> None:
-        """Serve the boards of `bridges`."""
+    def __init__(self, access: BrokerAccess, topics: Topics, bridges: Sequence[Bridge]) -> None:
+        """Serve the boards of `bridges`, of which there is at least one."""
         self._topics = topics
         name = f"{topics.prefix}/_fleet/{socket.gethostname()}-{os.getpid()}"
         self.wire = Wire(access, WireOptions(name, sees_retained=False))
         self._outbox = Outbox(self.wire)
         self._bridges: Mapping[str, Bridge] = {bridge.board: bridge for bridge in bridges}
         self._answers = {name: Answers(name, topics, self._outbox) for name in self._bridges}
+        self._link = PulseLink(bridges[0].pulse)
+        self._pulse_topic = topics.board(bridges[0].board, "pulse")
         self._tasks: set[asyncio.Task[None]] = set()
         self.wire.subscriptions = [
             (topics.fleet("stop"), 1),
             (topics.fleet("start"), 1),
             (topics.fleet("echo"), 0),
+            (self._pulse_topic, 0),
             *((topics.board(name, "stop"), 1) for name in self._bridges),
+            *((topics.board(name, "press"), 0) for name in self._bridges),
         ]
+        self.wire.on_connect = self._begin
         self.wire.on_message = self._receive
 
     def begin(self, group: asyncio.TaskGroup) -> None:
@@ -54,6 +63,9 @@ class Urgent:
 
     def _receive(self, message: Received) -> None:
         received = asyncio.get_running_loop().time()
+        if message.topic == self._pulse_topic:
+            self._link.heard(message.payload)
+            return
         if message.is_retained:  # of who knows when
             return
         sender = Sender(message.response_topic, message.correlation)
@@ -64,6 +76,8 @@ class Urgent:
         elif message.topic == self._topics.fleet("start"):
             if (start := _read(message.payload, Start)) is not None:
                 self._start(start, sender, received)
+        elif message.topic.endswith("/press"):
+            self._press(message)
         else:
             self._stop(message, sender)
 
@@ -71,18 +85,34 @@ class Urgent:
         command_id = read_stop(message.payload).id
         found = self._topics.parse(message.topic)
         for name in self._bridges if found is None else [found[0]]:
+            self._bridges[name].fence.put_up()
             self._bridges[name].stops.stop(command_id, sender, self._answers[name])
+
+    def _press(self, message: Received) -> None:
+        """Have a command carried out that has no id, and expires soon."""
+        name, _ = self._topics.parse(message.topic) or ("", "")
+        try:
+            press = msgspec.json.decode(message.payload, type=Press)
+        except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+            self._bridges[name].telemetry.log("warning", f"a press cannot be read: {error}")
+            return
+        command = Command(f"press-{secrets.token_hex(8)}", press.method, press.params, press.who)
+        asked = message._replace(payload=msgspec.json.encode(command), expiry=_PRESS_SECONDS)
+        self._bridges[name].commands.receive(asked, self._link, lambda: None)
+
+    async def _begin(self) -> None:
+        self._link.begin()
 
     def _start(self, start: Start, sender: Sender, received: float) -> None:
         for name, bridge in self._bridges.items():
             if bridge.prepared.is_for(start.id):
-                task = asyncio.get_running_loop().create_task(self._begin(bridge, start, sender, received))
+                task = asyncio.get_running_loop().create_task(self._begin_prepared(bridge, start, sender, received))
                 self._tasks.add(task)
                 task.add_done_callback(self._tasks.discard)
             else:
                 bridge.telemetry.log("info", f"a start was not for {name}: nothing is prepared for {start.id}")
 
-    async def _begin(self, bridge: Bridge, start: Start, sender: Sender, received: float) -> None:
+    async def _begin_prepared(self, bridge: Bridge, start: Start, sender: Sender, received: float) -> None:
         answers = self._answers[bridge.board]
         try:
             await bridge.prepared.start()

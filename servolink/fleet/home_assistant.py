@@ -1,0 +1,222 @@
+"""Home Assistant: one board as one device with its sensors, events, buttons and, if asked for, angles.
+
+Everything is in one retained message, by which Home Assistant finds it: its "device discovery" over MQTT. What Home
+Assistant sends goes to `stop` and to `press`, as it can neither number commands nor let them expire.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, NamedTuple
+
+from servolink.fleet.policy import BoardPolicy
+from servolink.fleet.topics import OFFLINE, ONLINE, BoardNow, Topics
+
+PREFIX = "homeassistant"
+"""Where Home Assistant looks for devices, unless it was told to look elsewhere."""
+
+_MOST_RECORDS = 100  # of each kind; nobody has so many buttons on a page
+_FULL_TURN = (-180.0, 180.0)
+_WHO = "Home Assistant"
+_SPEED = 60.0  # degrees per second of an angle that is set in Home Assistant
+_KINDS = ["press", "long_press", "up"]
+
+Document = dict[str, Any]
+
+
+class HomeAssistant(NamedTuple):
+    """Where Home Assistant is told of boards, and what."""
+
+    prefix: str = PREFIX
+    numbers: bool = False
+    """Whether the angle of each servo can be set."""
+
+    def topic(self, topics: Topics, board: str) -> str:
+        """Return where Home Assistant looks for a board."""
+        return f"{self.prefix}/device/{_object_id(topics, board)}/config"
+
+
+def discovery(
+    topics: Topics, now: BoardNow, servo_ids: tuple[int, ...], policy: BoardPolicy, *, numbers: bool
+) -> Document:
+    """Return the document for a board. What the policy does not allow is not in it."""
+    entities = _Entities(topics, now.board)
+    entities.add_board()
+    entities.add_servos(servo_ids)
+    if policy.allow != "watch":
+        entities.add_records(now)
+    if numbers and policy.allow in {"move", "edit"}:
+        entities.add_angles(servo_ids, policy)
+    return {
+        "device": {
+            "identifiers": [_object_id(topics, now.board)],
+            "name": now.board,
+            "manufacturer": "servolink",
+            "model": "servo control board",
+            "sw_version": now.version,
+        },
+        "origin": {"name": "servolink", "sw_version": now.version},
+        "availability_mode": "all",
+        "availability": [entities.is_joined, entities.is_connected],
+        "qos": 1,
+        "components": entities.found,
+    }
+
+
+def without(document: Document, before: Document) -> Document | None:
+    """Return what removes from Home Assistant what was in `before` and is not in `document`; None if nothing is."""
+    gone = {
+        key: {"platform": component["platform"]}
+        for key, component in before.get("components", {}).items()
+        if key not in document["components"]
+    }
+    return {**document, "components": {**document["components"], **gone}} if gone else None
+
+
+class _Entities:
+    """Collects the entities of one board."""
+
+    def __init__(self, topics: Topics, board: str) -> None:
+        self.found: dict[str, Document] = {}
+        self.is_joined = {
+            "topic": topics.board(board, "available"),
+            "payload_available": ONLINE,
+            "payload_not_available": OFFLINE,
+        }
+        self.is_connected = {
+            "topic": topics.board(board, "state"),
+            "value_template": f"{{{{ '{ONLINE}' if value_json.connection == 'connected' else '{OFFLINE}' }}}}",
+            "payload_available": ONLINE,
+            "payload_not_available": OFFLINE,
+        }
+        self._topics = topics
+        self._board = board
+
+    def add_board(self) -> None:
+        """Add what every board has."""
+        state = {"state_topic": self._topics.board(self._board, "state")}
+        always = {"availability": [self.is_joined], "entity_category": "diagnostic"}
+        self._add(
+            "battery",
+            "sensor",
+            "Battery",
+            **state,
+            value_template="{{ value_json.battery_percent }}",
+            device_class="battery",
+            state_class="measurement",
+            unit_of_measurement="%",
+        )
+        self._add(
+            "connection",
+            "binary_sensor",
+            "Connection",
+            **state,
+            **always,
+            value_template="{{ 'ON' if value_json.connection == 'connected' else 'OFF' }}",
+            device_class="connectivity",
+        )
+        self._add(
+            "noise",
+            "sensor",
+            "Noise on the line",
+            **state,
+            **always,
+            value_template="{{ value_json.noise }}",
+            state_class="total_increasing",
+            unit_of_measurement="B",
+        )
+        self._add(
+            "buttons",
+            "event",
+            "Remote control",
+            state_topic=self._topics.board(self._board, "event"),
+            value_template=("{{ {'event_type': value_json.kind, 'button_id': value_json.button_id} | to_json }}"),
+            event_types=_KINDS,
+            device_class="button",
+        )
+        stop = {
+            "command_topic": self._topics.board(self._board, "stop"),
+            "payload_press": _json({"who": "Home Assistant"}),
+        }
+        self._add("stop", "button", "Stop", **stop, icon="mdi:stop-circle")
+
+    def add_servos(self, servo_ids: tuple[int, ...]) -> None:
+        """Add the raw numbers of servos. The document gives them no unit, so they have none here."""
+        self._add_raw("highest_temperature_raw", "Highest temperature (raw)", "value_json.highest_temperature_raw")
+        self._add_raw("highest_current_raw", "Highest current (raw)", "value_json.highest_current_raw")
+        for servo_id in servo_ids:
+            for kind in ("temperature", "current"):
+                self._add_raw(
+                    f"servo_{servo_id}_{kind}_raw",
+                    f"Servo {servo_id} {kind} (raw)",
+                    f"value_json.{kind}_raw['{servo_id}']",
+                    enabled_by_default=False,
+                )
+
+    def add_records(self, now: BoardNow) -> None:
+        """Add a button for each stored action and macro."""
+        for kind, records in (("action", now.actions), ("macro", now.macros)):
+            for record in records[:_MOST_RECORDS]:
+                command = {"method": "run", "params": {"type": kind, "id": record.id}, "who": _WHO}
+                self._add(
+                    f"{kind}_{record.id}",
+                    "button",
+                    _text(record.caption) or f"{kind.capitalize()} {record.id}",
+                    command_topic=self._topics.board(self._board, "press"),
+                    payload_press=_json(command),
+                )
+
+    def add_angles(self, servo_ids: tuple[int, ...], policy: BoardPolicy) -> None:
+        """Add a number for the angle of each servo, which shows what the servo reports, not what was asked for."""
+        speed = min(_SPEED, policy.max_speed or _SPEED)
+        for servo_id in servo_ids:
+            low, high = policy.angles.get(str(servo_id)) or policy.angles.get("all") or _FULL_TURN
+            self._add(
+                f"servo_{servo_id}_angle",
+                "number",
+                f"Servo {servo_id} angle",
+                state_topic=self._topics.board(self._board, "vitals"),
+                value_template=f"{{{{ value_json.angle['{servo_id}'] | default(none) }}}}",
+                command_topic=self._topics.board(self._board, "press"),
+                command_template=(
+                    '{"method": "move", "params": {"targets": {"'
+                    f'{servo_id}": {{{{ value }}}}}}, "speed": {speed:g}}}, "who": "{_WHO}"}}'
+                ),
+                min=low,
+                max=high,
+                step=1,
+                mode="slider",
+                unit_of_measurement="°",
+                optimistic=False,
+            )
+
+    def _add_raw(self, key: str, name: str, value: str, **options: Any) -> None:
+        self._add(
+            key,
+            "sensor",
+            name,
+            state_topic=self._topics.board(self._board, "vitals"),
+            value_template=f"{{{{ {value} | default(none) }}}}",
+            state_class="measurement",
+            entity_category="diagnostic",
+            **options,
+        )
+
+    def _add(self, key: str, platform: str, name: str, **options: Any) -> None:
+        unique_id = f"{_object_id(self._topics, self._board)}_{key}"
+        self.found[key] = {"platform": platform, "unique_id": unique_id, "name": name, **options}
+
+
+def _object_id(topics: Topics, board: str) -> str:
+    """Return the id of a board: letters, digits, - and _, and another one for the same name in another fleet."""
+    prefix = "".join(each if each.isascii() and each.isalnum() else "_" for each in topics.prefix)
+    return f"{prefix}_{board}"
+
+
+def _text(caption: str) -> str:
+    """Return a caption that every reader of JSON takes: without bytes that are no text."""
+    return caption.encode("utf-8", "replace").decode().strip()
+
+
+def _json(value: Document) -> str:
+    return json.dumps(value, separators=(",", ":"))

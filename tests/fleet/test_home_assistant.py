@@ -1,0 +1,166 @@
+"""What Home Assistant finds, and what its buttons do."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from servolink.fleet import announcer
+from servolink.fleet.home_assistant import HomeAssistant, discovery, without
+from servolink.fleet.policy import BoardPolicy
+from servolink.fleet.topics import BoardNow, EventNow, Stored, Topics, Vitals
+from servolink.hub.control.rpc import encode
+from servolink.protocol.records import Action, Step
+from tests.fleet.bridged import bridged, run
+from tests.fleet.home_assistant_rules import check_document, check_topic
+from tests.fleet.mosquitto import Broker, needs_broker
+
+NOW = BoardNow(
+    board="rex",
+    host="laptop",
+    version="1.0",
+    connection="connected",
+    allow="edit",
+    battery_percent=71.5,
+    noise=3,
+    actions=(Stored(1, "Bow"), Stored(2, ""), Stored(3, "bad \udcff byte")),
+    macros=(Stored(1, "Wave"),),
+    at=0.0,
+)
+TOPIC = "homeassistant/device/servolink_rex/config"
+
+
+def document(allow: Any = "edit", *, numbers: bool = False, **angles: Any) -> dict[str, Any]:
+    found = discovery(Topics(), NOW, (1, 2), BoardPolicy(allow, angles=angles.get("angles", {})), numbers=numbers)
+    return json.loads(encode(found))  # type: ignore[no-any-return]
+
+
+@pytest.mark.parametrize("numbers", [False, True])
+@pytest.mark.parametrize("allow", ["watch", "run", "move", "edit"])
+def test_the_document_follows_the_rules(allow: str, numbers: bool) -> None:
+    check_document(document(allow, numbers=numbers))
+    check_topic(HomeAssistant().topic(Topics(), "rex"), "rex")
+
+
+def test_only_what_is_allowed_can_be_pressed() -> None:
+    def pressed(allow: str) -> set[str]:
+        found = document(allow, numbers=True)["components"]
+        return {key for key, one in found.items() if one["platform"] in {"button", "number"}}
+
+    records = {"action_1", "action_2", "action_3", "macro_1"}
+    assert pressed("watch") == {"stop"}
+    assert pressed("run") == {"stop", *records}
+    assert pressed("move") == {"stop", *records, "servo_1_angle", "servo_2_angle"}
+
+
+def test_raw_numbers_have_neither_unit_nor_class() -> None:
+    for key, one in document()["components"].items():
+        if key.endswith("_raw"):
+            assert not {"unit_of_measurement", "device_class"} & set(one)
+    assert document()["components"]["servo_1_current_raw"]["enabled_by_default"] is False
+
+
+def test_an_angle_is_only_what_the_servo_reports() -> None:
+    found = document(numbers=True, angles={"1": (-20, 30), "all": (-90, 90)})["components"]
+    assert found["servo_1_angle"]["optimistic"] is False
+    assert (found["servo_1_angle"]["min"], found["servo_1_angle"]["max"]) == (-20, 30)
+    assert (found["servo_2_angle"]["min"], found["servo_2_angle"]["max"]) == (-90, 90)
+    assert "servo_1_angle" not in document()["components"]
+
+
+def test_names_are_text() -> None:
+    found = document()["components"]
+    assert (found["action_2"]["name"], found["action_3"]["name"]) == ("Action 2", "bad ? byte")
+
+
+def test_what_is_gone_is_removed() -> None:
+    before, after = document(numbers=True), document("watch")
+    removal = without(after, before)
+    assert removal is not None
+    check_document(removal)
+    assert removal["components"]["macro_1"] == {"platform": "button"}
+    assert without(after, after) is None
+
+
+def test_templates_find_what_is_sent() -> None:
+    jinja2 = pytest.importorskip("jinja2", reason="Jinja is not installed")
+    environment = jinja2.Environment(undefined=jinja2.StrictUndefined)
+    environment.filters["to_json"] = json.dumps
+    vitals = Vitals({1: 10, 2: 20}, {1: 250, 2: 260}, {1: 40, 2: 50}, 260, 50)
+    sent = {
+        "servolink/rex/state": encode(NOW),
+        "servolink/rex/vitals": encode(vitals),
+        "servolink/rex/event": encode(EventNow(3, 2, "long_press", id=1, at=0.0)),
+    }
+
+    def shown(key: str) -> str:
+        one = document(numbers=True)["components"][key]
+        value = json.loads(sent[one["state_topic"]])
+        return str(environment.from_string(one["value_template"]).render(value_json=value))
+
+    assert [shown(key) for key in ("battery", "connection", "noise")] == ["71.5", "ON", "3"]
+    assert [shown(key) for key in ("highest_temperature_raw", "servo_2_current_raw", "servo_1_angle")] == [
+        "260",
+        "50",
+        "10",
+    ]
+    assert json.loads(shown("buttons")) == {"event_type": "long_press", "button_id": 3}
+    assert "long_press" in document()["components"]["buttons"]["event_types"]
+    is_connected = document()["availability"][1]
+    state = json.loads(sent["servolink/rex/state"])
+    assert environment.from_string(is_connected["value_template"]).render(value_json=state) == "online"
+    command = document(numbers=True)["components"]["servo_1_angle"]["command_template"]
+    assert json.loads(environment.from_string(command).render(value=12.5))["params"]["targets"] == {"1": 12.5}
+
+
+@pytest.mark.usefixtures("user")
+class TestWithABroker:
+    pytestmark = needs_broker
+
+    def test_a_button_runs_what_is_stored(self, broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(announcer, "VITALS_SECONDS", 0.02)
+
+        async def main() -> None:
+            async with bridged(broker, home_assistant=HomeAssistant(numbers=True)) as (far, hub):
+                bow = {"action_id": 3, "action_caption": "Bow", "steps": []}
+                await far.call("records.put", params={"type": "action", "record": bow})
+
+                def latest() -> dict[str, Any]:
+                    return json.loads(far.heard[TOPIC][-1].payload) if TOPIC in far.heard else {"components": {}}
+
+                await far.until(lambda: "action_3" in latest()["components"])
+                check_document(latest())
+                assert far.heard[TOPIC][-1].is_retained
+                await far.until(lambda: "servolink/rex/vitals" in far.heard)
+                await hub.board.add_action(Action(3, "Bow", (Step(1, 60, 1),)))
+                button = latest()["components"]["action_3"]
+                await far.publish(button["command_topic"], button["payload_press"].encode())
+                await far.until(lambda: json.loads(far.heard["servolink/rex/vitals"][-1].payload)["angle"]["1"] == 60)
+                number = latest()["components"]["servo_1_angle"]
+                command = number["command_template"].replace("{{ value }}", "50")
+                await far.publish(number["command_topic"], command.encode())
+                await far.until(lambda: json.loads(far.heard["servolink/rex/vitals"][-1].payload)["angle"]["1"] == 50)
+                stop = latest()["components"]["stop"]
+                await far.publish(stop["command_topic"], stop["payload_press"].encode())
+                await far.result("stop")
+                await far.publish("servolink/rex/press", b"nonsense")
+                await far.call("records.delete", params={"type": "action", "id": 3})
+                await far.until(lambda: "action_3" not in latest()["components"])
+                removal = json.loads(far.heard[TOPIC][-2].payload)
+                assert removal["components"]["action_3"] == {"platform": "button"}
+
+        run(main())
+
+    def test_what_is_gone_when_a_bridge_comes_back_is_removed(self, broker: Broker) -> None:
+        async def main() -> None:
+            async with bridged(broker, home_assistant=HomeAssistant(numbers=True)) as (far, _):
+                await far.until(lambda: TOPIC in far.heard)
+            async with bridged(broker, "watch", home_assistant=HomeAssistant()) as (far, _):
+                await far.until(lambda: len(far.heard.get(TOPIC, [])) >= 3)  # the former, the removal, and the new one
+                _, removal, now = (json.loads(each.payload) for each in far.heard[TOPIC])
+                assert removal["components"]["servo_1_angle"] == {"platform": "number"}
+                assert "servo_1_angle" not in now["components"]
+
+        run(main())
