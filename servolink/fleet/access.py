@@ -108,13 +108,13 @@ def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSL
     try:
         context = ssl.create_default_context(cafile=ca)
     except (OSError, ssl.SSLError) as error:
-        raise OpenError(f"{quote(str(ca))} cannot be used as certificates of authorities: {reason(error)}") from error
+        raise OpenError(f"{ca} cannot be used as certificates of authorities: {reason(error)}") from error
     if certificate is not None:
         try:
             context.load_cert_chain(certificate, key, password=_no_password)
         except (OSError, ssl.SSLError, ValueError) as error:
             raise OpenError(
-                f"{quote(str(certificate))} and its key cannot be used: {reason(error)}; both must be PEM files, and "
+                f"{certificate} and its key cannot be used: {reason(error)}; both must be PEM files, and "
                 "the key must not be encrypted"
             ) from error
     return context
@@ -130,8 +130,8 @@ def _password(address: BrokerAddress, user: str | None, file: Path | None) -> st
         try:
             text = read_file(file, _MOST_PASSWORD).decode()
         except (OSError, ValueError) as error:
-            raise OpenError(f"{quote(str(file))} cannot be used as a password: {reason(error)}") from error
-        return _with_user(user, text.partition("\n")[0].removesuffix("\r"), f"the password in {quote(str(file))}")
+            raise OpenError(f"{file} cannot be used as a password: {reason(error)}") from error
+        return _with_user(user, text.partition("\n")[0].removesuffix("\r"), f"the password in {file}")
     if (text := os.environ.get(PASSWORD_VARIABLE, "")) or user is None:
         return _with_user(user, text, f"the password in {PASSWORD_VARIABLE}") if text else None
     return _from_keyring(str(address), user)

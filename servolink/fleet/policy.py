@@ -72,13 +72,13 @@ def load_fleet_file(path: Path | None = None) -> FleetFile:
     except FileNotFoundError as error:
         if path is None:
             return FleetFile()
-        raise OpenError(f"{quote(str(chosen))} does not exist") from error
+        raise OpenError(f"{chosen} does not exist") from error
     except (OSError, ValueError) as error:
-        raise OpenError(f"{quote(str(chosen))} cannot be read: {reason(error)}") from error
+        raise OpenError(f"{chosen} cannot be read: {reason(error)}") from error
     try:
         return _checked(msgspec.convert(tomllib.loads(text), _File))
     except (ValueError, RecursionError, OverflowError) as error:  # errors of TOML and of types are ValueErrors
-        raise OpenError(f"{quote(str(chosen))} cannot be used: {error}; correct it") from error
+        raise OpenError(f"{chosen} cannot be used: {error}; correct it") from error
 
 
 def _checked(file: _File) -> FleetFile:
