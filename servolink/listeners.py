@@ -8,13 +8,15 @@ import logging
 import os
 import socket
 import sys
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Sequence
-from contextlib import ExitStack, asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Iterator, Sequence
+from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
 from io import FileIO
+from pathlib import Path
 from typing import Any, TypeAlias
 
 from servolink.errors import OpenError, TransportError, TransportUnavailable
 from servolink.escaping import escape, quote
+from servolink.files import reason
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
 from servolink.transports.stream import keep_alive
@@ -312,6 +314,8 @@ async def _converse(connection: socket.socket, converse: Converse) -> None:
 
 # ── pseudo-terminals ──
 
+_TERMINALS = "/dev/"
+
 AVAILABLE = sys.platform != "win32"
 """Whether this system has pseudo-terminals."""
 
@@ -355,3 +359,32 @@ async def _streams(source: FileIO, sink: FileIO, line: ExitStack) -> tuple[async
     downward, protocol = await loop.connect_write_pipe(lambda: asyncio.StreamReaderProtocol(unread), sink)
     line.callback(_abort, downward)
     return reader, asyncio.StreamWriter(downward, protocol, None, loop)
+
+
+@contextmanager
+def linked_terminal(link: Path, terminal: str) -> Iterator[Path]:
+    """Make a symbolic link to a terminal within this context; one that was left there is replaced. Raise OpenError."""
+    if link.is_symlink() and not _target(link).startswith(_TERMINALS):
+        raise OpenError(f"{link} is a link to something else than a terminal; choose another name")
+    if link.exists() and not link.is_symlink():
+        raise OpenError(f"{link} is there already; choose another name")
+    temporary = link.with_name(f".servolink-{os.urandom(8).hex()}")
+    try:
+        temporary.symlink_to(terminal)
+        try:
+            temporary.replace(link)
+        except OSError:
+            temporary.unlink()
+            raise
+    except OSError as error:
+        raise OpenError(f"{link}: no link can be made there: {reason(error)}") from error
+    try:
+        yield link
+    finally:
+        with suppress(OSError):
+            if _target(link) == terminal:  # or else it is another hub's by now
+                link.unlink()
+
+
+def _target(link: Path) -> str:
+    return os.readlink(link)  # noqa: PTH115 - as it is written

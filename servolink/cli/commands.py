@@ -315,6 +315,13 @@ COMMANDS = {
         ("""encode '{"packet":"QueryServoRequest","fields":{"servo_id":7}}'""",),
         takes_board=False,
     ),
+    "spy": Command(
+        DEVELOPERS,
+        "spy:configure",
+        "look on while another program uses a board, and learn from it",
+        ("spy /dev/ttyACM0 --pty /tmp/board", "spy COM3 --tcp 127.0.0.1:7878 --record out.mcap"),
+        takes_board=False,
+    ),
     "wireshark": Command(
         DEVELOPERS,
         "wireshark:configure",

@@ -97,6 +97,20 @@ class SerialTransport(StreamTransport):
         self._port.rts = rts
         self._port.failed = self._unplugged
 
+    @property
+    def baudrate(self) -> int:
+        """The baud rate."""
+        return int(self._port.baudrate)
+
+    def set_baudrate(self, baudrate: int) -> bool:
+        """Change the baud rate of the open port at once; return whether the port can have this one."""
+        try:
+            self._port.baudrate = baudrate
+        except (OSError, ValueError):  # pyserial raises the latter for numbers that no port has
+            return False
+        self.bytes_per_second = baudrate / 10
+        return True
+
     async def connect(self) -> asyncio.Transport:
         """Open the port in a thread; OpenError says what to do."""
         loop = asyncio.get_running_loop()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 from abc import abstractmethod
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Callable
 
 from servolink.errors import OpenError
 from servolink.transports.address import Address
@@ -24,6 +24,8 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
         self._pipe: asyncio.Transport | None = None  # kept after the end
         self._gone = asyncio.Event()
         self._full = False  # whether the system left bytes in the pipe's buffer
+        self.on_taken: Callable[[], object] | None = None
+        """Called when the system has taken everything that `pass_on` left waiting."""
         self._sent = 0
 
     @abstractmethod
@@ -55,6 +57,38 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
         """Release the waiting sends: the system has taken everything (called by asyncio)."""
         self._full = False
         self._wake_senders(taken=True)
+        if self.on_taken is not None:
+            self.on_taken()
+
+    def pass_on(self, data: bytes) -> bool:
+        """Give `data` to the system without a time limit; return whether it took all, or else calls `on_taken` later.
+
+        For a relay, which has no say in how long a device may be busy. Raise ConnectionLost if it is not open.
+        """
+        if self._stage != "open" or self._pipe is None:
+            raise self._lost()
+        self._write(self._pipe, data)
+        self._sent += len(data)
+        return not self._full
+
+    @property
+    def baudrate(self) -> int:
+        """The baud rate of a serial port; 0 for what has none."""
+        return 0
+
+    def set_baudrate(self, baudrate: int) -> bool:
+        """Change the baud rate at once; return whether it has one now."""
+        return False
+
+    def pause_reading(self) -> None:
+        """Leave what arrives to the system for now, which may slow the other side down."""
+        if self._pipe is not None and not self._pipe.is_closing():
+            self._pipe.pause_reading()
+
+    def resume_reading(self) -> None:
+        """Read again."""
+        if self._pipe is not None and not self._pipe.is_closing():
+            self._pipe.resume_reading()
 
     def _write(self, pipe: asyncio.Transport, data: bytes) -> None:
         """Give `data` to the system; `pipe` buffers the rest that it does not take, and calls `pause_writing`."""

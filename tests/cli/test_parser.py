@@ -35,7 +35,7 @@ ALL: dict[str, Command] = {
 }
 """Commands as they are typed."""
 
-UNTIL_CTRL_C = {"virtual", "share", "studio", "teach", "remote", "record", "replay"}
+UNTIL_CTRL_C = {"virtual", "share", "studio", "teach", "remote", "record", "replay", "spy"}
 SLOW = {"demo"}
 NEED_A_BROKER = {"fleet", *(f"fleet {name}" for name in FLEET_COMMANDS)}
 """Those of the fleet, which `tests/fleet` runs with one."""

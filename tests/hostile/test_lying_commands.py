@@ -65,6 +65,7 @@ EXEMPT = {
     "encode": "reads files",
     "completion": "opens nothing",
     "wireshark": "opens nothing",
+    "spy": "goes on until somebody ends it, and sends nothing",
     "virtual": "is a board",
     "share": "goes on until somebody ends it",
     "studio": "goes on until somebody ends it",

@@ -157,6 +157,12 @@ TYPED = (
     "demo {}",
     "completion {}",
     "wireshark {}",
+    "spy {}",
+    "spy /dev/null/nowhere --pty {}",
+    "spy /dev/null/nowhere --tcp {}",
+    "spy /dev/null/nowhere --baudrate {}",
+    "spy /dev/null/nowhere --record {}",
+    "spy /dev/null/nowhere --record /{}/x",
     "wireshark --caption-encoding {}",
 )
 

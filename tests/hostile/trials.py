@@ -172,6 +172,11 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
     ),
     "encode": (Trial("encode {name}"), Trial("encode {{}} {name}")),
     "wireshark": (Trial("wireshark {name}"), Trial("wireshark --caption-encoding {text}")),
+    "spy": (
+        Trial("spy serial:///dev/{place}"),
+        Trial("spy /dev/null/nowhere --record {missing}"),
+        Trial("spy {few}"),
+    ),
     "record": (
         Trial("--url {few} record {recorded} --seconds 0.02", timed=True),
         Trial("--url {few} record {missing}/{name} --seconds 0.02", timed=True),

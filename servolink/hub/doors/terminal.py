@@ -10,23 +10,21 @@ import asyncio
 import errno
 import os
 import sys
-from collections.abc import AsyncIterator, Iterator
-from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
+from collections.abc import AsyncIterator
+from contextlib import ExitStack, asynccontextmanager, suppress
 from pathlib import Path
 from urllib.parse import quote
 
-from servolink.errors import OpenError, TransportUnavailable
-from servolink.files import reason
+from servolink.errors import TransportUnavailable
 from servolink.hub.doors.lines import HIGH, LOW, MOST_UNREAD
 from servolink.hub.hub import Hub
 from servolink.hub.program import Program
-from servolink.listeners import RareWarning
+from servolink.listeners import RareWarning, linked_terminal
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
 
 _CHUNK = 4096
 _LOOK = 0.05  # seconds between looks for a program that has opened the terminal, of which the system tells nobody
-_TERMINALS = "/dev/"
 
 
 @asynccontextmanager
@@ -46,7 +44,7 @@ async def pty_door(
         if link is None:
             yield f"serial://{terminal.name}"
         else:
-            path = stack.enter_context(_linked(Path.cwd() / link, terminal.name))
+            path = stack.enter_context(linked_terminal(Path.cwd() / link, terminal.name))
             yield f"serial://{quote(str(path))}"
 
 
@@ -174,32 +172,3 @@ class Terminal:
             self._loop.add_writer(self._ours, self._flush)
         else:
             self._loop.remove_writer(self._ours)
-
-
-@contextmanager
-def _linked(link: Path, terminal: str) -> Iterator[Path]:
-    """Make a link to the terminal within this context. Raise OpenError."""
-    if link.is_symlink() and not _target(link).startswith(_TERMINALS):
-        raise OpenError(f"{link} is a link to something else than a terminal; choose another name")
-    if link.exists() and not link.is_symlink():
-        raise OpenError(f"{link} is there already; choose another name")
-    temporary = link.with_name(f".servolink-{os.urandom(8).hex()}")
-    try:
-        temporary.symlink_to(terminal)
-        try:
-            temporary.replace(link)
-        except OSError:
-            temporary.unlink()
-            raise
-    except OSError as error:
-        raise OpenError(f"{link}: no link can be made there: {reason(error)}") from error
-    try:
-        yield link
-    finally:
-        with suppress(OSError):
-            if _target(link) == terminal:  # or else it is another hub's by now
-                link.unlink()
-
-
-def _target(link: Path) -> str:
-    return os.readlink(link)  # noqa: PTH115 - as it is written

@@ -1,0 +1,115 @@
+"""The frames of one direction, of any byte order and id: unlike the parser of a connection, it knows neither.
+
+What is damaged or unknown is what a spy looks for, so it is returned too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal, NamedTuple, TypeAlias
+
+from servolink.protocol.codec import PACKETS
+from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, OVERHEAD, ByteOrder, checksum
+from servolink.protocol.layout import layout
+from servolink.protocol.recovery import next_magic
+
+Kind: TypeAlias = Literal["packet", "unknown", "damaged", "noise"]
+"""A frame of the document, an intact one that the document does not define, one with a wrong sum, or other bytes."""
+
+_BYTE_ORDERS: tuple[ByteOrder, ...] = ("little", "big")
+_MOST_UNKNOWN = 1024  # bytes for which an unknown frame may keep others waiting
+_MOST_NOISE = 0x10000
+_SILENCE = 0.5  # seconds after which the rest of a frame is not expected any more
+
+
+class Seen(NamedTuple):
+    """A frame, or bytes that belong to none."""
+
+    kind: Kind
+    data: bytes
+    """All of it."""
+    byte_order: ByteOrder = "little"
+    packet_id: int = 0
+
+    @property
+    def content(self) -> bytes:
+        """The content of a frame."""
+        return self.data[HEADER_SIZE:-1]
+
+
+class Scanner:
+    """Finds frames in one direction of a conversation."""
+
+    def __init__(self) -> None:
+        """Start between two frames."""
+        self._held = b""
+        self._heard_at = 0.0
+
+    def feed(self, seconds: float, data: bytes) -> list[Seen]:
+        """Take bytes that passed at `seconds`; return what is complete now."""
+        found = self.finish() if self._held and seconds - self._heard_at > _SILENCE else []
+        self._heard_at = seconds
+        self._held += data
+        return found + list(self._scan(is_over=False))
+
+    def finish(self) -> list[Seen]:
+        """Stop waiting for the rest of a frame; return what has been held back."""
+        return list(self._scan(is_over=True))
+
+    def _scan(self, *, is_over: bool) -> Iterator[Seen]:
+        data, at, noise = self._held, 0, 0  # noise begins at `noise`, up to `at`
+        while at < len(data):
+            found = _look(data, at, is_over=is_over)
+            if found is None:
+                break
+            if found.kind == "noise":
+                at += len(found.data)
+                if at - noise < _MOST_NOISE:
+                    continue
+            if noise < at:
+                yield Seen("noise", data[noise:at])
+            if found.kind != "noise":
+                yield found
+                at += len(found.data)
+            noise = at
+        if noise < at:
+            yield Seen("noise", data[noise:at])
+        self._held = data[at:]
+
+
+def _look(data: bytes, at: int, *, is_over: bool) -> Seen | None:
+    """Return what begins at `at`; None if more bytes are needed to know it."""
+    start = next_magic(data, at)
+    if start > at:
+        return Seen("noise", data[at:start])
+    if len(data) - at < HEADER_SIZE:
+        return Seen("noise", data[at:]) if is_over else None
+    unknown, is_cut = None, False
+    for byte_order in _BYTE_ORDERS:
+        _, packet_id, length = HEADER[byte_order].unpack_from(data, at)
+        frame = data[at : at + length + OVERHEAD]
+        is_whole = len(frame) == length + OVERHEAD
+        is_good = is_whole and checksum(frame[:-1]) == frame[-1]
+        declared = PACKETS.get(packet_id)
+        if declared is not None and layout(declared, byte_order).rule.admits(length):
+            if is_good:
+                return Seen("packet", frame, byte_order, packet_id)
+            if is_whole or is_over:
+                return _damaged(frame, byte_order, packet_id, is_whole=is_whole)
+            return None
+        if declared is None:
+            is_cut |= not is_whole and length <= _MOST_UNKNOWN
+            # Without content, the length is 0 in both byte orders. The document's ids end in 0 or 1.
+            if is_good and (unknown is None or packet_id % 10 <= 1):
+                unknown = Seen("unknown", frame, byte_order, packet_id)
+    if unknown is not None:
+        return unknown
+    return None if is_cut and not is_over else Seen("noise", MAGIC)
+
+
+def _damaged(frame: bytes, byte_order: ByteOrder, packet_id: int, *, is_whole: bool) -> Seen:
+    """Return a frame with a wrong sum, or, as a damaged length swallows frames, only the part before the next one."""
+    inner = frame.find(MAGIC, len(MAGIC))
+    if inner >= 0:
+        return Seen("noise", frame[:inner])
+    return Seen("damaged" if is_whole else "noise", frame, byte_order, packet_id)
