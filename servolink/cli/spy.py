@@ -201,7 +201,7 @@ async def _report(
     args: argparse.Namespace, learner: Learner, recording: SpyRecording | None, *, overlooked: int
 ) -> None:
     """Print what was learnt, and write it at the end of the recording."""
-    from servolink.cli.record import status_json, summary
+    from servolink.cli.record_view import status_json, summary
     from servolink.spy.verdict import verdict
 
     facts = verdict(learner)
@@ -217,7 +217,7 @@ async def _report(
     if overlooked:
         print_error(f"servolink: {overlooked:,} bytes were passed on but not looked at: the output was too slow")
     if status is not None:
-        print_text(summary(status))
+        print_text(summary(status, is_ring=False))
 
 
 def _print_place(url: str, *, as_json: bool) -> None:
