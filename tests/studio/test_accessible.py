@@ -30,6 +30,9 @@ def check(studio: Studio, browser: Any, axe: str, size: str, theme: str) -> None
         for screen in SCREENS:
             show(page, screen)
             found[screen] = page.evaluate(_RUN, _LEFT_OUT)
+        show(page, "Board")
+        page.get_by_role("button", name="Fit a figure").click()
+        found["fit"] = page.evaluate(_RUN, _LEFT_OUT)
         if size == "desktop":
             page.keyboard.press("?")
             page.get_by_role("dialog").wait_for()
