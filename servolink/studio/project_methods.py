@@ -10,7 +10,6 @@ from msgspec import Meta, Struct
 from servolink.errors import ProjectError
 from servolink.hub.control.messages import ProjectExported, ProjectForm
 from servolink.hub.roles import Role
-from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.profiles.profile import ProfileInUse
 from servolink.project.model import Project
@@ -19,10 +18,6 @@ from servolink.project.project_file import format_project, parse_project_file, p
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.validate import Diagnostic, validate_project
 from servolink.studio.methods import METHODS, Caller
-
-USUAL_CAP = 240.0
-"""Degrees per second that small servos with a load reach, for boards without a cap of their own; only warned of."""
-_USUAL = "what such servos usually reach"
 
 
 class FileText(Struct, forbid_unknown_fields=True):
@@ -93,11 +88,10 @@ def findings(project: Project, profile: ProfileInUse | None) -> list[Diagnostic]
     found = validate_project(project)
     if any(one.severity == "error" for one in found):  # such as macros without end, which take no time
         return found
-    limits = MotionLimits() if profile is None else profile.limits
-    if limits.speed_cap is None:
-        limits = limits.tightened(MotionLimits(speed_cap=USUAL_CAP, source=_USUAL))
-    interval_unit = (profile and profile.settings.interval_unit) or INTERVAL_UNIT
-    return found + preflight(project, limits=limits, interval_unit=interval_unit)
+    if profile is None:
+        return found
+    interval_unit = profile.settings.interval_unit or INTERVAL_UNIT
+    return found + preflight(project, limits=profile.limits, interval_unit=interval_unit)
 
 
 @METHODS.add("studio.backup", Role.WATCH)

@@ -98,8 +98,8 @@ export const en = {
   "stop.start": "Start all servos",
   "stop.failed": "STOP could not be confirmed",
 
-  "note.studio_lost": "The studio does not answer. The robot was stopped if this page moved it.",
-  "note.studio_lost_detail": "The page tries again by itself. Is the program in the terminal still running?",
+  "note.studio_lost": "The studio does not answer. The robot may still be moving.",
+  "note.studio_lost_detail": "A page that loses its connection while it moves the robot stops it; a studio that was killed cannot. Is the program in the terminal still running?",
   "note.board_lost": "The board is gone. The robot may still be moving.",
   "note.board_lost_detail": "Check the cable and the power switch. The studio tries again by itself.",
   "note.refused": "This address has expired.",
