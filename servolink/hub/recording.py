@@ -84,7 +84,7 @@ class HubRecorder:
             codec = self._hub.board.codec
             recorder = Recorder(Wanted(await asyncio.to_thread(self._new_path), hz, wire_only))
             about = recorder.about(self._hub.name, "hub", codec.byte_order, codec.caption_encoding)
-            await asyncio.to_thread(recorder.begin, about)
+            await asyncio.to_thread(recorder.begin, about, by_child=True)
             self._recorder = recorder
             recorder.take(recorder.clock.now(), Event("connection", self._hub.state))
             self._tap = HubTap(self._hub, recorder.take, wire_only=wire_only)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from servolink.files import MIB
@@ -36,9 +37,9 @@ class Backlog:
         self._why = why
         self._telemetry_bytes = telemetry_bytes
         self._most_bytes = most_bytes
-        self._waiting: deque[Timed] = deque()
+        self._waiting: deque[tuple[float, Message, int]] = deque()
         self._put = self._taken = 0  # bytes so far
-        self._is_late = self._is_full = False  # dropping telemetry, or everything; up to half of the bound
+        self._is_late = self._is_full = False  # dropping telemetry, or everything, until half of the bound is left
         self._dropped: Counter[str] = Counter()  # by topic, since it was last told
         self.dropped = 0
         """Messages dropped so far."""
@@ -50,14 +51,22 @@ class Backlog:
 
     def put(self, seconds: float, message: Message) -> None:
         """Append a message, or drop it."""
+        if self._put - self._taken < self._telemetry_bytes and not self._is_late and not self._dropped:
+            # Nearly always, for each piece of bytes: few steps, as this is time of the program that is recorded.
+            size = _OVERHEAD + len(message.data) if type(message) is Wire else size_of(message)
+            self._put += size
+            self._waiting.append((seconds, message, size))
+        else:
+            self._put_late(seconds, message)
+
+    def _put_late(self, seconds: float, message: Message) -> None:
         size = self.size
-        if size >= self._telemetry_bytes or self._is_late:
-            self._is_late = size >= self._telemetry_bytes // 2
-            self._is_full = size >= (self._most_bytes // 2 if self._is_full else self._most_bytes)
-            if self._is_full or (self._is_late and isinstance(message, ServosRead)):
-                self._dropped[TOPICS[type(message)]] += 1
-                self.dropped += 1
-                return
+        self._is_late = size >= (self._telemetry_bytes // 2 if self._is_late else self._telemetry_bytes)
+        self._is_full = size >= (self._most_bytes // 2 if self._is_full else self._most_bytes)
+        if self._is_full or (self._is_late and isinstance(message, ServosRead)):
+            self._dropped[TOPICS[type(message)]] += 1
+            self.dropped += 1
+            return
         if self._dropped and (not self._is_late or "/wire" in self._dropped):
             self.tell_dropped(seconds)
         self._append(seconds, message)
@@ -66,9 +75,18 @@ class Backlog:
         """Remove the oldest message and return it; None if there is none."""
         if not self._waiting:
             return None
-        timed = self._waiting.popleft()
-        self._taken += size_of(timed.message)
-        return timed
+        seconds, message, size = self._waiting.popleft()
+        self._taken += size
+        return Timed(seconds, message)
+
+    def take_some(self, most: int) -> Iterator[tuple[float, Message]]:
+        """Remove the oldest messages, at most so many, and yield them with their seconds."""
+        waiting, taken = self._waiting, 0
+        for _ in range(min(most, len(waiting))):
+            seconds, message, size = waiting.popleft()
+            taken += size
+            yield seconds, message
+        self._taken += taken
 
     def tell_dropped(self, seconds: float) -> None:
         """Append how many messages are missing, if some are."""
@@ -78,8 +96,9 @@ class Backlog:
             self._append(seconds, ProblemFound("dropped", text, channel=topic, count=count))
 
     def _append(self, seconds: float, message: Message) -> None:
-        self._put += size_of(message)
-        self._waiting.append(Timed(seconds, message))
+        size = size_of(message)
+        self._put += size
+        self._waiting.append((seconds, message, size))
 
 
 _MISSING = {"/wire": "bytes of the line, and the packets in them,", "/servos": "readings of the servos"}

@@ -12,11 +12,17 @@ BILLION = 1_000_000_000
 class Clock:
     """Wall time as it was at the start of a recording, and the monotonic time since."""
 
-    def __init__(self, now: Callable[[], float] = time.monotonic, wall: int | None = None) -> None:
-        """Start now; `wall` is in nanoseconds since 1970, that of the system unless given."""
+    def __init__(
+        self,
+        now: Callable[[], float] = time.monotonic,
+        *,
+        wall: int | None = None,
+        monotonic: float | None = None,
+    ) -> None:
+        """Start now, or as another clock that was started at `monotonic` seconds, `wall` nanoseconds since 1970."""
         self.now = now
         """Returns the monotonic time in seconds."""
-        self.monotonic = now()
+        self.monotonic = now() if monotonic is None else monotonic
         """When it was started."""
         self._wall = time.time_ns() if wall is None else wall
 

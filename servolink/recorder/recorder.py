@@ -23,6 +23,7 @@ from servolink.escaping import quote
 from servolink.recorder.backlog import Backlog
 from servolink.recorder.board_source import BoardTap, following
 from servolink.recorder.channels import Event, Message, ProblemFound, Recorded, Wire
+from servolink.recorder.child_writer import ChildWriter
 from servolink.recorder.clock import Clock
 from servolink.recorder.hub_source import tapping
 from servolink.recorder.readings import Readings
@@ -71,7 +72,7 @@ class Recorder:
         self.backlog = Backlog()
         self.over = asyncio.Event()
         """Set when nothing more can come: the hub is gone."""
-        self._writer: RecordingWriter | RingWriter | None = None
+        self._writer: RecordingWriter | ChildWriter | RingWriter | None = None
 
     def take(self, seconds: float, message: Message) -> None:
         """Record a message; never waits."""
@@ -84,13 +85,15 @@ class Recorder:
         """Record an event `mark` with this text, to find the moment again."""
         self.take(self.clock.now(), Event("mark", text[:_LONGEST_MARK], who=who))
 
-    def begin(self, about: Recorded) -> None:
-        """Write to a new file from now on, what was collected first. Raise RecordingError."""
+    def begin(self, about: Recorded, *, by_child: bool = False) -> None:
+        """Write to a new file from now on, what was collected first. Raise RecordingError.
+
+        A thread writes it, or a process: that takes 0.2 s to start, and takes no time from this one.
+        """
         wanted, with_packets = self.wanted, not self.wanted.wire_only
         if wanted.ring is None:
-            self._writer = RecordingWriter(
-                wanted.path, about, self.clock, with_packets=with_packets, backlog=self.backlog
-            )
+            write_with = ChildWriter if by_child else RecordingWriter
+            self._writer = write_with(wanted.path, about, self.clock, with_packets=with_packets, backlog=self.backlog)
         else:
             self._writer = RingWriter(
                 wanted.path, about, self.clock, wanted.ring, with_packets=with_packets, backlog=self.backlog
@@ -134,20 +137,20 @@ async def record(
 
     Of a board that a hub shares, this is what all its programs do. The servos are read `hz` times a second (0..1000; 0:
     never, then nothing is added to what programs send), in common with whoever watches them. With `wire_only` only
-    bytes are recorded. The file is written by a thread, and nothing here waits for it: what a slow disk cannot take is
-    dropped, counted, and noted in the file.
+    bytes are recorded. The file is written by a process of its own, and nothing here waits for it: what a slow disk
+    cannot take is dropped, counted, and noted in the file. If this program crashes, the file is complete up to then.
 
     Raise RecordingError, which says what to do, if the file exists or cannot be written.
     """
     recorder = Recorder(Wanted(Path(path), hz, wire_only))
     url = board.url
     if url.startswith(_SHARED):
-        async with _recording_hub(Address.parse(url).host, recorder):
+        async with _recording_hub(Address.parse(url).host, recorder, by_child=True):
             yield recorder
         return
     end_tap = board.connection.taps.add(BoardTap(recorder.take))
     try:
-        async with _recording_board(board, recorder):
+        async with _recording_board(board, recorder, by_child=True):
             yield recorder
     finally:
         end_tap()
@@ -166,21 +169,22 @@ async def record_at(url: str, wanted: Wanted, **options: Any) -> AsyncIterator[R
     shared = address if hub is None else hub.url
     recorder = Recorder(wanted)
     if shared.startswith(_SHARED):
-        async with _recording_hub(Address.parse(shared).host, recorder):
+        async with _recording_hub(Address.parse(shared).host, recorder, by_child=False):
             yield recorder
         return
     connecting = connect(url, reconnect=True, angle_unit=None, **options)
     connecting.taps.add(BoardTap(recorder.take))
-    async with connecting as board, _recording_board(board, recorder):
+    async with connecting as board, _recording_board(board, recorder, by_child=False):
         yield recorder
 
 
 @asynccontextmanager
-async def _recording_board(board: Board, recorder: Recorder) -> AsyncIterator[None]:
+async def _recording_board(board: Board, recorder: Recorder, *, by_child: bool) -> AsyncIterator[None]:
     """Write what a tap on `board` hears, in this context."""
     name = board.profile.name if board.profile is not None else None
     wanted, codec = recorder.wanted, board.codec
-    recorder.begin(recorder.about(name or board.url, "board", codec.byte_order, codec.caption_encoding))
+    about = recorder.about(name or board.url, "board", codec.byte_order, codec.caption_encoding)
+    await asyncio.to_thread(recorder.begin, about, by_child=by_child)
     try:
         async with following(board, recorder.take, Readings(recorder.take, wanted.rate, wanted.alarms)):
             yield
@@ -189,12 +193,13 @@ async def _recording_board(board: Board, recorder: Recorder) -> AsyncIterator[No
 
 
 @asynccontextmanager
-async def _recording_hub(name: str, recorder: Recorder) -> AsyncIterator[None]:
+async def _recording_hub(name: str, recorder: Recorder, *, by_child: bool) -> AsyncIterator[None]:
     """Write what the hub `name` hears, in this context."""
     wanted = recorder.wanted
     async with tapping(name, wire_only=wanted.wire_only) as source:
         tapped = source.tapped
-        recorder.begin(recorder.about(name, "hub", tapped.byte_order, tapped.caption_encoding))
+        about = recorder.about(name, "hub", tapped.byte_order, tapped.caption_encoding)
+        await asyncio.to_thread(recorder.begin, about, by_child=by_child)
         try:
             source.ended = recorder.over
             await source.begin(recorder.take, Readings(recorder.take, wanted.rate, wanted.alarms))

@@ -35,7 +35,7 @@ class Repaired(Struct, frozen=True):
 def repair(path: Path) -> Repaired:
     """Replace a recording that was cut by one of its whole chunks, and keep it under another name.
 
-    Raise RecordingError, and leave everything as it was, if it is no recording, or the new file cannot be written.
+    Raise RecordingError, and leave everything as it was, if it is not a recording, or the new file cannot be written.
     """
     new, old = Path(f"{path}{_NEW}"), Path(f"{path}{_OLD}")
     if old.exists():
