@@ -16,7 +16,13 @@ from servolink.hub.control.rpc import MOST_BYTES, Peer
 from servolink.hub.roles import Role
 from servolink.json_text import read_json
 from servolink.profiles.profile import BoardProfile, ProfileInUse
-from servolink.studio import board_methods, draft_methods, figure_methods, project_methods  # they add their methods
+from servolink.studio import (  # they add their methods
+    board_methods,
+    draft_methods,
+    figure_methods,
+    project_methods,
+    recording_methods,
+)
 from servolink.studio.gate import Gate
 from servolink.studio.methods import METHODS, MOST_NAME, Caller, Studio
 from servolink.transports.share import Greeting, RoleName, Welcome, greet
@@ -28,6 +34,7 @@ __all__ = [
     "draft_methods",
     "figure_methods",
     "project_methods",
+    "recording_methods",
     "serve_page",
 ]
 

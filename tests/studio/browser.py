@@ -22,6 +22,7 @@ _FILLED = {
     "Macros": ".mrow",
     "Buttons": ".asg",
     "Teach": ".screen .card",
+    "Record": ".rec .plot canvas",
     "Project": ".screen h2",
     "Board": ".screen h2",
 }

@@ -2,11 +2,12 @@
 
 import uPlot from "../vendor/uplot.js";
 import { html, useEffect, useRef } from "../html.js";
+import { LENGTH } from "../state/history.js";
 import { Stretch } from "../state/stretch.js";
 
 /** @typedef {import("../state/history.js").History} History */
 /** @typedef {import("../state/history.js").Quantity} Quantity */
-/** @typedef {{ history: History, ids: number[], quantity: Quantity, seconds: number, chosen: number | null, limbOf: (id: number) => string, unit: string, label: string, nowLabel: string, look: string }} Props */
+/** @typedef {{ history: History, ids: number[], quantity: Quantity, seconds: number, chosen: number | null, limbOf: (id: number) => string, unit: string, label: string, nowLabel: string, look: string, marks?: { value: readonly { number: number, time: number }[] } }} Props */
 
 const FRAME = 30; // milliseconds between two drawings, at least
 const PIXELS = 2; // from one point to the next, at least
@@ -31,7 +32,7 @@ export function Plot(props) {
       sizes.disconnect();
       plot.destroy();
     };
-  }, [ids.join(), quantity, chosen, look]);
+  }, [ids.join(), quantity, chosen, look, props.history]);
   return html`<div class="plot" ref=${parent} role="img" aria-label=${props.label}></div>`;
 }
 
@@ -50,7 +51,7 @@ function draw(plot, { history, ids, quantity, seconds }) {
  * @param {HTMLElement} element
  * @param {Props} props
  */
-function options(element, { ids, chosen, limbOf, unit, nowLabel }) {
+function options(element, { history, ids, chosen, limbOf, unit, nowLabel, marks }) {
   const style = getComputedStyle(document.documentElement);
   /** @param {string} name */
   const colour = (name) => style.getPropertyValue(name).trim();
@@ -60,6 +61,7 @@ function options(element, { ids, chosen, limbOf, unit, nowLabel }) {
     legend: { show: false },
     cursor: { show: false },
     padding: [8, 12, 0, 0],
+    hooks: marks && { draw: [(/** @type {uPlot} */ plot) => drawMarks(plot, history, marks.value, colour("--ink-2"))] },
     scales: { x: { time: false }, y: {} },
     axes: [
       { ...axis, grid: { show: false }, values: (/** @type {unknown} */ _, /** @type {number[]} */ ticks) => ticks.map((tick) => (tick === 0 ? nowLabel : `${minus(tick)} s`)) },
@@ -75,6 +77,30 @@ function options(element, { ids, chosen, limbOf, unit, nowLabel }) {
       })),
     ],
   };
+}
+
+/**
+ * Draw a line with its number for each marked moment.
+ * @param {uPlot} plot
+ * @param {History} history
+ * @param {readonly { number: number, time: number }[]} marks
+ * @param {string} colour
+ */
+function drawMarks(plot, history, marks, colour) {
+  const { ctx, bbox } = plot, latest = history.count > 0 ? history.times[(history.count - 1) % LENGTH] : 0;
+  ctx.save();
+  ctx.strokeStyle = ctx.fillStyle = colour;
+  ctx.setLineDash([4, 4]);
+  for (const { number, time } of marks) {
+    const x = plot.valToPos(time - latest, "x", true);
+    if (x < bbox.left || time > latest) continue;
+    ctx.beginPath();
+    ctx.moveTo(x, bbox.top);
+    ctx.lineTo(x, bbox.top + bbox.height);
+    ctx.stroke();
+    ctx.fillText(String(number), x + 3, bbox.top + 12);
+  }
+  ctx.restore();
 }
 
 /** @param {HTMLElement} element */

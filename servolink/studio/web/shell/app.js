@@ -7,6 +7,7 @@ import { ButtonsScreen } from "../screens/buttons/index.js";
 import { LiveScreen } from "../screens/live/index.js";
 import { MacrosScreen } from "../screens/macros/index.js";
 import { ProjectScreen } from "../screens/project/index.js";
+import { RecordScreen } from "../screens/record/index.js";
 import { TeachScreen } from "../screens/teach/index.js";
 import { screen, showsKeys } from "../state/view.js";
 import { Toasts } from "../parts/toasts.js";
@@ -28,6 +29,7 @@ const SCREENS = {
   macros: MacrosScreen,
   buttons: ButtonsScreen,
   teach: TeachScreen,
+  record: RecordScreen,
   project: ProjectScreen,
   board: BoardScreen,
 };

@@ -23,6 +23,7 @@ const LIST = [
     ["Space", "keys.play"], ["Home", "keys.to_start"], [", .", "keys.one_step"], ["Ctrl D", "keys.duplicate"],
     ["Alt ← →", "keys.move_clip"], ["Delete", "keys.remove_clip"],
   ]],
+  ["keys.recording", [["R", "keys.record"], ["F", "keys.freeze"], ["K", "keys.mark"]]],
   ["keys.robot", [["H", "keys.hold"], ["L", "keys.lease"], ["Space", "keys.take"], ["U", "keys.forget"]]],
 ];
 

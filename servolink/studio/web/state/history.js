@@ -45,4 +45,13 @@ export class History {
     }
     return rings;
   }
+
+  /** Return the readings as they are now, in rings of their own. */
+  copy() {
+    const other = new History();
+    other.times.set(this.times);
+    other.count = this.count;
+    for (const [id, rings] of this._rings) for (const quantity of QUANTITIES) other.of(id)[quantity].set(rings[quantity]);
+    return other;
+  }
 }

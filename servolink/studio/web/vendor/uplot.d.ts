@@ -11,5 +11,9 @@ export default class uPlot {
   /** CSS pixels. */
   readonly width: number;
   setScale(key: string, range: { min: number; max: number }): void;
+  readonly ctx: CanvasRenderingContext2D;
+  /** Of the lines, in pixels of the canvas. */
+  readonly bbox: { left: number; top: number; width: number; height: number };
+  valToPos(value: number, key: string, isOfCanvas: boolean): number;
   destroy(): void;
 }

@@ -1,6 +1,7 @@
 // Opening and saving project files: the same ones as those of the command line.
 
 import { RequestError } from "../../link/link.js";
+import { saveBytes } from "../../parts/save-bytes.js";
 import { toast } from "../../parts/toasts.js";
 import { safeText } from "../../parts/safe-text.js";
 import { ownFigure, saveFigure } from "../../state/figure.js";
@@ -51,12 +52,7 @@ async function takeFigure(link, figure) {
 export async function saveFile(link) {
   try {
     const { text } = await link.call("studio.file.write", { project: { ...draft.value, figure: ownFigure.value ?? undefined } });
-    const url = URL.createObjectURL(new Blob([text], { type: "application/json" }));
-    const anchor = document.createElement("a");
-    anchor.href = url;
-    anchor.download = `${(welcome.value?.name ?? "robot").replace(/[^\w-]/g, "_")}.servolink.json`;
-    anchor.click();
-    setTimeout(() => URL.revokeObjectURL(url), 0);
+    saveBytes(`${(welcome.value?.name ?? "robot").replace(/[^\w-]/g, "_")}.servolink.json`, "application/json", [text]);
   } catch (error) {
     toast({ kind: "bad", title: t("project.not_saved"), detail: messageOf(error) });
   }

@@ -1,0 +1,79 @@
+// The recording of the hub as this page knows it, the marks, and what is plotted.
+
+import { computed, signal } from "../../html.js";
+import { RequestError } from "../../link/link.js";
+import { safeText } from "../../parts/safe-text.js";
+import { toast } from "../../parts/toasts.js";
+import { History, LENGTH } from "../../state/history.js";
+import { actualPose, history, isLive, servoIds, welcome } from "../../state/robot.js";
+import { t } from "../../texts/text.js";
+
+/** @typedef {import("../../link/link.js").Link} Link */
+/** @typedef {import("../../figure/figure.js").Pose} Pose */
+/** @typedef {{ is_recording: boolean, name: string, file: string, seconds: number, size_bytes: number, messages: number, dropped: number, problem: string }} Status */
+/** A moment, with the pose of the robot then. @typedef {{ number: number, time: number, pose: Pose }} Mark */
+
+const MOST_MARKS = 200;
+
+export const status = signal(/** @type {Status | null} */ (null));
+export const marks = signal(/** @type {readonly Mark[]} */ ([]));
+/** What the plots show instead of the present; null while they move. */
+export const frozen = signal(/** @type {History | null} */ (null));
+/** The servos that are not plotted. */
+const hidden = signal(/** @type {ReadonlySet<number>} */ (new Set()));
+
+/** The servos that are plotted. */
+export const plotted = computed(() => servoIds.value.filter((id) => !hidden.value.has(id)));
+/** Whether this page may record. */
+export const mayRecord = computed(() => isLive.value && (welcome.value?.role ?? "watch") !== "watch");
+
+/**
+ * Plot these servos, or do not.
+ * @param {readonly number[]} ids
+ * @param {boolean} isPlotted
+ */
+export function plotServos(ids, isPlotted) {
+  const after = new Set(hidden.value);
+  for (const id of ids) {
+    if (isPlotted) after.delete(id);
+    else after.add(id);
+  }
+  hidden.value = after;
+}
+
+/** Hold the plots still, or let them move again. */
+export const freeze = () => (frozen.value = frozen.value === null ? history.copy() : null);
+
+/** @param {Link} link */
+export async function refresh(link) {
+  status.value = await link.call("recorder.status").catch(() => status.value); // the connection is lost
+}
+
+/**
+ * Begin to record, or end it.
+ * @param {Link} link
+ */
+export async function startOrStop(link) {
+  const isEnd = status.value?.is_recording;
+  try {
+    status.value = await link.call(isEnd ? "recorder.stop" : "recorder.start");
+    if (isEnd) toast({ kind: "ok", title: t("record.saved"), detail: safeText(status.value?.file ?? "") });
+  } catch (error) {
+    say(error);
+  }
+}
+
+/**
+ * Mark this moment, in the recording too if there is one.
+ * @param {Link} link
+ */
+export async function mark(link) {
+  const number = (marks.value.at(-1)?.number ?? 0) + 1;
+  const time = history.count > 0 ? history.times[(history.count - 1) % LENGTH] : 0;
+  marks.value = [...marks.value, { number, time, pose: actualPose() }].slice(-MOST_MARKS);
+  if (!status.value?.is_recording) return;
+  await link.call("recorder.mark", { text: t("record.mark_number", { number }) }).catch(say);
+}
+
+/** @param {unknown} error */
+export const say = (error) => toast({ kind: "bad", title: t("record.failed"), detail: error instanceof RequestError ? safeText(error.message) : t("record.lost") });

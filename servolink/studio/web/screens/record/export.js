@@ -1,0 +1,79 @@
+// What becomes of a recording: a file of the hub, a table of what is plotted, or actions of the marked poses.
+
+import { saveBytes } from "../../parts/save-bytes.js";
+import { editToast } from "../../parts/edit-toast.js";
+import { toast } from "../../parts/toasts.js";
+import { LENGTH, QUANTITIES } from "../../state/history.js";
+import { draft, edit } from "../../state/project.js";
+import { history } from "../../state/robot.js";
+import { t } from "../../texts/text.js";
+import { SHORTEST, whyNot, withLesson } from "../teach/lesson.js";
+import { frozen, marks, plotted, say, status } from "./current.js";
+
+/** @typedef {import("../../link/link.js").Link} Link */
+/** @typedef {import("../../state/history.js").History} History */
+
+const FIRST = 0.5; // seconds to the first pose
+
+/**
+ * Save the file of the hub, as far as it is written.
+ * @param {Link} link
+ */
+export async function saveRecording(link) {
+  const name = status.value?.name ?? "";
+  if (name === "") return toast({ title: t("record.nothing_recorded") });
+  const pieces = /** @type {Uint8Array<ArrayBuffer>[]} */ ([]);
+  try {
+    for (let offset = 0, piece; ; offset += piece.length) {
+      const { data } = await link.call("studio.recording.read", { name, offset });
+      piece = Uint8Array.from(atob(data), (character) => character.charCodeAt(0));
+      if (piece.length === 0) break;
+      pieces.push(piece);
+    }
+    saveBytes(name, "application/octet-stream", pieces);
+  } catch (error) {
+    say(error);
+  }
+}
+
+/** Save what is plotted as a table. */
+export const saveTable = () => saveBytes("servos.csv", "text/csv", [tableOf(frozen.value ?? history, plotted.value)]);
+
+/**
+ * Return the readings of servos as CSV, with the columns of `servolink convert --csv --channel servos`.
+ * @param {History} from
+ * @param {readonly number[]} ids
+ */
+export function tableOf(from, ids) {
+  const lines = ["seconds,servo_id,angle,current_raw,temperature_raw"], rings = ids.map((id) => from.of(id));
+  const first = Math.max(0, from.count - LENGTH), start = from.times[first % LENGTH];
+  for (let number = first; number < from.count; number++) {
+    const at = number % LENGTH;
+    ids.forEach((id, one) => {
+      const values = QUANTITIES.map((quantity) => rings[one][quantity][at]);
+      if (!Number.isNaN(values[0])) lines.push([(from.times[at] - start).toFixed(3), id, ...values].join());
+    });
+  }
+  return `${lines.join("\n")}\n`;
+}
+
+/** Add an action for each marked pose to the draft, and the macro that plays them. */
+export function makeActions() {
+  const film = marks.value.map(({ pose, time }, at) => ({
+    pose: Object.fromEntries(Object.entries(pose).map(([id, angle]) => [id, Math.round(angle)])),
+    ids: plotted.value.filter((id) => id in pose),
+    seconds: at === 0 ? FIRST : Math.max(SHORTEST, Math.ceil((time - marks.value[at - 1].time) * 100) / 100),
+    at: time,
+  }));
+  if (film.length === 0 || draft.value === null) return toast({ title: t("record.no_marks"), detail: t("record.no_marks_detail") });
+  const name = freeName(film.length);
+  edit(["teach.did_save", { name }], (project) => withLesson(project, name, film).project);
+  editToast({ title: t("teach.saved", { name }), detail: t("record.actions_made", { count: film.length }) });
+  return undefined;
+}
+
+/** @param {number} count */
+function freeName(count) {
+  const names = Array.from({ length: 99 }, (_, at) => (at === 0 ? t("record.action") : `${t("record.action")} ${at + 1}`));
+  return names.find((name) => draft.value !== null && whyNot(draft.value, name, count) === "") ?? names[0];
+}
