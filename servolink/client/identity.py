@@ -79,5 +79,6 @@ class BoardIdentity:
         found = (await connection.request(request)).project_id
         if found not in self._project_ids:
             known = " or ".join(str(project_id) for project_id in sorted(self._project_ids))
-            raise NotFound(f"the board there has project id {found}, not {known}", request)
+            url = connection.transport.url
+            raise NotFound(f"the board at {url} has project id {found}, not {known}, so it is another one", request)
         self.set(found)

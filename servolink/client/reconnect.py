@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Literal
 
 from servolink.connection.connection import Connection
-from servolink.errors import ServolinkError
+from servolink.errors import NotFound, ServolinkError
 
 _logger = logging.getLogger(__name__)
 
@@ -76,14 +76,19 @@ class Reconnector:
             await asyncio.wait((self._task,))
 
     async def _until_connected(self) -> None:
-        pause = FIRST_PAUSE
+        pause, told = FIRST_PAUSE, ""
         while True:
             await asyncio.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE)
             try:
                 await self._resume_on(await self._open_connection())
+            except NotFound as error:
+                # Another board: nobody would find out why this one never comes back.
+                if str(error) != told:
+                    told = str(error)
+                    _logger.warning("%s; the board that was lost is still waited for", error)
             except ServolinkError as error:
-                # Not plugged in yet, still busy, or another board: expected, so only a trace in the log.
+                # Not plugged in yet, or still busy: expected, so only a trace in the log.
                 _logger.debug("cannot reconnect yet, next attempt in %g s: %s", pause, error)
             except Exception:
                 # A defect of ours or of a third-party transport. A board on a robot should come back all the same.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
@@ -76,7 +77,7 @@ DEEDS: list[Deed] = [
 @pytest.mark.parametrize("keeps", ["all", "records"])
 @pytest.mark.parametrize("deed", DEEDS)
 def test_another_board_is_never_taken_for_ours_and_ours_always_is(
-    deed: Deed, keeps: Clear, monkeypatch: pytest.MonkeyPatch
+    deed: Deed, keeps: Clear, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def main() -> None:
         ours, other = VirtualBoard(kind=BoardKind(clear=keeps)), VirtualBoard()
@@ -90,6 +91,8 @@ def test_another_board_is_never_taken_for_ours_and_ours_always_is(
             await asyncio.sleep(20)
             assert board.stats.reconnects == 0
             assert other.sessions == []
+            (said,) = [record.message for record in caplog.records if record.levelname == "WARNING"]
+            assert re.search(r"the board at virtual:// has project id 77, not .*, so it is another one", said)
             socket.plug(ours)
             await asyncio.sleep(20)
             assert board.stats.reconnects == 1

@@ -86,7 +86,8 @@ def test_movements_are_checked_against_the_limits_of_the_board() -> None:
         profile = ProfileInUse("rex", BoardProfile(limits=SafetyLimits(**limits)))
         return [one.text for one in findings(project, profile)]
 
-    assert findings(project, None) == texts(speed_cap=300.0) == []
+    assert findings(project, None) == []
+    assert texts(speed_cap=300.0) == []
     (text,) = texts(speed_cap=200.0)
     assert text.endswith('its cap is 200 (from profile "rex")')
     (too_far,) = texts(angles={1: (-90.0, 90.0)})

@@ -101,7 +101,7 @@ export const zh = {
   "note.studio_lost": "工作室没有响应。机器人可能仍在运动。",
   "note.studio_lost_detail": "正在控制机器人的页面失去连接时，机器人会被停止；但如果工作室程序本身被强行结束，就无法停止。终端里的程序还在运行吗？",
   "note.board_lost": "与主板断开，机器人可能仍在动。",
-  "note.board_lost_detail": "检查数据线和电源。工作室会自动重试。",
+  "note.board_lost_detail": "检查数据线和电源。工作室会自动重试，不会把别的控制板当作它。",
   "note.refused": "此地址已失效。",
   "note.refused_detail": "请打开工作室在终端中显示的地址。",
   "note.held": "{who} 正在独占主板：{reason}",
