@@ -7,13 +7,17 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 
 from servolink import sync
+from servolink.studio import start as start_module
 from tests.processes import finish, start
 
+DEMO = Path(start_module.__file__).with_name("demo.servolink.json")
+"""The project of the virtual board."""
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 OPTIONS = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-gpu"]
 _FILLED = {

@@ -14,17 +14,14 @@ import pytest
 
 import servolink
 from servolink import sync
-from servolink.studio import start as starting
 from tests.processes import finish, start
 from tests.studio.board_program import BoardProgram
-from tests.studio.browser import in_browser, new_profile, opened
+from tests.studio.browser import DEMO, in_browser, new_profile, opened
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect
 
 pytestmark = in_browser
-
-DEMO = Path(starting.__file__).with_name("demo.servolink.json")
 
 
 @pytest.fixture

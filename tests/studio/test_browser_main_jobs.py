@@ -10,7 +10,7 @@ import pytest
 
 from servolink.project.model import Project
 from servolink.project.project_file import load_project
-from tests.studio.browser import Studio, in_browser, opened, show, until
+from tests.studio.browser import DEMO, Studio, in_browser, opened, show, until
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect
@@ -73,6 +73,18 @@ def test_a_project_is_opened_written_saved_and_taken_back(studio: Studio, browse
         page.get_by_role("button", name="Compare").first.click()
         page.get_by_role("dialog").get_by_role("button", name="Roll back").click()
         until(lambda: same(studio.board.export_project(), before))
+
+
+def test_servos_are_called_as_was_written(studio: Studio, browser: Any, tmp_path: Path) -> None:
+    file = tmp_path / "renamed.servolink.json"
+    file.write_text(DEMO.read_text().replace('"R elbow"', '"Third"'))
+    with opened(browser, studio.url) as page:
+        expect(page.get_by_role("button", name="R elbow")).to_be_visible()
+        show(page, "Project")
+        page.get_by_label("Open a file").set_input_files(str(file))
+        written(page)
+        show(page, "Live")
+        expect(page.get_by_role("button", name="Third")).to_be_visible()
 
 
 def same(one: Project, other: Project) -> bool:

@@ -5,7 +5,7 @@ import { differencesOf, rebased } from "./differences.js";
 import { Drafts } from "./drafts.js";
 import { withDurations } from "./durations.js";
 import { withEdit } from "./records.js";
-import { linkState, welcome } from "./robot.js";
+import { captions, linkState, welcome } from "./robot.js";
 import { UndoList } from "./undo.js";
 
 /** @typedef {import("./records.js").Project} Project */
@@ -35,6 +35,10 @@ export const { undoLabel, redoLabel } = steps;
 
 /** The records in which the draft differs from the board. */
 export const differences = computed(() => (stored.value && draft.value ? differencesOf(stored.value, draft.value) : []));
+
+effect(() => {
+  if (stored.value) captions.value = Object.fromEntries(stored.value.servo_parameters.map((one) => [one.servo_id, one.servo_caption]));
+});
 
 /**
  * Read what the board holds, unless that was done: it takes seconds on a slow line, so it is asked for by the first
