@@ -23,6 +23,17 @@ settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True
 settings.load_profile("ci" if os.environ.get("CI") else "here")
 
 
+_BY_NUMBERS = ("tests/reliability/", "tests/hostile/test_lying_boards.py")
+"""Tests that prove something by its numbers, through lines that others cover too."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Measure no coverage while numbers are the proof: they take three times as long then."""
+    for item in items:
+        if item.nodeid.startswith(_BY_NUMBERS):
+            item.add_marker("no_cover")
+
+
 def pytest_collection_finish() -> None:
     """Keep the garbage collector from going through ten thousand tests again and again, which never are garbage."""
     gc.freeze()
