@@ -57,7 +57,7 @@ def test_a_board_has_the_default_unless_it_says_otherwise(tmp_path: Path) -> Non
 def test_a_file_that_cannot_be_meant_so_is_refused(tmp_path: Path, text: str, why: str) -> None:
     path = tmp_path / "fleet.toml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(OpenError, match=r"fleet.toml' cannot be used: ") as error:
+    with pytest.raises(OpenError, match=r"fleet.toml cannot be used: ") as error:
         load_fleet_file(path)
     assert why in str(error.value)
 
