@@ -30,8 +30,8 @@ from benchmarks.reliability import (
     sums,
     together,
 )
-from benchmarks.reliability.history import STEPS, relive
-from benchmarks.reliability.hub_history import relive_sharing
+from benchmarks.reliability.history import STEPS, History, relive
+from benchmarks.reliability.hub_history import HubHistory, relive_sharing
 from benchmarks.report import FIGURES
 from servolink.escaping import escape
 
@@ -90,29 +90,26 @@ def _work(args: argparse.Namespace) -> Callable[[], Result]:
 def _replay(seed: int, steps: int) -> int:
     history = relive(seed, steps)
     scene = history.scene
-    print(
-        f"seed {seed}: {scene.line.name}; board: {scene.board.name}; {scene.load}; {scene.callers} callers, "
-        f"depth {scene.depth}"
-    )
-    for when, event, what in history.latest:
-        print(f"{when:14.6f}  {event:16} {what.hex(' ') if isinstance(what, bytes) else escape(what)}")
-    print(f"{steps} calls in {history.seconds:.0f} s of virtual time: {dict(history.counts)}")
+    callers = f"{scene.callers} callers, depth {scene.depth}"
+    status = _show(history, f"{scene.line.name}; board: {scene.board.name}; {scene.load}; {callers}", f"{steps} calls")
     print(f"history {history.digest}")
-    for fault in history.faults:
-        print(f"wrong: {fault}", file=sys.stderr)
-    return 1 if history.faults else 0
+    return status
 
 
 def _replay_sharing(seed: int, steps: int) -> int:
     history = relive_sharing(seed, steps)
     scene = history.scene
-    print(
-        f"seed {seed}: {scene.programs} programs; {scene.line.name}; board: {scene.board.name}; depth {scene.depth}"
-        f"{'; the cable is pulled' if scene.pulled else ''}"
-    )
+    pulled = "; the cable is pulled" if scene.pulled else ""
+    line = f"{scene.programs} programs; {scene.line.name}; board: {scene.board.name}; depth {scene.depth}{pulled}"
+    return _show(history, line, f"{steps} requests")
+
+
+def _show(history: History | HubHistory, scene: str, work: str) -> int:
+    """Print how a history of so much work went and ended; return 1 if something in it is wrong."""
+    print(f"seed {history.scene.seed}: {scene}")
     for when, event, what in history.latest:
-        print(f"{when:14.6f}  {event:8} {escape(what)}")
-    print(f"{steps} requests in {history.seconds:.0f} s of virtual time: {dict(history.counts)}")
+        print(f"{when:14.6f}  {event:16} {what.hex(' ') if isinstance(what, bytes) else escape(what)}")
+    print(f"{work} in {history.seconds:.0f} s of virtual time: {dict(history.counts)}")
     for fault in history.faults:
         print(f"wrong: {fault}", file=sys.stderr)
     return 1 if history.faults else 0
