@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from servolink.fleet.broker import Publication
@@ -40,9 +41,14 @@ class Answers:
         """Send why a command was not done."""
         self._finish(command_id, sender, _failure(error))
 
-    def refuse(self, command_id: str | None, sender: Sender, error: Exception) -> None:
-        """Send why something was not accepted, and not noted; `command_id` is None if it cannot be read."""
-        self._put(sender, self._text(command_id, _failure(error)))
+    def refuse(
+        self, command_id: str | None, sender: Sender, error: Exception, on_sent: Callable[[], None] | None = None
+    ) -> None:
+        """Send why something was not accepted, and not noted; `command_id` is None if it cannot be read.
+
+        `on_sent` is called when the broker has the answer.
+        """
+        self._put(sender, self._text(command_id, _failure(error)), on_sent)
 
     def report(self, command_id: str, sender: Sender, progress: dict[str, Any]) -> None:
         """Send how far a command is."""
@@ -50,7 +56,7 @@ class Answers:
 
     def repeat(self, command_id: str, sender: Sender, text: str) -> None:
         """Send a result that was made before this program began, and which the broker may not have."""
-        self._put(sender, text, command_id)
+        self._put(sender, text, self._over(command_id))
 
     def _finish(self, command_id: str, sender: Sender, answer: dict[str, Any]) -> None:
         text = self._text(command_id, answer)
@@ -60,17 +66,22 @@ class Answers:
             return
         if len(text) <= _LONGEST_NOTED:
             self._journal.answered(noted.id, text)
-        self._put(sender, text, noted.id)
+        self._put(sender, text, self._over(noted.id))
 
     def _text(self, command_id: str | None, answer: dict[str, Any]) -> str:
         return encode({"id": command_id, "board": self._board, **answer}).decode()
 
-    def _put(self, sender: Sender, text: str, noted: str | None = None) -> None:
-        topic, journal = sender.response_topic, self._journal
+    def _over(self, noted: str) -> Callable[[], None] | None:
+        """Return what to call when the broker has the answer to a command that was noted."""
+        journal = self._journal
+        return None if journal is None else lambda: journal.over(noted)
+
+    def _put(self, sender: Sender, text: str, on_sent: Callable[[], None] | None = None) -> None:
+        topic = sender.response_topic
         if topic is None or not self._topics.may_answer(topic):
             topic = self._topics.board(self._board, "result")
         message = Publication(topic, text, 1, correlation=sender.correlation)
-        self._outbox.put(message, None if noted is None or journal is None else lambda: journal.over(noted))
+        self._outbox.put(message, on_sent)
 
 
 def _failure(error: Exception) -> dict[str, Any]:

@@ -256,6 +256,19 @@ class _Client(aiomqtt.Client):
             _logger.exception("a message could not be handled")
             client.ack(message.mid, message.qos)
 
+    def _on_disconnect(
+        self,
+        client: paho.Client,
+        userdata: Any,
+        flags: paho.DisconnectFlags,
+        reason_code: ReasonCode,
+        properties: Properties | None = None,
+    ) -> None:
+        if self._connected.done():
+            super()._on_disconnect(client, userdata, flags, reason_code, properties)
+        else:  # aiomqtt would wait for the broker's answer, ten seconds long
+            self._connected.set_exception(aiomqtt.MqttError("the connection was closed before the broker answered"))
+
     def _on_publish(
         self, client: paho.Client, userdata: Any, mid: int, reason_code: ReasonCode, properties: Properties
     ) -> None:

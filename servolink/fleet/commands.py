@@ -124,9 +124,9 @@ class CommandDesk:
                 return
             accepted = _Accepted(command, sender, self._checked(message, command, link), self._stops.count, acknowledge)
         except Exception as error:  # noqa: BLE001 - whatever is wrong with a message is an answer
-            self._answers.refuse(command_id, sender, error)
+            # The broker sends no more than it has acknowledgements for: a backlog cannot outrun its answers.
+            self._answers.refuse(command_id, sender, error, acknowledge)
             self._log("warning", f"a command was refused: {error}")
-            acknowledge()
             return
         task = asyncio.get_running_loop().create_task(self._carry_out(accepted, _digest(message.payload)))
         self._tasks.add(task)

@@ -129,7 +129,10 @@ class Controller:
                 if sent != self.connections and left > 0:
                     # Also after a reconnection: the command, or its result, may have been lost with the connection.
                     # The board knows its id and does not carry it out twice.
-                    await self.publish(topic, payload, message_id, expires=left, deadline=exchange.heard + patience)
+                    try:
+                        await self.publish(topic, payload, message_id, expires=left, deadline=exchange.heard + patience)
+                    except ConnectionLost as error:
+                        raise _unsent(board, method, error) from error
                     sent = self.connections
                 if not await exchange.wait(exchange.heard + patience):
                     raise _silence(board, method, patience)
@@ -234,14 +237,24 @@ def _plain(params: Mapping[str, Any] | Struct | None) -> dict[str, Any]:
 
 def _silence(board: str, method: str, patience: float) -> ServolinkError:
     """Return the error for a command that was not answered."""
+    text = f"{board} has not answered {method} within {patience:g} s"
+    if _only_reads(method):
+        return RequestTimeout(f"{text}: its machine, or the network, may be slow or away; try again")
+    return OutcomeUnknown(f"{text}: it may have been done or not; look at the board before sending it again")
+
+
+def _unsent(board: str, method: str, error: ConnectionLost) -> ServolinkError:
+    """Return the error for a command that the broker has not confirmed."""
+    if _only_reads(method):
+        return error
+    return OutcomeUnknown(f"{board}: {method} may have been done or not: {error}")
+
+
+def _only_reads(method: str) -> bool:
     from servolink.hub.control.session import METHODS
     from servolink.hub.roles import Role
 
-    known = METHODS.get(method)
-    text = f"{board} has not answered {method} within {patience:g} s"
-    if known is not None and known.role == Role.WATCH:
-        return RequestTimeout(f"{text}: its machine, or the network, may be slow or away; try again")
-    return OutcomeUnknown(f"{text}: it may have been done or not; look at the board before sending it again")
+    return method in METHODS and METHODS[method].role == Role.WATCH
 
 
 def new_id() -> str:

@@ -60,7 +60,7 @@ class BoardSeen:
             return False
         if kind == "available":
             was, self.is_online = self.is_online, payload == ONLINE.encode()
-            if was != self.is_online:
+            if was and not self.is_online:
                 self.pulse = None  # another program may answer for the board now, and knows no words of this one
             return was != self.is_online
         if kind == "state":

@@ -1,0 +1,281 @@
+"""A real broker, a real bridge and a program that commands, while the broker and the network between them fail."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from servolink.client.board import Board
+from servolink.client.connect import connect
+from servolink.errors import OutcomeUnknown, RequestTimeout, ServolinkError
+from servolink.fleet import broker as broker_module
+from servolink.fleet import connect as connect_fleet
+from servolink.fleet import roster
+from servolink.fleet.access import broker_access
+from servolink.fleet.client import Fleet
+from servolink.fleet.join import Fleet as Joining
+from servolink.fleet.join import Here
+from servolink.fleet.policy import BoardPolicy, FleetFile
+from servolink.hub.serving import serve_board
+from tests.fleet.bridged import TOPICS, bridged, far_away, run, running
+from tests.fleet.mosquitto import OPEN, Broker, needs_broker
+from tests.fleet.proxy import Proxy, proxy_to
+from tests.fleet.test_commands import Calls
+
+pytestmark = [*needs_broker, pytest.mark.usefixtures("user")]
+
+MOVE = {"targets": {"1": 20}, "duration": 0.1}
+
+
+@pytest.fixture(autouse=True)
+def _soon_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(broker_module, "FIRST_PAUSE", 0.02)
+    monkeypatch.setattr(broker_module, "LONGEST_PAUSE", 0.1)
+
+
+@asynccontextmanager
+async def board_and_fleet(url: str, far_url: str, name: str = "rex") -> AsyncIterator[tuple[Fleet, Board]]:
+    """Yield a fleet through `far_url` whose board, joined through `url`, is read beside it."""
+    async with serve_board("virtual://?servos=4", name=name), connect(f"share://{name}") as board:
+        joining = Joining(broker_access(url), TOPICS, FleetFile(BoardPolicy("edit")), hz=0.0)
+        ready = asyncio.Event()
+        async with running(joining.join([Here(name, name)], ready.set)):
+            await ready.wait()
+            async with connect_fleet(far_url, groups={}) as fleet:
+                await fleet.list()
+                yield fleet, board
+
+
+async def until_online(fleet: Fleet, *names: str) -> None:
+    """Wait until boards are back."""
+    async with asyncio.timeout(20):
+        while fleet.controller.roster.online != names:
+            await asyncio.sleep(0.01)
+        await fleet.list()
+
+
+# --- the broker -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_everybody_comes_back_after_the_broker_was_killed(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        async with board_and_fleet(broker.url, broker.url) as (fleet, board):
+            calls = Calls(monkeypatch)
+            for _ in range(3):
+                broker.end(signal.SIGKILL)
+                sent = asyncio.create_task(fleet.call("rex", "move", MOVE, patience=8.0))
+                await asyncio.sleep(0)
+                broker.start()
+                await until_online(fleet, "rex")
+                with_result = await asyncio.gather(sent, return_exceptions=True)
+                assert isinstance(with_result[0], dict | ServolinkError)
+            assert calls.methods.count("move") <= 3, "none was carried out twice"
+            assert (await fleet.call("rex", "move", MOVE | {"wait": True}))["seconds"] == pytest.approx(0.1)
+            assert (await board.servo(1)).angle == 20
+
+    run(main())
+
+
+def test_a_stop_in_the_moment_of_a_restart_reaches_the_board(broker: Broker) -> None:
+    async def main() -> None:
+        async with board_and_fleet(broker.url, broker.url) as (fleet, board):
+            await fleet.call("rex", "move", {"targets": {"1": 90}, "duration": 60})
+            broker.end(signal.SIGKILL)
+            stopping = asyncio.create_task(fleet.stop(patience=20))
+            await asyncio.sleep(0)
+            broker.start()
+            assert (await stopping).is_complete
+            await until_online(fleet, "rex")
+            assert list((await fleet.stop()).stopped) == ["rex"]
+            assert not (await board.servo(1)).is_start
+
+    run(main())
+
+
+@pytest.mark.slow
+def test_a_full_broker_loses_nothing_silently(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    broker = Broker(tmp_path, [*OPEN, "max_queued_messages 5", "max_inflight_messages 1"])
+    broker.start()
+
+    async def main() -> None:
+        async with board_and_fleet(broker.url, broker.url) as (fleet, _):
+            asked = [fleet.call("rex", "board.state", patience=1.0) for _ in range(200)]
+            found = await asyncio.gather(*asked, return_exceptions=True)
+            assert all(isinstance(one, (dict, RequestTimeout, ServolinkError)) for one in found)
+            assert any(isinstance(one, dict) for one in found)
+            assert (await fleet.stop()).is_complete
+
+    run(main())
+    broker.end()
+
+
+# --- the network ------------------------------------------------------------------------------------------------------
+
+
+@asynccontextmanager
+async def network(broker: Broker, *, of_board: bool) -> AsyncIterator[tuple[Proxy, Fleet, Board]]:
+    """Yield a network, between the broker and the board or the other program, that can be cut."""
+    async with proxy_to(broker) as proxy:
+        urls = (proxy.url, broker.url) if of_board else (broker.url, proxy.url)
+        async with board_and_fleet(*urls) as (fleet, board):
+            yield proxy, fleet, board
+
+
+@pytest.mark.parametrize("of_board", [False, True])
+def test_everybody_comes_back_after_the_network_was_cut(broker: Broker, of_board: bool) -> None:
+    async def main() -> None:
+        async with network(broker, of_board=of_board) as (proxy, fleet, _):
+            before = proxy.connections
+            proxy.cut()
+            asked = asyncio.create_task(fleet.call("rex", "battery", patience=20))
+            await asyncio.sleep(0.1)
+            proxy.flow()
+            await until_online(fleet, "rex")
+            assert proxy.connections > before
+            assert (await asked)["percent"] > 0
+
+    run(main())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("of_board", [False, True])
+def test_a_movement_that_a_stalled_network_brings_late_is_not_made(
+    broker: Broker, monkeypatch: pytest.MonkeyPatch, of_board: bool
+) -> None:
+    monkeypatch.setattr("servolink.fleet.pulse.SLACK", 0.0)
+    monkeypatch.setattr("servolink.fleet.pulse.INTERVAL", 0.05)
+
+    async def main() -> None:
+        async with network(broker, of_board=of_board) as (proxy, fleet, board):
+            calls = Calls(monkeypatch)
+            proxy.hold()
+            with pytest.raises(OutcomeUnknown):
+                await fleet.controller.call("rex", "move", MOVE, expires=1, patience=1.3)
+            proxy.flow()
+            await until_online(fleet, "rex")
+            await fleet.call("rex", "battery")
+            assert "move" not in calls.methods
+            assert abs((await board.servo(1)).angle) < 10
+
+    run(main())
+
+
+@pytest.mark.slow
+def test_boards_come_back_after_ten_seconds_without_a_network(broker: Broker) -> None:
+    async def main() -> None:
+        async with network(broker, of_board=True) as (proxy, fleet, _):
+            proxy.hold()
+            async with asyncio.timeout(60):  # the broker has to notice, by the lack of keep-alives
+                while fleet.controller.roster.online:
+                    await asyncio.sleep(0.05)
+            assert (await fleet.stop(patience=1)).offline == ("rex",)
+            proxy.cut()
+            proxy.flow()
+            await until_online(fleet, "rex")
+            assert list((await fleet.stop()).stopped) == ["rex"]
+
+    run(main())
+
+
+# --- order, floods and clocks -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_start_that_overtakes_what_it_starts_starts_nothing(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            calls = Calls(monkeypatch)
+            await far.publish("servolink/_fleet/start", {"id": "s1"})
+            action = {"type": "action", "record": {"action_id": 1, "action_caption": "Bow", "steps": []}}
+            await far.call("records.put", params=action | {"record": {**action["record"], "steps": [_STEP]}})  # type: ignore[dict-item]
+            params = {"start": "s1", "run": {"type": "action", "id": 1}, "expires": 0.2}
+            assert await far.call("prepare", params=params)
+            await asyncio.sleep(0.25)
+            await far.publish("servolink/_fleet/start", {"id": "s1"})
+            await far.call("board.state")
+            assert calls.methods.count("run") == 1, "to check it, and not to make it"
+
+    run(main())
+
+
+_STEP = {"servo_id": 1, "degree": 10, "interval_ms": 100}
+
+
+def test_clocks_that_jump_repeat_and_delay_nothing(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            calls = Calls(monkeypatch)
+            real = time.time
+            for jump in (86400 * 400, -86400 * 400, 0):
+                monkeypatch.setattr(time, "time", lambda jump=jump: real() + jump)
+                name = f"at{abs(jump)}{jump < 0}"
+                await far.send("move", params=MOVE, id=name)
+                assert (await far.result(name))["ok"]
+                await far.send("move", params=MOVE, id=name)
+            await far.call("board.state")
+            assert calls.methods.count("move") == 3
+
+    run(main())
+
+
+# --- who writes what does not belong there ----------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_names_and_payloads_that_are_no_boards_are_left_out(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(roster, "MOST_BOARDS", 20)
+
+    async def main() -> None:
+        async with far_away(broker) as far:
+            names = [
+                "\x1b[2J"[1:],
+                "a b",
+                "ünïcode",
+                "x" * 300,
+                "_fleet",
+                "com1",
+                "a\u202eb",
+                *map("n{}".format, range(30)),
+            ]
+            for name in names:
+                await far.publish(f"servolink/{name}/available", b"online", retain=True)
+            for payload in (b"", b"\xff", b"{", b"[" * 100_000, b'{"board":1}', b"null"):
+                await far.publish("servolink/n0/state", payload, retain=True)
+                await far.publish("servolink/n0/log", payload)
+                await far.publish("servolink/n0/servos", payload)
+            async with connect_fleet(broker.url, groups={}, servos=True) as fleet:
+                for payload in (b"", b"\xff", b"{", b"[" * 100_000, b'{"id":null,"board":"n0"}', b"null"):
+                    await far.publish(fleet.controller._reply_to, payload)
+                boards = await fleet.list()
+                assert len(boards) == 20
+                assert all(board.name.startswith("n") for board in boards)
+                assert fleet.controller.roster.refused == 10
+                state = fleet.controller.roster["n0"]
+                assert state.problem.startswith("its state cannot be read")
+                assert state.servos is None
+                assert any("were too long, or of boards beyond" in one.observation for one in await fleet.doctor())
+
+    run(main())
+
+
+def test_a_result_of_another_board_or_command_is_not_taken(broker: Broker) -> None:
+    async def main() -> None:
+        async with far_away(broker) as far, connect_fleet(broker.url, groups={}) as fleet:
+            asked = asyncio.create_task(fleet.call("rex", "battery", patience=0.3))
+            await far.until(lambda: "servolink/rex/cmd" in far.heard)
+            message = far.heard["servolink/rex/cmd"][0]
+            for board, name in (("fido", json.loads(message.payload)["id"]), ("rex", "other")):
+                result = {"id": name, "board": board, "ok": True, "result": {"percent": 1.0}}
+                await far.publish(str(message.response_topic), result)
+            with pytest.raises(RequestTimeout):
+                await asked
+
+    run(main())
