@@ -24,6 +24,7 @@ BENCHMARKS = {
     "start": Benchmark("benchmarks.start", "Time until a program or a command has started"),
     "scale": Benchmark("benchmarks.scale", "Many boards, and a board with a large library", is_short=False),
     "hub": Benchmark("benchmarks.hub", "A board that a hub shares"),
+    "recorder": Benchmark("benchmarks.recorder", "A board that is recorded"),
     "fleet": Benchmark("benchmarks.fleet", "Many boards through a broker", is_short=False),
     "studio": Benchmark("benchmarks.studio", "The studio in a browser", is_short=False),
     "handoff": Benchmark("benchmarks.handoff", "From a reading thread to the event loop"),

@@ -31,7 +31,7 @@ Batch = list[tuple[float, str, bytes]]
 """Seconds, topic, and the JSON of each message; for bytes of the line `sent` or `received`, and the bytes."""
 _DIRECTIONS = {"sent", "received"}
 _STATUS_EVERY = 0.25  # seconds
-_NICE = 5  # whoever is recorded goes first
+_NICE = 5  # the program that is recorded goes first
 
 
 class Order(Struct):
