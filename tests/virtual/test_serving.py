@@ -140,7 +140,9 @@ def test_a_host_that_stops_sending_still_gets_its_answers() -> None:
     asyncio.run(main())
 
 
-def test_a_host_that_asks_a_lot_at_once_and_reads_slowly_gets_it_all() -> None:
+def test_a_host_that_asks_a_lot_at_once_and_reads_slowly_gets_it_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("servolink.virtual.board._SILENCE", GUARD)  # a busy machine may pause in the middle of a frame
+
     async def main() -> int:
         loop = asyncio.get_running_loop()
         async with serve(VirtualBoard(servos=254), tcp=ANY_PORT) as (url,):
