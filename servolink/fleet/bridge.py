@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
 
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.announcer import Announcer
 from servolink.fleet.answers import Answers
-from servolink.fleet.broker import Publication, Received, Wire, WireOptions
+from servolink.fleet.broker import Denied, Publication, Received, Wire, WireOptions
 from servolink.fleet.commands import CommandDesk, Level
 from servolink.fleet.home_assistant import HomeAssistant
 from servolink.fleet.hub_session import HubSession
@@ -104,7 +105,8 @@ class Bridge:
         self._link.begin()
         if self.fence.is_up:
             self.fence.put_up()
-        await self.wire.send(self._available._replace(payload=ONLINE))
+        with suppress(Denied):  # said by the wire; an access list can be corrected while this goes on
+            await self.wire.send(self._available._replace(payload=ONLINE))
         self.telemetry.resend()
 
     async def _send_pulse(self, word: str, qos: int) -> None:
