@@ -26,6 +26,7 @@ BENCHMARKS = {
     "hub": Benchmark("benchmarks.hub", "A board that a hub shares"),
     "recorder": Benchmark("benchmarks.recorder", "A board that is recorded"),
     "fleet": Benchmark("benchmarks.fleet", "Many boards through a broker", is_short=False),
+    "spy": Benchmark("benchmarks.spy", "A spy between a program and a board", is_short=False),
     "studio": Benchmark("benchmarks.studio", "The studio in a browser", is_short=False),
     "handoff": Benchmark("benchmarks.handoff", "From a reading thread to the event loop"),
     "parser": Benchmark("benchmarks.parser", "The parser against a textbook parser"),
