@@ -33,7 +33,7 @@ class Lines:
             print_json({"seconds": round(seconds, 6), "from": _WHO[passed.direction], **_described(passed)})
         else:
             line = f"{seconds:9.3f}  {_WHO[passed.direction]:7}  {_text(passed)}"
-            print_text(_cut(escape(line), shutil.get_terminal_size().columns if is_terminal() else _LONGEST))
+            print_text(cut(escape(line), shutil.get_terminal_size().columns if is_terminal() else _LONGEST))
 
 
 def _described(passed: Passed) -> dict[str, Any]:
@@ -60,10 +60,13 @@ def _text(passed: Passed) -> str:
     return f"unknown packet {seen.packet_id} ({seen.byte_order}), {len(seen.content)} bytes: {shown}"
 
 
-def _cut(line: str, columns: int) -> str:
-    """Return what fits into so many columns."""
+def cut(line: str, columns: int) -> str:
+    """Return the beginning of a line that fits into so many columns."""
     if text_width(line) <= columns:
         return line
-    while text_width(line) > columns - 3:
-        line = line[: max(0, len(line) - max(1, (text_width(line) - columns) // 2))]
-    return line + "..."
+    used, end = 3, 0  # the dots
+    for end, character in enumerate(line):  # noqa: B007 - where it ends
+        used += text_width(character)
+        if used > columns:
+            break
+    return line[:end] + "..."
