@@ -68,17 +68,18 @@ def run(*, short: bool) -> Result:
         os.sched_setaffinity(0, set(CORES))
     neighbours = Neighbours()
     cases: list[_Case] = []
-    lost = 0
+    wrong: list[str] = []
     for board, delay in BOARDS.items():
         times = int(seconds * (400 if delay else 4000))
         for measure in (_alone, _on_hub):
             case, missing = asyncio.run(measure(board, delay, rounds, times))
             cases.append(case)
-            lost += missing
+            if missing:
+                wrong.append(f"{missing} requests are not in the files; {case.way}, board: {case.board}")
     return {
         "tables": [_table(cases, neighbours.note())],
         "goals": list(_goals(cases)),
-        "wrong": [f"{lost} recorded requests are not in the files"] if lost else [],
+        "wrong": wrong,
         "cases": [{"way": each.way, "board": each.board, "rates": list(each.rates.values())} for each in cases],
     }
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from typing import Any
 
 import msgspec
@@ -13,15 +13,15 @@ from msgspec import Raw, Struct
 
 from servolink.client.rpc_channel import RpcChannel, open_channel
 from servolink.client.servos import Servo
-from servolink.errors import DecodeError, ServolinkError
+from servolink.errors import DecodeError, RequestTimeout, ServolinkError
 from servolink.escaping import escape
 from servolink.motion.angles import AngleUnit, in_unit
-from servolink.recorder.channels import Event, decode
+from servolink.recorder.channels import Event, ProblemFound, decode
 from servolink.recorder.readings import Readings, Take
 from servolink.transports.share import Greeting, Welcome, this_program
 
 _LIMIT = 5.0  # seconds for the hub to answer
-_LAST_LIMIT = 1.0  # the same at the end: whoever pressed Ctrl-C waits
+_LAST_LIMIT = 10.0  # the same at the end, when it may have much to say yet
 _logger = logging.getLogger(__name__)
 
 
@@ -95,8 +95,14 @@ class HubSource:
 
     async def end(self) -> None:
         """Take what the hub has heard until now, and then nothing more."""
-        with suppress(ServolinkError):  # it is gone
+        try:
             await self._channel.call("tap.stop", timeout=_LAST_LIMIT)
+        except RequestTimeout:
+            if self._take is not None:
+                text = "the end is missing: this machine was too busy to record what the hub had heard"
+                self._take(self._now(), ProblemFound("recorder", text))
+        except ServolinkError:
+            pass  # the hub is gone
         self._channel.on_notification = self._channel.on_end = None
 
     def _hear(self, name: str, params: Raw) -> None:
