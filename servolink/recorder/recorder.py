@@ -26,7 +26,7 @@ from servolink.recorder.channels import Event, Message, ProblemFound, Recorded, 
 from servolink.recorder.child_writer import ChildWriter
 from servolink.recorder.clock import Clock
 from servolink.recorder.hub_source import tapping
-from servolink.recorder.readings import Readings
+from servolink.recorder.readings import Readings, Take
 from servolink.recorder.ring import RingWriter, trigger
 from servolink.recorder.writer import RecorderStatus, RecordingWriter
 from servolink.transports.address import Address
@@ -70,13 +70,15 @@ class Recorder:
         self.wanted = wanted
         self.clock = Clock(asyncio.get_running_loop().time)
         self.backlog = Backlog()
+        self.take: Take = self._take_wire if wanted.wire_only else self.backlog.put
+        """Records a message, and never waits."""
         self.over = asyncio.Event()
         """Set when nothing more can come: the hub is gone."""
         self._writer: RecordingWriter | ChildWriter | RingWriter | None = None
 
-    def take(self, seconds: float, message: Message) -> None:
-        """Record a message; never waits."""
-        if not self.wanted.wire_only or isinstance(message, Wire | ProblemFound):
+    def _take_wire(self, seconds: float, message: Message) -> None:
+        """Record bytes and problems; anything else may still say that a ring should be written."""
+        if isinstance(message, Wire | ProblemFound):
             self.backlog.put(seconds, message)
         elif isinstance(self._writer, RingWriter) and (reason := trigger(message)):
             self._writer.fail(reason)
