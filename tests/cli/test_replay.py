@@ -16,6 +16,7 @@ from servolink.recorder.channels import ServosRead, ServoState
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.state_file import save_state
 from tests.cli.programs import call, finished, started
+from tests.cli.terminals import in_terminal
 from tests.recorder.files import write
 from tests.recorder.test_replaying import WAVE, passed, wave
 from tests.virtual_time import run
@@ -33,6 +34,15 @@ def test_commands_move_a_virtual_robot(capsys: pytest.CaptureFixture[str]) -> No
     assert "     0.002  ExecuteAction 1=60 in" in said.out
     assert "    1   30.0\n    2  -30.0\n" in said.out
     assert said.out.endswith("played 7 commands of 1.1 s\n")
+
+
+@pytest.mark.usefixtures("_in_virtual_time")
+def test_terminal_shows_the_robot_as_it_moves() -> None:
+    said = in_terminal("replay", str(WAVE), "--to", "virtual")
+    assert said.code == 0
+    assert "7 commands of 7" in said.out
+    assert "at 1 times the speed" in said.out
+    assert "released" in said.out
 
 
 @pytest.mark.usefixtures("_in_virtual_time")

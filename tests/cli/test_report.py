@@ -7,10 +7,14 @@ from pathlib import Path
 import pytest
 
 from servolink.client.board import Board
+from servolink.discovery.search import Found
+from servolink.errors import ConnectionLost
 from servolink.protocol.records import Action, ServoParameter, Step
 from servolink.recorder.report import FACTS, PROJECT, RECORDING, read_report
+from servolink.transports.device_info import DeviceInfo, PortIdentity
 from tests.cli.programs import call
 from tests.cli.robot import Robot
+from tests.cli.terminals import in_terminal
 from tests.recorder.test_replaying import WAVE
 from tests.recorder.test_report import PRIVATE, in_it
 
@@ -89,3 +93,51 @@ def test_nothing_is_written_unasked(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert said.code == 2
     assert "--yes goes on without asking" in said.err
     assert not path.exists()
+
+
+@pytest.mark.parametrize(("answer", "code"), [("y", 0), ("n", 1)])
+def test_it_asks_in_a_terminal(answer: str, code: int, tmp_path: Path) -> None:
+    path = tmp_path / "report.zip"
+    said = in_terminal("--board", "virtual://", "report", "--seconds", "0", "-o", str(path), typed=f"{answer}\n")
+    assert said.code == code
+    assert f"write {path}? [y/N]" in said.out
+    assert path.exists() == (code == 0)
+
+
+def test_board_that_fails_meanwhile_has_a_report_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def lost(*_: object, **__: object) -> None:
+        raise ConnectionLost(f"/dev/{PRIVATE} was unplugged after 3 s")
+
+    monkeypatch.setattr("servolink.recorder.recorder.record", lost)
+    path = tmp_path / "report.zip"
+    assert call(capsys, "--board", "virtual://", "report", "--yes", "-o", str(path)).code == 0
+    facts, _ = read_report(path)
+    assert facts["trouble"] == "*** was unplugged after 3 s"
+
+
+@pytest.mark.usefixtures("robot_with_secrets")
+def test_profile_is_in_it_without_what_tells_the_board_from_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    call(capsys, "use", "zyx-board", "virtual://")
+    call(capsys, "board", "set", "zyx-board", "--depth", "4", "--angle", "3=0..9")
+    path = tmp_path / "report.zip"
+    call(capsys, "--board", "zyx-board", "report", "--seconds", "0", "--yes", "-o", str(path))
+    facts, files = read_report(path)
+    assert facts["profile"]["settings"]["depth"] == 4
+    assert facts["profile"].keys() == {"settings", "limits"}
+    assert b"zyx" not in files[FACTS].lower()
+
+
+def test_devices_here_are_named_by_their_kind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    device = DeviceInfo("serial:///dev/zyx-1", "Zyx", PortIdentity(0x1A86, 0x7523, serial_number="ZYX99"))
+    monkeypatch.setattr("servolink.doctor.examine.find_devices", lambda: Found([device], []))
+    path = tmp_path / "report.zip"
+    call(capsys, "--board", "virtual://", "report", "--seconds", "0", "--yes", "-o", str(path))
+    facts, files = read_report(path)
+    assert facts["doctor"]["devices"] == [{"address": "serial", "usb": "1a86:7523"}]
+    assert b"zyx" not in files[FACTS].lower()

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from servolink.recorder.channels import Event, Message, ServosRead
 from tests.cli.programs import call
-from tests.recorder.files import write
+from tests.cli.terminals import ESCAPE, in_terminal
+from tests.recorder.files import ABOUT, write
 from tests.recorder.test_reading import MESSAGES
 
 
@@ -79,3 +81,26 @@ def test_other_file_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str
     said = call(capsys, "show", str(path))
     assert (said.code, said.out) == (1, "")
     assert "x.json is not an MCAP file" in said.err
+
+
+def test_terminal_wraps_lines_between_words(recording: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tests.cli.terminals._COLUMNS", 72)
+    monkeypatch.chdir(Path(recording).parent)
+    said = in_terminal("show", "out.mcap")
+    lines = ESCAPE.sub("", said.out).split("\n")
+    assert max(map(len, lines)) <= 72
+    at = next(number for number, line in enumerate(lines) if "ExecuteAction" in line)
+    assert lines[at + 1].startswith(" " * 24)
+
+
+def test_names_are_cut_to_the_column(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write(tmp_path / "x.mcap", [(0.0, Event("lease", "taken", "\u5927\u5b57" * 9))])
+    assert "  \u5927\u5b57\u5927\u5b57\u5927  lease taken" in call(capsys, "show", str(path)).out
+
+
+@pytest.mark.parametrize("hz", ["20", "nonsense"])
+def test_rate_that_nobody_understands_is_none(hz: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    readings: list[tuple[float, Message]] = [(0.0, ServosRead(())), (9.0, ServosRead(()))]
+    path = write(tmp_path / "x.mcap", readings, about={**ABOUT, "hz": hz})
+    said = call(capsys, "show", str(path))
+    assert ("no reading of the servos in the last 9.0 s" in said.out) == (hz == "20")
