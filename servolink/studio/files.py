@@ -7,6 +7,7 @@ from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 
+import msgspec
 from msgspec import Struct
 
 _TYPES = {
@@ -23,6 +24,8 @@ _NOT_SERVED = {"tsconfig.json", "vendor.json"}
 _LIBRARIES = "/vendor/"
 _COMMENT = re.compile(rb"^[ \t]*(?://.*|/\*\*(?:(?!\*/)[\s\S])*\*/)[ \t]*$", re.MULTILINE)
 """Comments that have their lines to themselves: one part in eight of what a browser has to fetch."""
+_INDENTATION = re.compile(rb"^[ \t]+", re.MULTILINE)
+"""It means nothing in the texts of our modules either: htm leaves out spaces at the beginning of a line."""
 
 
 class PageFile(Struct, frozen=True):
@@ -50,7 +53,9 @@ def _files(folder: Traversable, path: str) -> list[tuple[str, PageFile]]:
         elif end in _TYPES and entry.name not in _NOT_SERVED:
             content = entry.read_bytes()
             if end == ".js" and not name.startswith(_LIBRARIES):
-                content = _COMMENT.sub(_same_lines, content)
+                content = _INDENTATION.sub(b"", _COMMENT.sub(_same_lines, content))
+            elif end == ".json":
+                content = msgspec.json.format(content, indent=-1)
             found.append((name, PageFile(content, _TYPES[end], sha256(content).hexdigest()[:16])))
     return found
 

@@ -74,7 +74,7 @@ def test_files_for_developers_are_not_served() -> None:
 def test_modules_are_served_without_comments_and_with_the_lines_of_the_source() -> None:
     files, left_out = page_files(), 0
     for path in MODULES:
-        source = path.read_text(encoding="utf-8").split("\n")
+        source = [line.lstrip() for line in path.read_text(encoding="utf-8").split("\n")]
         served = files[f"/{path.relative_to(WEB).as_posix()}"].content.decode().split("\n")
         missing = [line for line, found in zip(source, served, strict=True) if line != found]
         assert all(re.match(r"\s*(//|/\*\*|\*)", line) for line in missing), path
