@@ -13,6 +13,8 @@ from servolink.fleet.broker import Denied, Publication, Wire
 
 MOST_KEPT = 1000
 """Messages that wait; the oldest is dropped for a new one, and counted."""
+MOST_ANSWERS = 20_000
+"""A broker can send all commands that have waited at once, without an acknowledgement; each is answered."""
 _AT_ONCE = 16  # messages that the broker has not confirmed: it need not be waited for between any two
 
 
@@ -33,12 +35,25 @@ class Outbox:
         self._news = asyncio.Event()
 
     def put(self, message: Publication, on_sent: Callable[[], None] | None = None) -> None:
-        """Have a message sent; `on_sent` is called when the broker has it, or refuses it for good."""
-        if len(self._waiting) >= MOST_KEPT:
+        """Have a message sent; `on_sent` is called when the broker has it, or refuses it for good.
+
+        A message with `on_sent` is an answer, and dropped only for the newest of twenty thousand.
+        """
+        if on_sent is None and len(self._waiting) >= MOST_KEPT:
+            self._drop_one()
+        elif len(self._waiting) >= MOST_ANSWERS:
             self._waiting.popleft()
             self.dropped += 1
         self._waiting.append(_Item(message, on_sent))
         self._news.set()
+
+    def _drop_one(self) -> None:
+        """Drop the oldest message that is no answer, if there is one."""
+        for at, item in enumerate(self._waiting):
+            if item.on_sent is None:
+                del self._waiting[at]
+                self.dropped += 1
+                return
 
     async def run(self) -> NoReturn:
         """Send what there is, for ever."""

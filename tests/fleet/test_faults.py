@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import resource
 import signal
 import time
 from collections.abc import AsyncIterator
@@ -24,7 +25,7 @@ from servolink.fleet.join import Fleet as Joining
 from servolink.fleet.join import Here
 from servolink.fleet.policy import BoardPolicy, FleetFile
 from servolink.hub.serving import serve_board
-from tests.fleet.bridged import TOPICS, bridged, far_away, run, running
+from tests.fleet.bridged import TOPICS, Far, bridged, far_away, run, running
 from tests.fleet.mosquitto import OPEN, Broker, needs_broker
 from tests.fleet.proxy import Proxy, proxy_to
 from tests.fleet.test_commands import Calls
@@ -169,7 +170,9 @@ def test_a_movement_that_a_stalled_network_brings_late_is_not_made(
 
 
 @pytest.mark.slow
-def test_boards_come_back_after_ten_seconds_without_a_network(broker: Broker) -> None:
+def test_boards_come_back_after_a_network_that_was_silent(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(broker_module, "KEEPALIVE", 1)
+
     async def main() -> None:
         async with network(broker, of_board=True) as (proxy, fleet, _):
             proxy.hold()
@@ -207,6 +210,53 @@ def test_a_start_that_overtakes_what_it_starts_starts_nothing(broker: Broker, mo
 
 
 _STEP = {"servo_id": 1, "degree": 10, "interval_ms": 100}
+
+
+@pytest.mark.slow
+def test_ten_thousand_commands_that_waited_are_all_answered_and_none_is_late(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broker = Broker(tmp_path, [*OPEN, "max_queued_messages 20000"])
+    broker.start()
+    count = 10_000
+
+    async def main() -> None:
+        async with (
+            proxy_to(broker) as proxy,
+            far_away(broker) as far,
+            board_and_fleet(proxy.url, broker.url) as (fleet, _),
+        ):
+            calls = Calls(monkeypatch)
+            proxy.cut()
+            for start in range(0, count, 100):
+                await asyncio.gather(*(_backlog(far, number) for number in range(start, start + 100)))
+            before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+            proxy.flow()
+            await far.until(lambda: "servolink/rex/result" in far.heard)
+            assert list((await fleet.stop(patience=20)).stopped) == ["rex"]
+            assert len(far.heard["servolink/rex/result"]) < count, "a stop does not wait for the backlog"
+            await far.until(lambda: len(far.heard["servolink/rex/result"]) >= count)
+            grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+            assert grown < 100_000, "kilobytes"
+            answered = _answered(far)
+            assert len(answered) == len(set(answered)) == count
+            assert "move" not in calls.methods
+
+    run(main())
+    broker.end()
+
+
+async def _backlog(far: Far, number: int) -> None:
+    """Send a question, or a movement that is made known as an old one."""
+    command: dict[str, object] = {"id": f"b{number}", "method": "board.state"}
+    if number % 2:
+        command |= {"method": "move", "params": MOVE, "pulse": "of-before-1"}
+    await far.publish(TOPICS.board("rex", "cmd"), command, expiry=300)
+
+
+def _answered(far: Far) -> list[str]:
+    found = [json.loads(each.payload) for each in far.heard.get("servolink/rex/result", [])]
+    return [each["id"] for each in found if each.get("id", "").startswith("b") and "ok" in each]
 
 
 def test_clocks_that_jump_repeat_and_delay_nothing(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
