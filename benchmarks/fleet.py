@@ -77,8 +77,10 @@ class Case:
 
     @property
     def delivered(self) -> float:
-        """Percent of the samples that a board reads at its rate which arrived."""
-        return 100 * self.samples.received / (self.boards * HZ * self.seconds)
+        """Percent of the samples that arrived: of those that were read, and of those that the rate asks for."""
+        samples = self.samples
+        read = samples.received + samples.lost + samples.left_out
+        return 100 * samples.received / max(1.0, read, self.boards * HZ * self.seconds)
 
 
 def run(*, short: bool) -> Result:
