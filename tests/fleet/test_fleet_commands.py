@@ -214,7 +214,8 @@ def test_boards_are_watched_in_a_table(broker: Broker) -> None:
 
 
 def board_seen(name: str, *, is_online: bool = True, **known: Any) -> BoardSeen:
-    now = BoardNow(board=name, host="here", version="1", at=0.0, **{"connection": "connected", "allow": "run"} | known)
+    given: dict[str, Any] = {"connection": "connected", "allow": "run", **known}
+    now = BoardNow(board=name, host="here", version="1", at=0.0, **given)
     return BoardSeen(name, is_online, now)
 
 
