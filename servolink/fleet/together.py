@@ -53,7 +53,7 @@ def run_for(roster: Roster, board: str, name: int | str, kind: Kind | None) -> R
     if seen.now is None:
         raise NotFound(f"{board} does not say what is stored on it{': ' if seen.problem else ''}{seen.problem}")
     stored: Mapping[Kind, Sequence[Stored]] = {"action": seen.now.actions, "macro": seen.now.macros}
-    kinds = [each for each in stored if kind in {None, each} and _has(stored[each], name)]
+    kinds: list[Kind] = [each for each in stored if kind in {None, each} and _has(stored[each], name)]
     if not kinds:
         raise NotFound(f"{board} has no {kind or 'action or macro'} {quote(name)}")
     if len(kinds) > 1:
