@@ -219,6 +219,20 @@ def test_watchers_get_the_latest_and_no_more_than_they_acknowledge() -> None:
     run(main())
 
 
+def test_the_board_is_not_read_for_a_watcher_that_is_frozen() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("page") as page:
+            await page.call("servos.watch", hz=50)
+            await asyncio.sleep(3)
+            received = here.hub.board.stats.frames_received
+            await asyncio.sleep(5)
+            assert here.hub.board.stats.frames_received - received < 5
+            page.tell("servos.ack", number=2)
+            await page.until("servos", 4)
+
+    run(main())
+
+
 def test_only_what_has_changed_is_sent_if_that_is_enough() -> None:
     async def main() -> None:
         async with shared() as here, here.program("page") as page:

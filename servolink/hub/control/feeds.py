@@ -20,6 +20,7 @@ from servolink.motion.angles import Angle, AngleUnit
 
 Notify = Callable[[str, Struct], None]
 
+_IDLE = 2.0  # seconds without an acknowledgement after which the servos are not read any more
 _PAUSE = 0.5  # seconds until the servos are read again after an error
 
 
@@ -109,13 +110,23 @@ class ServosFeed(Feed):
         self._room.set()
 
     async def _read(self, board: Board, ready: asyncio.Future[None]) -> None:
+        while not await self._read_until_idle(board, ready):
+            await self._until_room()  # without reading: a frozen page costs the board nothing
+
+    async def _read_until_idle(self, board: Board, ready: asyncio.Future[None]) -> bool:
+        """Read until the program has acknowledged nothing for a while; return whether the readings have ended."""
         async with board.watch(self._hz) as readings:
             _resolve(ready)
             await self._until_room()
             # The iterator keeps the latest reading only, so this is the newest one however long there was no room.
             async for reading in readings:
                 self._send(reading)
-                await self._until_room()
+                try:
+                    async with asyncio.timeout(_IDLE):
+                        await self._until_room()
+                except TimeoutError:
+                    return False
+        return True
 
     async def _until_room(self) -> None:
         while self._sent - self._acknowledged >= CREDIT or self._is_paused():
