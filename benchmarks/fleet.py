@@ -30,6 +30,7 @@ ROUND_TRIP = 2.0  # times that of bare aiomqtt
 STOPPED = 0.3  # seconds until the last board has stopped, 99 times in 100
 SPREAD = 0.02  # seconds between the first and the last start, 99 times in 100
 _SETTLE = 1.0  # seconds until all boards send
+_REPEATED, _PATIENCE = 0.9, 5.0  # seconds after which a stop is sent again, and until none is on its way
 
 
 class _Sample(Struct):
@@ -193,6 +194,8 @@ async def _start_and_stop(fleet: Fleet, case: Case) -> None:
     if len(stopped.stopped) != case.boards:
         raise SystemExit(f"{len(stopped.stopped)} of {case.boards} boards stopped: {list(stopped.failed.values())[:3]}")
     case.stops.append(max(stopped.stopped.values()))
+    if case.stops[-1] > _REPEATED:  # a stop that was sent again must not end the next round
+        await asyncio.sleep(_PATIENCE)
 
 
 # --- figures ----------------------------------------------------------------------------------------------------------
