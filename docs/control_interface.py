@@ -111,13 +111,14 @@ def control_interface() -> str:
         methods=methods,
     )
     parts = [introduction, *map(_method, METHODS.values()), "## Kinds of notifications\n"]
-    parts += [_section(name, params) for name, params in NOTIFICATIONS.items()]
+    parts += [section(name, params) for name, params in NOTIFICATIONS.items()]
     parts.append("## Types\n")
-    parts += [_section(declared.__name__, declared) for declared in _types()]
+    parts += [section(declared.__name__, declared) for declared in _types()]
     return "\n".join(parts)
 
 
-def _section(name: str, declared: type) -> str:
+def section(name: str, declared: type) -> str:
+    """Return what the reference says of a type."""
     return f"### {name}\n\n{inspect.cleandoc(declared.__doc__ or '')}\n\n{_table(declared)}\n"
 
 

@@ -1,4 +1,4 @@
-"""A broker as `docs/how-to/fleet.md` sets it up: encrypted, with passwords or certificates, and an access list."""
+"""A broker as `docs/how-to/fleet-classroom.md` sets it up: TLS, passwords or certificates, an access list."""
 
 from __future__ import annotations
 

@@ -1,0 +1,102 @@
+"""docs/reference/fleet.md and its JSON Schema, made from the declarations of topics and payloads.
+
+`python -m docs.fleet_reference` writes them anew.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from msgspec import Struct
+
+from docs.control_interface import section
+from servolink.fleet import topics
+from servolink.fleet.topics import METHODS, MOTION, SENT, SESSION_METHODS, Echoed, Started, Step, Stored, schema
+from servolink.hub.control.session import METHODS as HUB_METHODS
+
+_FOLDER = Path(__file__).parent
+PAGE = _FOLDER / "reference/fleet.md"
+SCHEMA = _FOLDER / "reference/fleet.schema.json"
+
+_INTRODUCTION = """\
+# Topics of a fleet
+
+What a board that has [joined a broker](../how-to/fleet.md) sends and takes, for programs in any language. This page
+is made from the declarations in `servolink/fleet/topics.py`, as is the [JSON Schema](fleet.schema.json) of all
+payloads.
+
+Topics begin with a prefix, `servolink` unless `--prefix` says otherwise. `BOARD` is the name of a board: up to 64
+letters, digits, `-` and `_`, of which the first is a letter or a digit. Payloads are JSON in UTF-8; `available` and
+`pulse` are plain text.
+
+| topic | payload | QoS | retained |
+| --- | --- | --- | --- |
+| `servolink/BOARD/available` | `online`, or `offline`: also the last will | 1 | yes |
+| `servolink/BOARD/pulse` | a word, new each second | 0 | yes |
+{topics}
+
+## Commands
+
+A command is a method of the [control interface](control-interface.md), with the same params and results, and with an
+id of its own:
+
+```json
+{{"id": "lesson-7", "method": "run", "params": {{"type": "macro", "id": "Wave"}}, "who": "teacher"}}
+```
+
+- It is carried out once, however often it is delivered: the id is noted on the disk of the board's machine first. The
+  same id with another payload is refused.
+- It has one result, on `result` of the board, or on the response topic of the message (MQTT 5) if that is
+  `servolink/_fleet/reply/WORD` or the `result` of a board. Correlation data comes back. Like every message with QoS
+  1, a result may be delivered twice.
+- {motion} need a message expiry (MQTT 5), and 60 seconds count at most. Put the latest word of `pulse` into `pulse`:
+  then the board knows how old the command is, even if the network stood still, and refuses a late one.
+- Retained commands are refused. So are those with more than 1 MiB, and those beyond 64 that wait.
+- `stop` is always taken. Send it to `servolink/BOARD/stop` or `servolink/_fleet/stop`, where nothing is before it.
+  What was sent before a stop does not begin after it.
+- The methods {session} belong to one program's connection; a fleet does not have them.
+- After a crash of the board's machine, the result is OutcomeUnknown: read back before you repeat it.
+
+A fleet adds two methods, by which boards start together: each is asked to `prepare` for an id, and answers when the
+run was checked and the board has the lease; one message to `servolink/_fleet/start` with that id starts them.
+`cancel` gives the lease back.
+"""
+
+
+def fleet_reference() -> str:
+    """Return the page, in MyST Markdown."""
+    rows = []
+    for topic, (payload, qos, retain) in SENT.items():
+        name = topic if topic.startswith("_fleet") else f"BOARD/{topic}"
+        link = f"[{payload.__name__}](#{payload.__name__.lower()})"
+        rows.append(f"| `servolink/{name}` | {link} | {qos} | {'yes' if retain else ''} |")
+    page = _INTRODUCTION.format(topics="\n".join(rows), motion=_listed(MOTION), session=_listed(SESSION_METHODS))
+    own: dict[str, type[Struct]] = {payload.__name__: payload for payload, _, _ in SENT.values()}
+    own |= {params.__name__: params for params, _ in METHODS.values()}
+    own |= {each.__name__: each for each in (topics.Prepared, Started, Echoed, Step, Stored)}
+    parts = [page, "## Payloads\n", *(section(name, own[name]) for name in sorted(own))]
+    return re.sub(r"\[(\w+)\]\((?:#\w+|project-file\.md)\)", lambda found: _link(found[1], own), "\n".join(parts))
+
+
+def _link(name: str, own: dict[str, Any]) -> str:
+    if name == "ErrorObject":
+        return f"[{name}](control-interface.md#errors)"
+    return f"[{name}]({'' if name in own else 'control-interface.md'}#{name.lower()})"
+
+
+def _listed(names: frozenset[str]) -> str:
+    known = [name for name in (*HUB_METHODS, *METHODS) if name in names]
+    return f"{', '.join(f'`{name}`' for name in known[:-1])} and `{known[-1]}`"
+
+
+def schema_text() -> str:
+    """Return the schema."""
+    return json.dumps(schema(), indent=2) + "\n"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(fleet_reference(), encoding="utf-8")
+    SCHEMA.write_text(schema_text(), encoding="utf-8")
