@@ -133,6 +133,8 @@ TYPED = (
     "--url {} share --status",
     "--url virtual:// share --pty /dev/null/nowhere/x{}",
     "fleet {}",
+    "fleet join {} virtual://",
+    "fleet join mqtt://127.0.0.1:1 virtual:// --name {}",
     "fleet list --broker {}",
     "fleet list --broker mqtt://{}",
     "fleet list --broker mqtt://127.0.0.1:1 --prefix {}",
