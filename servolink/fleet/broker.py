@@ -18,6 +18,7 @@ from random import Random
 from typing import Any, NamedTuple, NoReturn
 
 import aiomqtt
+from aiomqtt.exceptions import MqttConnectError
 from paho.mqtt import client as paho
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
@@ -360,6 +361,10 @@ def explain(error: Exception) -> str:
         5,
     }:
         return "the broker does not let this program in: correct user and password"
+    if isinstance(error, aiomqtt.MqttCodeError) and isinstance(error.rc, int) and error.rc == paho.MQTT_ERR_KEEPALIVE:
+        return f"the broker has not answered for {KEEPALIVE} s"
+    if isinstance(error, aiomqtt.MqttCodeError) and not isinstance(error, MqttConnectError):
+        return "the connection was lost"
     text = escape(str(error)) or type(error).__name__
     if "CERTIFICATE_VERIFY_FAILED" in text:
         return f"the broker's certificate is not trusted ({text}): name the authority that has signed it with --ca"

@@ -110,15 +110,22 @@ def test_a_wire_comes_back_after_the_broker(broker: Broker, monkeypatch: pytest.
 
     async def test() -> None:
         states: asyncio.Queue[bool] = asyncio.Queue()
+        texts: list[str] = []
         heard: asyncio.Queue[Received] = asyncio.Queue()
         wire = wire_to(broker.url)
-        wire.on_state = lambda is_connected, text: states.put_nowait(is_connected)
+
+        def tell(is_connected: bool, text: str) -> None:
+            states.put_nowait(is_connected)
+            texts.append(text)
+
+        wire.on_state = tell
         wire.on_message = heard.put_nowait
         wire.subscriptions = [("t", 0)]
         async with running(wire):
             assert await states.get() is True
             broker.end(signal.SIGKILL)
             assert await states.get() is False
+            assert texts[-1] == f"{broker.url}: the connection was lost"
             with pytest.raises(ConnectionLost):
                 await wire.send(Publication("t", b"x", 1))
             broker.start()

@@ -135,6 +135,7 @@ TYPED = (
     "fleet {}",
     "fleet join {} virtual://",
     "fleet join mqtt://127.0.0.1:1 virtual:// --name {}",
+    "fleet join mqtt://127.0.0.1:1 virtual:// --home-assistant --discovery-prefix {}",
     "fleet list --broker {}",
     "fleet list --broker mqtt://{}",
     "fleet list --broker mqtt://127.0.0.1:1 --prefix {}",

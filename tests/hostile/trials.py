@@ -230,7 +230,6 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("fleet join {text} {few}"),
         Trial("fleet join mqtt://127.0.0.1:1 {text}"),
         Trial("fleet join mqtt://127.0.0.1:1 {few} --policy {noise}"),
-        Trial("fleet join mqtt://127.0.0.1:1 {few} --home-assistant --discovery-prefix {text}"),
         Trial("fleet list --broker {text}"),
         Trial("fleet list --broker mqtt://127.0.0.1:1 --password-file {missing}/{place}"),
         Trial("fleet stop --broker mqtts://127.0.0.1:1 --ca {noise}"),
