@@ -55,8 +55,8 @@ def _studio() -> Iterator[str]:
     """Run the studio of a user who has not used it yet."""
     command = [sys.executable, "-m", "servolink", "studio", "--demo", "--no-browser"]
     with tempfile.TemporaryDirectory() as folder:
-        own = dict.fromkeys(("XDG_DATA_HOME", "XDG_RUNTIME_DIR", "XDG_CONFIG_HOME"), folder)
-        os.environ.update(own)
+        for name in ("XDG_DATA_HOME", "XDG_RUNTIME_DIR", "XDG_CONFIG_HOME"):
+            os.environ[name] = folder
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as studio:  # noqa: S603 - this program
             assert studio.stdout is not None  # noqa: S101 - narrows the type
             yield studio.stdout.readline().split()[1]
