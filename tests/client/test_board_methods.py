@@ -100,7 +100,7 @@ def test_what_no_board_has_is_simply_missing() -> None:
 
 
 def test_the_package_lists_its_public_names_and_tells_its_version() -> None:
-    assert set(dir(servolink)) == {*servolink.__all__, "__version__", "sync"}
+    assert set(dir(servolink)) == {*servolink.__all__, "__version__", "fleet", "sync"}
     assert re.fullmatch(r"\d+\.\d+.*", servolink.__version__)
     assert all(hasattr(servolink, name) for name in dir(servolink))
 

@@ -213,6 +213,7 @@ class Units(RuleBasedStateMachine):
             for program in self.programs:
                 await program.until_done()
             self.fake.forget_plans()
+            await asyncio.sleep(10)  # what was sent without waiting is over: a motion keeps the units of its program
             for program in self.programs:  # everybody is served again, in the right units
                 before = program.answered
                 await program.read(ALL_SERVOS)
