@@ -17,6 +17,7 @@ REQUESTS = 60
 """Number of queries sent; they change nothing on the board."""
 
 _PATIENCE = 0.5  # seconds for each response, unless given
+_FEW = 2  # late responses, which come when this computer stands still for a moment
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,11 +84,11 @@ def check_line(line: Line) -> Iterator[Finding]:
             "try a shorter cable, another port without a hub, and a separate power supply for the servos\n"
             "close other programs that use the port\nservolink doctor",
         )
-    if line.unanswered or line.late:
+    if line.unanswered or line.late > _FEW:
         yield Finding(
             "responses",
             f"{line.unanswered} of {line.requests} queries had no response in {line.patience:g} s"
-            + (f", and {line.late} responses came late" if line.late else ""),
+            + (f", and {line.late} response{'s' * (line.late != 1)} came late" if line.late else ""),
             "frames are lost on the line" if line.noise_bytes else "the board is busy, or bytes are lost",
             "remove the noise first"
             if line.noise_bytes
