@@ -36,7 +36,7 @@ PAGES = [
     ROOT / "README.md",
     *sorted(path for path in (ROOT / "docs").rglob("*.md") if "_" not in str(path.parent.name)),
 ]
-SHOWN = {"text", "text output", "js", "json", "toml", "sh", "console no-run"}
+SHOWN = {"text", "text output", "js", "json", "toml", "yaml", "sh", "console no-run", "python no-run"}
 
 _FENCE = re.compile(r"^```(?P<info>[^`\n]*)\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL)
 _SERVING = re.compile(r"servolink (virtual|share (?!--status|--take|--give))")
