@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from inspect import cleandoc
 from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
@@ -301,6 +302,8 @@ def schema() -> dict[str, Any]:
         [*types, Prepared, Started, Echoed], ref_template="#/$defs/{name}"
     )
     of = dict(zip(map(id, types), found, strict=False))
+    for definition in definitions.values():  # as Python 3.13 does by itself
+        definition["description"] = cleandoc(definition["description"])
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "servolink fleet",

@@ -21,18 +21,19 @@ pytestmark = [*needs_broker, pytest.mark.usefixtures("user")]
 
 def test_a_board_is_seen_and_moved_from_afar(broker: Broker) -> None:
     async def main() -> None:
-        async with bridged(broker, hz=50.0) as (far, _):
-            state = await far.state(lambda state: state["servos"] == 4)
-            assert (state["board"], state["connection"], state["allow"]) == ("rex", "connected", "edit")
-            assert far.heard["servolink/rex/available"][0].payload == b"online"
-            moved = await far.call("move", params={"targets": {"1": 60}, "duration": 0.1, "wait": True})
-            assert moved == {"seconds": 0.1}
-            await far.until(
-                lambda: json.loads(far.heard["servolink/rex/servos"][-1].payload)["servos"][0]["angle"] == 60
-            )
-            servos = await far.call("servos.list")
-            assert servos["servos"][0]["angle"] == 60
-        assert far.heard["servolink/rex/available"][-1].payload == b"offline"
+        async with serve_board("virtual://?servos=4", name="rex"), far_away(broker) as far:
+            async with joined(broker, BoardPolicy("edit"), hz=50.0):
+                state = await far.state(lambda state: state["servos"] == 4)
+                assert (state["board"], state["connection"], state["allow"]) == ("rex", "connected", "edit")
+                assert far.heard["servolink/rex/available"][0].payload == b"online"
+                moved = await far.call("move", params={"targets": {"1": 60}, "duration": 0.1, "wait": True})
+                assert moved == {"seconds": 0.1}
+                await far.until(
+                    lambda: json.loads(far.heard["servolink/rex/servos"][-1].payload)["servos"][0]["angle"] == 60
+                )
+                servos = await far.call("servos.list")
+                assert servos["servos"][0]["angle"] == 60
+            await far.until(lambda: far.heard["servolink/rex/available"][-1].payload == b"offline")
 
     run(main())
 
