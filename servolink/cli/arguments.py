@@ -78,3 +78,14 @@ SERVO_NAME = or_caption(SERVO_ID)
 
 MOST_TRIM = 180
 """Degrees of the largest angle correction that is stored, to both sides."""
+
+
+def alarm(text: str) -> str:
+    """Return `text` if it describes an alarm."""
+    from servolink.client.alarms import Alarm
+
+    try:
+        Alarm.parse(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from servolink.cli.arguments import number
+from servolink.cli.arguments import alarm, number
 from servolink.cli.main import FAILED, OK, fail, usage_error
 from servolink.cli.output import counted, print_error, print_json, print_text
 from servolink.cli.session import ENDLESS, Interruption, choose_board, run_interruptible
@@ -49,7 +49,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--wire", action="store_true", help="record only the bytes on the line, and send nothing")
     parser.add_argument(
         "--alarm",
-        type=_alarm,
+        type=alarm,
         action="append",
         default=[],
         metavar="RULE",
@@ -64,17 +64,6 @@ def _duration(text: str) -> float:
     """Return the seconds in a text such as `90`, `30s`, `5m` or `1h`."""
     unit = _UNITS.get(text[-1:], 0)
     return number(1, _LONGEST_RING, "seconds")(text[:-1] if unit else text) * (unit or 1)
-
-
-def _alarm(text: str) -> str:
-    """Return `text` if it describes an alarm."""
-    from servolink.client.alarms import Alarm
-
-    try:
-        Alarm.parse(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    return text
 
 
 def run(args: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from servolink.cli.arguments import SERVO_NAME, number
+from servolink.cli.arguments import SERVO_NAME, alarm, number
 from servolink.cli.main import FAILED, OK, fail, usage_error
 from servolink.cli.motion import chosen_servos
 from servolink.cli.output import print_error
@@ -53,7 +53,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--yes", action="store_true", help="replace FILE without asking")
     parser.add_argument(
         "--alarm",
-        type=_alarm,
+        type=alarm,
         action="append",
         default=[],
         metavar="RULE",
@@ -66,17 +66,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="warn|stop|exit",
         help="say so (warn), stop and hold all servos too, or exit with code 1",
     )
-
-
-def _alarm(text: str) -> str:
-    """Return `text` if it describes an alarm."""
-    from servolink.client.alarms import Alarm
-
-    try:
-        Alarm.parse(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    return text
 
 
 def run(args: argparse.Namespace) -> int:

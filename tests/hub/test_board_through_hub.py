@@ -87,6 +87,8 @@ def test_readings_go_on_when_the_board_is_back() -> None:
             async for reading in readings:
                 if reading.seconds > first.seconds + 5:
                     break
+            else:
+                pytest.fail("the readings ended")
 
     run(main())
 

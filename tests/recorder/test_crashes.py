@@ -99,7 +99,9 @@ def test_a_full_file_system(small_disk: Path) -> None:
     filler.write_bytes(bytes(64 * 1024))
     for _ in range(40):
         writer.take(clock.now(), Wire("received", os.urandom(10_000), 0.0))
+    end = time.monotonic() + processes.LIMIT
     while not writer.status().problem:
+        assert time.monotonic() < end
         time.sleep(0.01)
     assert writer.status().problem == "No space left on device"
     with Recording(path) as recording:  # whatever was written is whole chunks
