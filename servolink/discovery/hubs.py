@@ -6,12 +6,11 @@ so that the name of a hub that was killed is free again.
 
 from __future__ import annotations
 
+import asyncio
 import os
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Self
 
 from servolink.discovery.announcements import lock, private_folder, read_all, write
 from servolink.discovery.search import identity_of, is_same_place
@@ -27,14 +26,23 @@ _TRIES, _PAUSE = 10, 0.01  # of locking a name; the search for boards locks what
 
 
 class HubClaim:
-    """The name of a hub, as long as it is claimed."""
+    """The name of a hub, which is free again when the context of its claim ends."""
 
     def __init__(self, name: str, folder: Path, file: BinaryIO) -> None:
-        """Use `claimed_hub`."""
+        """Use `claim_hub`."""
         self.name = name
         self.folder = folder
         """Where nobody but this user can put files."""
         self._file = file
+
+    def __enter__(self) -> Self:
+        """Return the claim."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Give the name back."""
+        with self._file, suppress(OSError):  # Windows removes no open file; one without a lock counts as left over
+            _file_of(self.name, self.folder).unlink()
 
     @property
     def url(self) -> str:
@@ -52,33 +60,28 @@ class HubClaim:
         try:
             write(DeviceInfo(self.url, product, identity, shares=url), self._file)
         except OSError as error:
-            where = self.folder / f"{self.name}{_SUFFIX}"
+            where = _file_of(self.name, self.folder)
             raise OpenError(f"{self.url}: programs could not find it: {where}: {reason(error)}") from error
         # After it was written: of two hubs that begin at the same time at least one finds the other.
         if (other := hub_of(url, but=self.url)) is not None:
             raise OpenError(f"{url} is {other.product} already: use {other.url}, or end that one first")
 
 
-@contextmanager
-def claimed_hub(name: str) -> Iterator[HubClaim]:
-    """Have the name of a hub for oneself within this context. Raise OpenError, which names the hub that has it."""
+async def claim_hub(name: str) -> HubClaim:
+    """Take a name for a hub. Raise OpenError, which names the hub that has it."""
     if not is_name(name):
         raise OpenError(f"{quote(name)} cannot be the name of a hub: use up to 64 letters, digits, - and _")
     try:
         folder = private_folder()
         folder.chmod(_PRIVATE)  # made by an earlier version or by another program, perhaps for others to read
-        file = _locked(folder / f"{name}{_SUFFIX}")
+        file = await _locked(_file_of(name, folder))
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         raise OpenError(f"share://{name}: no hub can run here: {where}{reason(error)}") from error
     if file is None:
-        raise OpenError(f"share://{name} is {_described(name)} already: use it, or choose another name with --name")
-    with file:
-        try:
-            yield HubClaim(name, folder, file)
-        finally:
-            with suppress(OSError):  # Windows removes no open file; one without a lock counts as left over
-                (folder / f"{name}{_SUFFIX}").unlink()
+        taken = await asyncio.to_thread(_described, name)
+        raise OpenError(f"share://{name} is {taken} already: use it, or choose another name with --name")
+    return HubClaim(name, folder, file)
 
 
 def candidates() -> list[DeviceInfo]:
@@ -106,7 +109,11 @@ def _described(name: str) -> str:
     return "taken by a hub that is starting or ending"
 
 
-def _locked(path: Path) -> BinaryIO | None:
+def _file_of(name: str, folder: Path) -> Path:
+    return folder / f"{name}{_SUFFIX}"
+
+
+async def _locked(path: Path) -> BinaryIO | None:
     """Return the file, empty and locked, None if another program has it. Raise OSError if it cannot be had at all."""
     for _ in range(_TRIES):
         number = os.open(path, _FLAGS, 0o600)
@@ -119,7 +126,7 @@ def _locked(path: Path) -> BinaryIO | None:
             file.close()
             raise
         file.close()
-        time.sleep(_PAUSE)
+        await asyncio.sleep(_PAUSE)  # this loop may serve other hubs, with dead-man times to keep
     return None
 
 

@@ -9,7 +9,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any
 
 from servolink.client.connect import connect
-from servolink.discovery.hubs import claimed_hub, hub_of
+from servolink.discovery.hubs import claim_hub, hub_of
 from servolink.discovery.names import resolve_board
 from servolink.errors import OpenError
 from servolink.files import is_name
@@ -55,7 +55,7 @@ async def serve_board(
         raise OpenError(f"{address} is {other.product} already: use {other.url}, or end that one first")
     chosen = name or known_as or default_name(address)
     async with AsyncExitStack() as stack:
-        claim = stack.enter_context(claimed_hub(chosen))
+        claim = stack.enter_context(await claim_hub(chosen))
         board = await stack.enter_async_context(connect(address, reconnect=True, angle_unit=None, **options))
         hub = await stack.enter_async_context(share(board, name=chosen, lease_seconds=lease_seconds))
         codec = Codec(door_byte_order or board.codec.byte_order, board.codec.caption_encoding)

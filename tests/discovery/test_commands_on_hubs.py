@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from servolink.discovery.hubs import claimed_hub
+from servolink.discovery.hubs import claim_hub
 from servolink.discovery.names import Alias, save_alias
 from servolink.doctor.environment import check_holders
 from servolink.doctor.system import SystemFacts
@@ -23,7 +24,7 @@ def _hub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     for name in ("XDG_RUNTIME_DIR", "XDG_CONFIG_HOME"):
         monkeypatch.setenv(name, str(tmp_path))
     save_alias("lab", Alias(URL))
-    with claimed_hub("rex") as claim:
+    with asyncio.run(claim_hub("rex")) as claim:
         claim.announce(URL)
         yield
 

@@ -7,7 +7,7 @@ import json
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -15,11 +15,12 @@ import pytest
 
 from servolink.discovery import hubs, search
 from servolink.discovery.announcements import announced, lock
-from servolink.discovery.hubs import claimed_hub, hub_of
+from servolink.discovery.hubs import claim_hub, hub_of
 from servolink.discovery.names import Alias, resolve_board, resolve_url, save_alias
 from servolink.discovery.search import boards, only
 from servolink.errors import OpenError
 from servolink.transports.device_info import DeviceInfo, PortIdentity
+from tests.virtual_time import run
 
 TCP = "tcp://127.0.0.1:9000"
 SERIAL = DeviceInfo("serial:///dev/ttyACM0", "board", PortIdentity(0x1209, 1, "A1"))
@@ -36,13 +37,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @contextmanager
 def hub(name: str, url: str) -> Iterator[None]:
-    with claimed_hub(name) as claim:
+    with run(claim_hub(name)) as claim:
         claim.announce(url)
         yield
 
 
 def test_a_hub_is_found_while_it_runs(folder: Path) -> None:
-    with claimed_hub("rex") as claim:
+    with run(claim_hub("rex")) as claim:
         assert hubs.candidates() == []  # it does not listen yet
         claim.announce(TCP)
         assert hubs.candidates() == [DeviceInfo("share://rex", f"shared by a hub (pid {os.getpid()})", shares=TCP)]
@@ -55,17 +56,30 @@ def test_a_hub_is_found_while_it_runs(folder: Path) -> None:
 def test_a_name_is_that_of_one_hub() -> None:
     with hub("rex", TCP):
         with pytest.raises(OpenError, match=rf"shared by a hub \(pid {os.getpid()}\), for {TCP}, already.*--name"):
-            claimed_hub("rex").__enter__()
-        with claimed_hub("other"):
+            run(claim_hub("rex"))
+        with run(claim_hub("other")):
             pass
-    with claimed_hub("rex"), pytest.raises(OpenError, match="taken by a hub that is starting"):
-        claimed_hub("rex").__enter__()
+    with run(claim_hub("rex")), pytest.raises(OpenError, match="taken by a hub that is starting"):
+        run(claim_hub("rex"))
+
+
+def test_the_hub_that_waits_for_a_name_does_not_stop_the_loop() -> None:
+    """It may be that of other hubs, each of which must see in time that the beats of a program have stopped."""
+
+    async def main() -> None:
+        with ExitStack() as ending:
+            ending.enter_context(await claim_hub("rex"))
+            asyncio.get_running_loop().call_later(0.05, ending.close)  # never comes to it while the loop is blocked
+            with await claim_hub("rex") as claim:
+                assert claim.url == "share://rex"
+
+    run(main())
 
 
 def test_a_board_is_shared_by_one_hub() -> None:
     with (
         hub("rex", "serial:///dev/ttyACM0?baudrate=9600"),
-        claimed_hub("other") as claim,
+        run(claim_hub("other")) as claim,
         pytest.raises(OpenError, match=r"serial:///dev/ttyACM0 is shared by a hub.*already: use share://rex"),
     ):
         claim.announce("serial:///dev/ttyACM0")
@@ -105,19 +119,19 @@ def test_a_failing_disk_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    with claimed_hub("rex") as claim, monkeypatch.context() as patch:
+    with run(claim_hub("rex")) as claim, monkeypatch.context() as patch:
         patch.setattr(hubs, "write", fail)
         with pytest.raises(OpenError, match=r"programs could not find it: .*rex\.hub: No space left"):
             claim.announce(TCP)
     monkeypatch.setattr(hubs, "lock", fail)
     with pytest.raises(OpenError, match="no hub can run here: No space left"):
-        claimed_hub("rex").__enter__()
+        run(claim_hub("rex"))
 
 
 @pytest.mark.parametrize("name", ["", "../x", "a/b", "x" * 65, "COM3", "a b", "-x", "é", "a.b"])
 def test_a_name_is_letters_digits_and_dashes(name: str) -> None:
     with pytest.raises(OpenError, match="cannot be the name of a hub"):
-        claimed_hub(name).__enter__()
+        run(claim_hub(name))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links, owners and modes are those of Unix")
@@ -125,16 +139,16 @@ def test_no_hub_runs_where_others_can_put_files(folder: Path, tmp_path: Path) ->
     (others := tmp_path / "others").mkdir(mode=0o700)
     folder.symlink_to(others)
     with pytest.raises(OpenError, match="belongs to another user, or others can write to it"):
-        claimed_hub("rex").__enter__()
+        run(claim_hub("rex"))
     folder.unlink()
     folder.mkdir()
     folder.chmod(0o770)
     with pytest.raises(OpenError, match="belongs to another user, or others can write to it"):
-        claimed_hub("rex").__enter__()
+        run(claim_hub("rex"))
     folder.chmod(0o700)
     (folder / "rex.hub").symlink_to(tmp_path / "victim")
     with pytest.raises(OpenError, match="no hub can run here"):
-        claimed_hub("rex").__enter__()
+        run(claim_hub("rex"))
     assert not (tmp_path / "victim").exists()
     assert list(others.iterdir()) == []
 

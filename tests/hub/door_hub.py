@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager
 from typing import Any, Self
 
 from servolink.client.connect import connect
-from servolink.discovery.hubs import claimed_hub
+from servolink.discovery.hubs import claim_hub
 from servolink.files import user_folder
 from servolink.hub.doors.socket_door import OpenChannel, socket_door
 from servolink.hub.hub import Hub, share
@@ -43,7 +43,7 @@ def on_hub(use: Callable[[Hub, VirtualBoard], Awaitable[None]], kind: BoardKind 
 @asynccontextmanager
 async def sharing(hub: Hub, open_channel: OpenChannel | None = None) -> AsyncIterator[str]:
     """Open the socket door, and announce it; yield the address."""
-    with claimed_hub(hub.name) as claim:
+    with await claim_hub(hub.name) as claim:
         async with socket_door(hub, claim, open_channel) as url:
             claim.announce("tcp://127.0.0.1:1")
             yield url
