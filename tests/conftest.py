@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import functools
 import gc
+import logging
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 from hypothesis import settings
@@ -87,6 +88,46 @@ def _one_parser() -> Iterator[None]:
 def _no_program_outlives_the_tests() -> Iterator[None]:
     yield
     sessions.close()
+
+
+@pytest.fixture
+def caplog(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]:
+    """Keep what this package logs, and nothing else: asyncio may log at any time what another test left to it."""
+    ours = logging.Filter("servolink")
+    caplog.handler.addFilter(ours)
+    yield caplog
+    caplog.handler.removeFilter(ours)
+
+
+class _Warnings(logging.Handler):
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.messages: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.messages.append(record.getMessage())
+
+
+@pytest.fixture
+def warnings_logged() -> Iterator[Callable[[], list[str]]]:
+    """Return a function for the warnings and errors that this test made this package and asyncio log.
+
+    asyncio logs an error that nobody waited for when its task is collected. So the garbage of earlier tests is
+    collected first, and that of this test before the function returns.
+    """
+    handler = _Warnings()
+
+    def logged() -> list[str]:
+        gc.collect()
+        return handler.messages
+
+    gc.collect()
+    loggers = [logging.getLogger(name) for name in ("servolink", "asyncio")]
+    for logger in loggers:
+        logger.addHandler(handler)
+    yield logged
+    for logger in loggers:
+        logger.removeHandler(handler)
 
 
 @pytest.fixture(autouse=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import gc
-import logging
 import os
 import threading
 from collections.abc import Callable, Iterator
@@ -30,10 +29,10 @@ def make(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], Wire]:
 
 
 @pytest.fixture(autouse=True)
-def _silent(caplog: pytest.LogCaptureFixture) -> Iterator[None]:
+def _silent(warnings_logged: Callable[[], list[str]]) -> Iterator[None]:
     """Nothing that goes wrong on a line is left to asyncio's log."""
     yield
-    assert not [record.getMessage() for record in caplog.get_records("call") if record.levelno >= logging.WARNING]
+    assert warnings_logged() == []
 
 
 def _raise_bug(_: bytes) -> None:

@@ -2,13 +2,13 @@ from __future__ import annotations
 
 import asyncio
 import errno
-import gc
 import os
 import subprocess
 import sys
 import termios
 import threading
 import tty
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -221,7 +221,7 @@ async def test_an_opening_that_is_cancelled_leaves_nothing_open(monkeypatch: pyt
 
 @on_loop
 async def test_a_cancelled_opening_that_fails_later_is_forgotten(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    monkeypatch: pytest.MonkeyPatch, warnings_logged: Callable[[], list[str]]
 ) -> None:
     go, failed = threading.Event(), threading.Event()
 
@@ -240,8 +240,7 @@ async def test_a_cancelled_opening_that_fails_later_is_forgotten(
     await asyncio.to_thread(failed.wait)
     await asyncio.get_running_loop().shutdown_default_executor()
     del opening
-    gc.collect()
-    assert caplog.records == []
+    assert warnings_logged() == []
 
 
 @on_loop
@@ -303,7 +302,7 @@ async def test_bytes_that_are_not_there_after_all_are_no_end() -> None:
 
 @on_loop
 async def test_a_read_that_fails_is_the_end_and_no_noise(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    monkeypatch: pytest.MonkeyPatch, warnings_logged: Callable[[], list[str]]
 ) -> None:
     def fail(*_: object) -> bytes:
         raise OSError(errno.EIO, "Input/output error")
@@ -317,12 +316,12 @@ async def test_a_read_that_fails_is_the_end_and_no_noise(
             error = await ear.end()
         assert isinstance(error, ConnectionLost)
         assert "unplugged" in str(error)
-        assert caplog.records == []
+        assert warnings_logged() == []
 
 
 @on_loop
 async def test_a_write_that_fails_is_the_end_and_no_noise(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    monkeypatch: pytest.MonkeyPatch, warnings_logged: Callable[[], list[str]]
 ) -> None:
     def fail(*_: object) -> int:
         raise OSError(errno.EIO, "Input/output error")
@@ -335,7 +334,7 @@ async def test_a_write_that_fails_is_the_end_and_no_noise(
         assert caught.value.__cause__ is not None
         assert "Errno 5" in str(caught.value.__cause__.__cause__)
         assert isinstance(await ear.end(), ConnectionLost)
-        assert caplog.records == []
+        assert warnings_logged() == []
 
 
 @on_loop

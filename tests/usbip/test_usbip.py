@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import gc
-import logging
 import random
 import shutil
 import signal
@@ -38,10 +37,10 @@ WAYS = {"serial": (SERIAL_OUT, SERIAL_IN), "hid": (HID_OUT, HID_IN), "bulk": (BU
 
 
 @pytest.fixture(autouse=True)
-def _silent(caplog: pytest.LogCaptureFixture) -> Iterator[None]:
+def _silent(warnings_logged: Callable[[], list[str]]) -> Iterator[None]:
     """Whatever hosts do, nothing is left to asyncio's log."""
     yield
-    assert not [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
+    assert warnings_logged() == []
 
 
 def in_time(main: Callable[[], Coroutine[Any, Any, None]]) -> None:
