@@ -111,7 +111,10 @@ async def _record(args: argparse.Namespace, interruption: Interruption) -> int:
             _print_start(wanted, as_json=args.json)
             if args.seconds is None:
                 interruption.code = OK
-            await _until_the_end(recorder, view, args.seconds)
+            try:
+                await _until_the_end(recorder, view, args.seconds)
+            finally:
+                interruption.state = view.unfinished()  # for a second Ctrl-C, while the end is written
     finally:
         if view is not None:
             interruption.state = view.end()

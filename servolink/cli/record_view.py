@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from servolink.escaping import escape
 
 if TYPE_CHECKING:
     from servolink.recorder.recorder import Recorder
-    from servolink.recorder.writer import RecorderStatus
+    from servolink.recorder.writer import RecorderStatus, Saved
 
 _EVERY = 0.5  # seconds
 _KIB = 1024
@@ -44,6 +44,14 @@ class RecordView:
         if self._as_json:
             print_json(status_json(status))
         return summary(status, is_ring=self._is_ring)
+
+    def unfinished(self) -> str:
+        """Return what was recorded so far, in a sentence, for a process that ends before all of it is written."""
+        status = self._recorder.status
+        text = summary(status, is_ring=self._is_ring)
+        if self._is_ring:
+            return f"{text}; a failure of the last seconds may not be written"
+        return f"{text}; its end may be missing, and `servolink record {status.path} --repair` mends it"
 
     @contextmanager
     def _screen(self) -> Iterator[Callable[[RecorderStatus], None]]:
@@ -94,12 +102,19 @@ def summary(status: RecorderStatus, *, is_ring: bool) -> str:
     """Return in a sentence what was recorded."""
     text = f"recorded {counted(status.messages, 'message')} in {status.seconds:.1f} s to {status.path}"
     if is_ring:
-        text = (
-            f"wrote {counted(len(status.saved), 'file')}" if status.saved else "nothing failed, and nothing was written"
-        )
+        text = _summary_of_ring(status.saved)
     if status.dropped:
         text += f"; {counted(status.dropped, 'message')} missing, because the disk was too slow or full"
     return text
+
+
+def _summary_of_ring(saved: Sequence[Saved]) -> str:
+    """Return in a sentence which files were written of a ring."""
+    if not saved:
+        return "nothing failed, and nothing was written"
+    last = saved[-1].path
+    wrote = f"wrote {last}" if len(saved) == 1 else f"wrote {len(saved)} files, the last one {last}"
+    return f"{wrote}; nothing has failed since, and what came since was not kept"
 
 
 def status_json(status: RecorderStatus) -> dict[str, object]:

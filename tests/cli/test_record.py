@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from servolink.cli.record_view import RecordView, status_line
+from servolink.cli import session
+from servolink.cli.record_view import RecordView, status_line, summary
+from servolink.cli.session import Interruption
 from servolink.recorder.reading import Recording
-from servolink.recorder.writer import RecorderStatus
+from servolink.recorder.recorder import Recorder
+from servolink.recorder.writer import RecorderStatus, Saved
 from tests.cli.programs import call
 
 
@@ -60,7 +65,59 @@ def test_a_ring_is_written_for_a_signal(
     monkeypatch.setattr(RecordView, "run", run)
     said = call(capsys, "record", str(tmp_path / "o.mcap"), "--seconds", "0.1", "--ring", "60", "--board", "virtual://")
     (written,) = tmp_path.iterdir()
-    assert said.out == f"wrote {written}: asked for by a signal\nwrote 1 file\n"
+    assert said.out == (
+        f"wrote {written}: asked for by a signal\n"
+        f"wrote {written}; nothing has failed since, and what came since was not kept\n"
+    )
+
+
+def test_the_end_of_a_ring_names_the_last_file() -> None:
+    files = tuple(Saved(f"out-{number}.mcap", "stopped", 99) for number in (1, 2, 3))
+    status = RecorderStatus("out.mcap", 65.2, 300_000, 1234, 0, "", saved=files)
+    assert summary(status, is_ring=True) == (
+        "wrote 3 files, the last one out-3.mcap; nothing has failed since, and what came since was not kept"
+    )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are those of Unix")
+@pytest.mark.parametrize(
+    ("option", "state"),
+    [
+        (
+            (),
+            r"recorded \d+ messages? in \d+\.\d s to (.+); its end may be missing, and `servolink record \1 --repair`",
+        ),
+        (("--ring", "60"), "nothing failed, and nothing was written; a failure of the last seconds may not be written"),
+    ],
+)
+def test_a_second_ctrl_c_says_what_was_recorded_so_far(
+    option: Sequence[str],
+    state: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ends: list[str] = []
+
+    async def run(view: RecordView) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    def report(interruption: Interruption) -> None:
+        ends.append(interruption.state)
+
+    async def end(recorder: Recorder) -> None:
+        signal.raise_signal(signal.SIGINT)
+        await ending(recorder)
+
+    ending = Recorder.end
+    monkeypatch.setattr(RecordView, "run", run)
+    monkeypatch.setattr(Recorder, "end", end)
+    monkeypatch.setattr(Interruption, "end", report)
+    monkeypatch.setattr(session, "end_process", lambda code: None)  # on a busy machine it would end the tests
+    said = call(capsys, "record", str(tmp_path / "out.mcap"), *option, "--board", "virtual://")
+    (said_then,) = ends
+    assert re.match(state, said_then), said_then
+    assert said.code == 0
 
 
 def test_a_file_that_exists_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
