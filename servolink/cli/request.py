@@ -17,7 +17,6 @@ from servolink.cli.terminal import can_ask, confirm
 from servolink.client.board import Board
 from servolink.errors import EncodeError
 from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.codec import PACKETS_BY_NAME
 from servolink.protocol.editing import AddServoParameterRequest, WriteProjectIDRequest
 from servolink.protocol.json_form import packet_from_json, packet_to_json
 from servolink.protocol.packet import Command, Packet, Request, Result
@@ -68,8 +67,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _packet(args: argparse.Namespace) -> Any:
     """Return the packet of the command line. Raise EncodeError if boards take no such packet."""
-    value = parse_object(args.object.encode("utf-8", "surrogateescape"))
-    if isinstance(value, dict) and len(value) == 1 and next(iter(value)) in PACKETS_BY_NAME:
+    try:
+        value = parse_object(args.object.encode("utf-8", "surrogateescape"))
+    except EncodeError as error:
+        raise EncodeError(f"the packet {error}") from error
+    if isinstance(value, dict) and len(value) == 1 and not value.keys() & {"packet", "id"}:
         [(name, fields)] = value.items()
         value = {"packet": name, "fields": fields}
     packet = packet_from_json(value)

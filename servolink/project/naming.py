@@ -40,9 +40,9 @@ def id_or_caption(text: str) -> int | str:
 def captioned(things: Iterable[Named], caption: str) -> list[Named]:
     """Return what has exactly this caption or, if nothing has it, what differs from it in case only.
 
-    What is listed twice is returned once. Nothing has the empty caption.
+    What is listed twice is returned once, in the order of ids. Nothing has the empty caption.
     """
-    different = [one for one in dict.fromkeys(things) if one.caption and caption]
+    different = [one for one in sorted(set(things)) if one.caption and caption]
     same = [one for one in different if one.caption == caption]
     return same or [one for one in different if _folded(one.caption) == _folded(caption)]
 
@@ -50,11 +50,11 @@ def captioned(things: Iterable[Named], caption: str) -> list[Named]:
 def closest(things: Iterable[Named], caption: str) -> str:
     """Return a text that lists what may have been meant by `caption`, such as `did you mean action 3 'Wave'?`.
 
-    Without a similar caption it lists the first few things, those with captions first.
+    Without a similar caption it lists the first few things in the order of ids, those with captions first.
     """
     from difflib import get_close_matches  # late: it is only for errors
 
-    different = sorted(dict.fromkeys(things), key=lambda one: not one.caption)
+    different = sorted(set(things), key=lambda one: (not one.caption, one))
     by_text: dict[str, list[Named]] = {}
     for one in different:
         by_text.setdefault(_folded(one.caption), []).append(one)

@@ -28,6 +28,7 @@ from servolink.protocol.packet import I32, Natural32, Packet, Wire, wire_range
 from servolink.protocol.records import MacroCommand, MacroCommandType
 
 T = TypeVar("T", bound=Struct)
+_COMPARED = 64  # characters of a name; what is typed may be endless
 
 
 def packet_to_json(packet: Packet) -> dict[str, Any]:
@@ -69,7 +70,7 @@ def _declared(value: Any) -> type[Packet]:
     by_name = PACKETS_BY_NAME.get(name) if isinstance(name, str) else None
     by_id = PACKETS.get(packet_id) if isinstance(packet_id, int) else None
     if name is not None and by_name is None:
-        raise EncodeError(f"there is no {quote(name)}", "packet")
+        raise EncodeError(f"there is no {quote(name)}{_suggestion(name)}", "packet")
     if packet_id is not None and by_id is None:
         raise EncodeError(f"no packet has the id {quote(packet_id)}", "id")
     if by_name and by_id and by_name is not by_id:
@@ -77,6 +78,14 @@ def _declared(value: Any) -> type[Packet]:
     declared = by_name or by_id
     assert declared is not None  # noqa: S101 - one of both was given and found
     return declared
+
+
+def _suggestion(name: Any) -> str:
+    """Return what was probably meant by the name of a packet, as the end of a sentence; empty if nothing is similar."""
+    from difflib import get_close_matches  # late: it is only for errors
+
+    close = get_close_matches(name[:_COMPARED], PACKETS_BY_NAME, n=1) if isinstance(name, str) else []
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 def _from_hex(text: Any, name: str) -> bytes:

@@ -51,6 +51,17 @@ def test_servos_are_moved_by_name(named: Robot) -> None:
     assert angles(named) == [0, 0, 0]
 
 
+def test_what_may_be_meant_is_listed_in_the_order_of_ids(robot: Robot) -> None:
+    async def prepare(board: Board) -> None:
+        for servo_id in (3, 1, 2):
+            await board.add_servo_parameters([ServoParameter(servo_id, 0, "hip" if servo_id > 1 else "knee")])
+
+    robot.ask(prepare)
+    assert "'hip' may be servo 2 'hip' or servo 3 'hip'; give the id" in robot("move", "hip=3").err
+    said = robot("move", "arm=3")
+    assert "there is servo 1 'knee', servo 2 'hip' and servo 3 'hip'" in said.err
+
+
 def test_captions_are_shown_where_one_was_given(named: Robot) -> None:
     said = named("move", "Hip=30", "3=5", "--duration", "0.1")
     assert [line.split() for line in said.out.splitlines()] == [

@@ -93,11 +93,14 @@ def test_ids_that_mark_an_unfinished_import_are_refused(robot: Robot) -> None:
 @pytest.mark.parametrize(
     ("given", "why"),
     [
-        ("{", "is not JSON"),
+        ("{", "servolink: the packet is not JSON"),
         ("3", "must be an object with packet and fields, not 3"),
         ('{"QueryServoRequest": {"servo_id": 300}}', "QueryServoRequest.servo_id"),
         ('{"QueryServoRequest": 3}', "must be an object, not 3"),
-        ('{"QueryServoXRequest": {}}', "the object has neither packet nor id"),
+        ('{"QueryServo": {}}', "packet: there is no 'QueryServo'; did you mean QueryServoRequest?"),
+        ('{"packet": "QueryServo"}', "packet: there is no 'QueryServo'; did you mean QueryServoRequest?"),
+        ('{"Fly": 3}', "packet: there is no 'Fly'\n"),
+        ("{}", "the object has neither packet nor id"),
         ('{"QueryServoResponse": {"servos": []}}', "QueryServoResponse comes from a board; give a request"),
     ],
 )

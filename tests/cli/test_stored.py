@@ -52,6 +52,22 @@ def stored(robot: Robot) -> Project:
     return robot.ask(lambda board: board.export_project())
 
 
+def test_a_caption_that_is_used_twice_is_said(robot: Robot) -> None:
+    said = robot("action", "add", "Bow", "--pose", "1=30")
+    assert (said.code, said.err) == (
+        0,
+        "servolink: action 1 'Bow' and action 3 'Bow' share a caption; from now on, give ids\n",
+    )
+    assert robot("action", "set", "3", "--seconds", "2").err == "", "it did so before"
+    assert "action 3 'bow' share" not in robot("action", "rename", "3", "bow").err
+    assert robot("servo", "rename", "1", "hip").err == ""
+    said = robot("servo", "rename", "2", "hip")
+    assert (
+        said.err
+        == "servolink: servo parameter 1 'hip' and servo parameter 2 'hip' share a caption; from now on, give ids\n"
+    )
+
+
 def test_an_action_is_added_renamed_shown_and_deleted(robot: Robot) -> None:
     said = robot("action", "add", "Wave", "--pose", "1=30,2=-10", "--seconds", "0.5")
     assert (said.code, said.err) == (0, "")

@@ -7,19 +7,21 @@ a way back. No board loses a record by it, whatever it does with an id that is s
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TypeAlias
 
 from servolink.cli.apply import BoardImport
 from servolink.cli.live import shown_progress
-from servolink.cli.output import print_text
+from servolink.cli.output import print_error, print_text
 from servolink.cli.records import print_changes
 from servolink.cli.session import UNFINISHED_IMPORT, UNTOUCHED, Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.errors import ProjectError
 from servolink.project.model import Project
+from servolink.project.naming import Named, listed
 from servolink.project.transfer.plan import compare
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
+from servolink.protocol.record_types import STORED_TYPES
 
 Edit: TypeAlias = Callable[[Project, str], Project]
 """Takes what is on the board and its caption encoding, and returns what is to be there."""
@@ -47,6 +49,8 @@ async def change_content(args: argparse.Namespace, board: Board, interruption: I
         before = await board.export_project(on_progress=on_progress)
     after = edit(before, board.codec.caption_encoding)
     wanted = compare(before, after)
+    for shared in newly_shared_captions(before, after):
+        print_error(f"servolink: {shared}; from now on, give ids")
 
     async def plan(on_progress: ProgressCallback) -> Plan:
         found = await board.plan_project(after, unchecked=True, on_progress=on_progress)
@@ -58,6 +62,19 @@ async def change_content(args: argparse.Namespace, board: Board, interruption: I
         return await board.apply_project(after, unchecked=True, on_progress=on_progress)
 
     return await BoardImport(args, board, interruption, _WAY_OUT, show=show_changes).run(plan, work)
+
+
+def newly_shared_captions(before: Project, after: Project) -> Iterator[str]:
+    """Yield who shares each new caption, in a text such as `action 1 'Wave' and action 3 'Wave' share a caption`."""
+    for kind in STORED_TYPES:
+        old, new = (
+            {Named(kind.label, number, kind.caption_of(one)) for number, one in kind.by_id(project).items()}
+            for project in (before, after)
+        )
+        for caption in sorted({one.caption for one in new - old} - {""}):
+            same = sorted(one for one in new if one.caption == caption)
+            if len(same) > 1:
+                yield f"{listed(same)} share a caption"
 
 
 def show_changes(plan: Plan) -> None:
