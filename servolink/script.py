@@ -59,12 +59,20 @@ def _call(main: Any) -> Any:
     result = main() if callable(main) else main
     if not asyncio.iscoroutine(result):
         return result
-    try:
-        asyncio.get_running_loop()
-    except RuntimeError:
+    if not _has_loop():
         return asyncio.run(result)
     result.close()
     raise RuntimeError("an event loop runs here already, as in notebooks: write `await main()`, without servolink.run")
+
+
+def _has_loop() -> bool:
+    import asyncio
+
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return False
+    return True
 
 
 def _place(main: Any, error: BaseException) -> str:

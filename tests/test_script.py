@@ -83,6 +83,7 @@ def test_other_errors_are_raised_as_usual(tmp_path: Path) -> None:
     assert code == 1
     assert "Traceback" in err
     assert err.endswith("ZeroDivisionError: division by zero\n")
+    assert "During handling" not in err
 
 
 def test_development_mode_shows_the_traceback(tmp_path: Path) -> None:
