@@ -7,13 +7,14 @@ import asyncio
 import re
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import MOST_TRIM, SERVO_NAME, whole_number
 from servolink.cli.live import follow
 from servolink.cli.main import OK, usage_error
 from servolink.cli.motion import chosen_servos, make_ready
-from servolink.cli.output import Table, console, is_terminal, plain_lines, print_error, print_json, print_text
+from servolink.cli.output import console, is_terminal, plain_lines, print_error, print_json, print_text, text_width
 from servolink.cli.run import stopped_by_interruption
 from servolink.cli.servos import are, reported
 from servolink.cli.session import UNFINISHED_IMPORT, Interruption, run_with_board
@@ -33,7 +34,8 @@ _HELP = (
     "up/down: servo; u: undo; Enter: store; q: leave",
 )
 _PAUSE = 0.1  # seconds between readings while no key comes
-_OTHER_LINES = 7  # of the picture, besides servos
+_OTHER_LINES = 5  # of the picture, besides servos and help
+_LEFT_OUT = ((), ("nudged",), ("nudged", "caption"))  # until the rest fits
 _STEPS = {"right": 1, "+": 1, "=": 1, "left": -1, "-": -1}
 _STEPS |= {"shift-right": _COARSE, ">": _COARSE, "shift-left": -_COARSE, "<": -_COARSE}
 _SELECT = {"down": 1, "n": 1, "tab": 1, "up": -1, "p": -1}
@@ -211,10 +213,22 @@ def _picture() -> Iterator[Callable[[TrimSession, tuple[Servo, ...], str], None]
     with cleanup(displayed.show_cursor), Live(console=displayed, auto_refresh=False) as live:
 
         def draw(session: TrimSession, servos: tuple[Servo, ...], message: str) -> None:
-            table: Table = session.table(servos, max(1, displayed.height - _OTHER_LINES))
             idle = [one.servo_id for one in servos if one.servo_id == session.selected and not one.is_start]
             said = f"{are(idle)} stopped: nudges have no effect" if idle else message
-            lines = [*plain_lines(table), "", *_HELP, escape(said)]
+            lines = picture(session, servos, said, (displayed.width, displayed.height))
             live.update(Text("\n".join(lines), no_wrap=True, overflow="ellipsis"), refresh=True)
 
         yield draw
+
+
+def picture(session: TrimSession, servos: tuple[Servo, ...], said: str, size: tuple[int, int]) -> list[str]:
+    """Return the servos, what the keys do and what there is to say, for a width and a height (`size`)."""
+    width, height = size
+    foot = [line for text in _HELP for line in wrap(text, width)]
+    rows = max(1, height - len(foot) - _OTHER_LINES)
+    lines: list[str] = []
+    for without in _LEFT_OUT:
+        lines = plain_lines(session.table(servos, rows, without=without))
+        if max(map(text_width, lines)) <= width:
+            break
+    return [*lines, "", *foot, *(wrap(escape(said), width) or [""])]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 from msgspec.structs import replace
 
@@ -108,8 +108,11 @@ class TrimSession:
         moved = [f"servo {servo_id} was moved by {degrees:+}°" for servo_id, degrees in self.nudged().items()]
         return ", ".join(moved) or "no servo was moved"
 
-    def table(self, servos: Sequence[Servo], rows: int) -> Table:
-        """Return what `servos` report now, nudges and corrections: at most `rows` lines around the selected servo."""
+    def table(self, servos: Sequence[Servo], rows: int, *, without: Collection[str] = ()) -> Table:
+        """Return what `servos` report now, nudges and corrections: at most `rows` lines around the selected servo.
+
+        The columns `without` are left out.
+        """
         angles = {servo.servo_id: servo.angle for servo in servos}
         first = max(0, min(self._at - rows // 2, len(self._ids) - rows))
         corrections, nudged = self.corrections(), self.nudged()
@@ -124,7 +127,9 @@ class TrimSession:
             )
             for servo_id in self._ids[first : first + rows]
         ]
-        return Table(("", "servo", "caption", "angle", "nudged", "correction"), lines)
+        columns = ("", "servo", "caption", "angle", "nudged", "correction")
+        shown = [at for at, column in enumerate(columns) if column not in without]
+        return Table([columns[at] for at in shown], [[line[at] for at in shown] for line in lines])
 
 
 def _change(old: int, new: int | None) -> str:

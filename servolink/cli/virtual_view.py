@@ -46,7 +46,8 @@ async def _draw(board: VirtualBoard, draw: Callable[[], None]) -> None:
 def picture(board: VirtualBoard, urls: list[str], size: tuple[int, int], *, blocks: bool) -> list[Line]:
     """Return the board as lines, for a width and a height (`size`)."""
     foot = [*wrapped(HELP, size[0], "dim"), *wrapped(LEGEND, size[0], "dim")]
-    return picture_of_servos(servos_of(board), list(_head(board, urls)), foot, size, blocks=blocks)
+    head = [line for text, style in _head(board, urls) for line in wrapped(text, size[0], style)]
+    return picture_of_servos(servos_of(board), head, foot, size, blocks=blocks)
 
 
 def servos_of(board: VirtualBoard) -> Watched:
@@ -63,7 +64,8 @@ def _head(board: VirtualBoard, urls: list[str]) -> Iterator[Line]:
     hosts = counted(len(board.sessions), "program")
     yield f"power {power}  battery {board.battery / 10:.1f} %  {hosts} connected", "bold green" if board.powered else ""
     down = ", ".join(map(str, board.buttons_down))
-    yield f"buttons down: {down or 'none'}", "bold" if down else ""
+    last = "" if board.button_pressed_last is None else f"; pressed last: {board.button_pressed_last}"
+    yield f"buttons down: {down or 'none'}{last}", "bold" if down else ""
 
 
 def _reported(servo: VirtualServo) -> Servo:

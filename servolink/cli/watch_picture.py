@@ -22,6 +22,7 @@ SCALE = (-180.0, 180.0)
 """Degrees between which a servo without limits is drawn; the protocol's document gives no range."""
 
 _COLUMNS = 37  # for all but label and bar
+_BETWEEN = 2  # of them, beside a bar
 _LEAST_BAR, _GOOD_BAR, _WIDEST_BAR = 8, 13, 61
 _LEAST_LABEL, _WIDEST_LABEL = 5, 20
 _STYLES = {"ready": "", "stopped": "cyan", "released": "yellow"}
@@ -97,7 +98,7 @@ def picture_of_servos(
     room = max(1, height - len(head) - len(foot) - 1)
     if len(servos) > room:
         room = max(1, room - 1)
-        left = f"{len(servos) - room} more: enlarge the terminal or name servos"
+        left = f"{len(servos) - room} more: a larger terminal shows them"
         foot.insert(0, (left, "dim"))
     table = _Table(watched, width, blocks=blocks)
     lines = [*head, (table.header, "bold"), *map(table.line, servos[:room]), *foot]
@@ -146,6 +147,8 @@ class _Table:
         self._label_width = max(_LEAST_LABEL, min(label, _WIDEST_LABEL, room - _GOOD_BAR))
         bar = min(_WIDEST_BAR, (room - self._label_width - 1) // 2 * 2 + 1)  # odd: 0 is in the middle
         self._bar_width = bar if bar >= _LEAST_BAR else 0
+        if not self._bar_width:
+            self._label_width = max(_LEAST_LABEL, min(label, _WIDEST_LABEL, room + _BETWEEN))
 
     @property
     def header(self) -> str:

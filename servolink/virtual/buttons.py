@@ -35,6 +35,8 @@ class Buttons:
         self._codec = codec
         self._send = send
         self._held: dict[int, _Held] = {}
+        self.last: int | None = None
+        """The id of the button that was pressed last; None if none was."""
 
     @property
     def due(self) -> float | None:
@@ -50,6 +52,7 @@ class Buttons:
         """Press a button. No effect if it is down."""
         if button_id in self._held:
             return
+        self.last = button_id
         self._send_event(button_id, PRESS)
         self._held[button_id] = _Held(now + LONG_PRESS_AFTER)
         self._run(self._button(button_id).button_press_macro, now)

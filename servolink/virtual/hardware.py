@@ -64,6 +64,11 @@ class Hardware:
         """The ids of the buttons that are down."""
         return self._buttons.down
 
+    @property
+    def button_pressed_last(self) -> int | None:
+        """The id of the button that was pressed last; None if none was."""
+        return self._buttons.last
+
     def press_button(self, button_id: int, now: float) -> None:
         """Press a button. No effect while the power is off."""
         self.advance(now)

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 
 from servolink.cli import trim
+from servolink.cli.trim_session import TrimSession
+from servolink.client.board import Board
 from servolink.protocol.records import ServoParameter
 from tests.cli.programs import Said, in_terminal
 from tests.cli.robot import Robot, typing
@@ -170,6 +172,33 @@ def test_a_lost_board_ends_it(types: Callable[..., Said], robot: Robot) -> None:
     said = types(["+", robot.unplug, "+"], "3")
     assert said.code == 3
     assert "servolink: servo 3 was moved by +1°; no correction was stored" in said.err
+
+
+@pytest.mark.parametrize(
+    ("caption", "table"),
+    [
+        ("knee", ["   servo  caption  angle  correction", ">      1  knee        2°  2° -> -10°"]),
+        ("left knee of it", ["   servo  angle  correction", ">      1     2°  2° -> -10°"]),
+    ],
+)
+def test_at_40_columns_nothing_is_cut_off(caption: str, table: list[str], robot: Robot) -> None:
+    async def drawn(board: Board) -> list[str]:
+        servos = await board.servos()
+        session = TrimSession(board, servos, {1: ServoParameter(1, 2, caption)})
+        await session.nudge(1, -12)
+        return trim.picture(session, servos, "1 is there: " + "x" * 20 + " and far away", (40, 24))
+
+    lines = robot.ask(drawn)
+    assert lines[:2] == table
+    assert lines[4:] == [
+        "",
+        "left/right or -/+: 1 degree; with Shift,",
+        "or by < and >: 5 degrees",
+        "up/down: servo; u: undo; Enter: store;",
+        "q: leave",
+        "1 is there: xxxxxxxxxxxxxxxxxxxx and far",
+        "away",
+    ]
 
 
 def test_in_a_terminal() -> None:

@@ -28,14 +28,26 @@ def test_the_picture_of_a_virtual_board() -> None:
     head, power, buttons, _, _, first, second, *_ = texts(board)
     assert head == "listening tcp://127.0.0.1:7878"
     assert power == "power on  battery 100.0 %  0 programs connected"
-    assert buttons == "buttons down: 3, 12"
+    assert buttons == "buttons down: 3, 12; pressed last: 12"
     assert first.split()[:3] == ["1", "90°", "..................|#########........."]
     assert first.endswith("ready")
     assert second.split()[:2] == ["2", "3°"]
     board.release_button(3, 1.1)
     board.switch(on=False)
-    assert texts(board)[1:3] == ["power off  battery 100.0 %  0 programs connected", "buttons down: none"]
+    off = "power off  battery 100.0 %  0 programs connected"
+    assert texts(board)[1:3] == [off, "buttons down: none; pressed last: 12"]
     assert texts(board)[5].endswith("released")
+
+
+def test_nothing_is_cut_off_at_40_columns() -> None:
+    lines = texts(VirtualBoard(30), 40, 12)
+    assert lines[:4] == [
+        "listening tcp://127.0.0.1:7878",
+        "power on  battery 100.0 %  0 programs",
+        "connected",
+        "buttons down: none",
+    ]
+    assert "29 more: a larger terminal shows them" in lines
 
 
 def test_captions_are_shown_in_the_encoding_of_the_board() -> None:

@@ -95,9 +95,15 @@ def test_the_picture_fits(width: int, height: int) -> None:
     assert all(sum(2 if letter in "左膝" else 1 for letter in line) <= width for line in lines)
 
 
+def test_without_bars_captions_take_their_room() -> None:
+    board = watched(0, captions={1: "left knee"})
+    assert "  1 left knee       0°       40    250  ready" in texts(board, 50)
+    assert "  1 l       0°       40    250  ready" in texts(board, 40)
+
+
 def test_servos_for_which_there_is_no_room_are_counted() -> None:
     lines = texts(watched(*range(16)), 80, 12)
-    assert "11 more: enlarge the terminal or name servos" in lines
+    assert "11 more: a larger terminal shows them" in lines
     assert [line.split()[0] for line in lines[5:10]] == ["1", "2", "3", "4", "5"]
     assert "more" not in " ".join(texts(watched(*range(16), servo_ids=frozenset({7, 8})), 80, 12))
 
