@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from textwrap import wrap
 
 from servolink.cli.live import Line
@@ -23,6 +24,7 @@ SCALE = (-180.0, 180.0)
 
 _COLUMNS = 37  # for all but label and bar
 _BETWEEN = 2  # of them, beside a bar
+_ANGLE, _LEAST_ANGLE = 8, 5
 _LEAST_BAR, _GOOD_BAR, _WIDEST_BAR = 8, 13, 61
 _LEAST_LABEL, _WIDEST_LABEL = 5, 20
 _STYLES = {"ready": "", "stopped": "cyan", "released": "yellow"}
@@ -116,10 +118,8 @@ def wrapped(text: str, width: int, style: str = "") -> Iterator[Line]:
 def _head(watched: Watched, width: int) -> Iterator[Line]:
     """Yield connection and battery, what the line lost, and button events."""
     battery = "unknown" if watched.battery is None else f"{watched.battery:g} %"
-    yield (
-        f"{watched.state}  {watched.seconds:.1f} s  battery {battery}  {escape(watched.name)}",
-        "bold green" if watched.state == "connected" else _BAD,
-    )
+    line = f"{watched.state}  {watched.seconds:.1f} s  battery {battery}  {escape(watched.name)}"
+    yield from islice(wrapped(line, width, "bold green" if watched.state == "connected" else _BAD), 2)
     stats = watched.stats
     counters = (
         f"{watched.hz:g} Hz, {watched.missed} missed; noise {watched.skipped_bytes} bytes; "
@@ -147,8 +147,12 @@ class _Table:
         self._label_width = max(_LEAST_LABEL, min(label, _WIDEST_LABEL, room - _GOOD_BAR))
         bar = min(_WIDEST_BAR, (room - self._label_width - 1) // 2 * 2 + 1)  # odd: 0 is in the middle
         self._bar_width = bar if bar >= _LEAST_BAR else 0
+        self._angle_width = _ANGLE
         if not self._bar_width:
-            self._label_width = max(_LEAST_LABEL, min(label, _WIDEST_LABEL, room + _BETWEEN))
+            angle = max((len(angle_text(servo.angle)) for servo in watched.servos), default=0)
+            self._angle_width = max(_LEAST_ANGLE, angle)
+            room += _BETWEEN + _ANGLE - self._angle_width
+            self._label_width = max(_LEAST_LABEL, min(label, _WIDEST_LABEL, room))
 
     @property
     def header(self) -> str:
@@ -170,7 +174,8 @@ class _Table:
 
     def _row(self, label: str, angle: str, bar: str, current: str, temperature: str, state: str) -> str:
         drawn = f"{bar:{self._bar_width}}  " if self._bar_width else ""
-        return f"{_sized(label, self._label_width)} {angle:>8}  {drawn}{current:>7}  {temperature:>5}  {state:8}"
+        named = f"{_sized(label, self._label_width)} {angle:>{self._angle_width}}"
+        return f"{named}  {drawn}{current:>7}  {temperature:>5}  {state:8}"
 
     def _label(self, servo: Servo) -> str:
         caption = escape(self._watched.captions.get(servo.servo_id) or "")

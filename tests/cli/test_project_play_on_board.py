@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.cli.project.play_on_board import key_handler
+from servolink.cli.project.play_on_board import key_handler, state_of
 from servolink.client.playing import Playback
 from servolink.project.build import build_project
 from servolink.project.project_file import save_project
@@ -35,6 +35,17 @@ def file(tmp_path: Path, robot: Robot) -> str:
 
 def angles(robot: Robot) -> list[int]:
     return [round(servo.angle) for servo in robot.board.servos.values()]
+
+
+def test_a_pause_in_the_last_step_does_not_stay() -> None:
+    playback = Playback()
+    assert state_of(playback) == "to the first pose"
+    playback.total_seconds = 2.0
+    assert state_of(playback) == "playing"
+    playback.pause()
+    assert state_of(playback) == "paused"
+    playback.seconds = 2.0
+    assert state_of(playback) == "played"
 
 
 def test_a_file_is_played_and_not_stored(robot: Robot, file: str) -> None:

@@ -97,8 +97,8 @@ def test_the_picture_fits(width: int, height: int) -> None:
 
 def test_without_bars_captions_take_their_room() -> None:
     board = watched(0, captions={1: "left knee"})
-    assert "  1 left knee       0°       40    250  ready" in texts(board, 50)
-    assert "  1 l       0°       40    250  ready" in texts(board, 40)
+    assert "  1 left knee    0°       40    250  ready" in texts(board, 50)
+    assert "  1 left    0°       40    250  ready" in texts(board, 40)
 
 
 def test_servos_for_which_there_is_no_room_are_counted() -> None:

@@ -102,8 +102,8 @@ def _drawn(playback: Playback) -> Iterator[None]:
         shown = bar.add_task("", total=0.0)
 
         def draw() -> None:
-            state = "to the first pose" if not playback.total_seconds else "paused" if playback.is_paused else "playing"
-            bar.update(shown, description=state, completed=playback.seconds, total=playback.total_seconds, refresh=True)
+            seconds, total = playback.seconds, playback.total_seconds
+            bar.update(shown, description=state_of(playback), completed=seconds, total=total, refresh=True)
 
         drawing = asyncio.create_task(_repeated(draw))
         try:
@@ -111,6 +111,15 @@ def _drawn(playback: Playback) -> Iterator[None]:
         finally:
             drawing.cancel()
             draw()
+
+
+def state_of(playback: Playback) -> str:
+    """Return what is played now, such as `paused`. A pause has no effect on the last step."""
+    if not playback.total_seconds:
+        return "to the first pose"
+    if playback.seconds >= playback.total_seconds:
+        return "played"
+    return "paused" if playback.is_paused else "playing"
 
 
 async def _repeated(draw: Callable[[], None]) -> None:
