@@ -121,6 +121,12 @@ class Board:
         name = f'"{self.profile.name}" ' if self.profile is not None and self.profile.name else ""
         return escape(f"<Board {name}{self.url} {self._session.state}>")
 
+    def _repr_html_(self) -> str:
+        from servolink.html_table import html_table
+
+        name = self.profile.name if self.profile is not None else None
+        return html_table(("board", "address", "state"), [(name or "", self.url, self._session.state)])
+
     # --- the connection -----------------------------------------------------------------------------------------
 
     @property

@@ -67,6 +67,9 @@ class Servo(Struct, frozen=True):
         """`released`, `stopped`, or `ready` if it moves when it is told to."""
         return "released" if not self.is_hold else "stopped" if not self.is_start else "ready"
 
+    def _repr_html_(self) -> str:
+        return Servos((self,))._repr_html_()
+
 
 class Servos(tuple[Servo, ...]):
     """Servos, which notebooks show as a table."""

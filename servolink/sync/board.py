@@ -72,6 +72,9 @@ class Board:
         """Return address and state, such as `<Board virtual:// connected>`."""
         return repr(self._board)
 
+    def _repr_html_(self) -> str:
+        return self._board._repr_html_()
+
     def __enter__(self) -> Self:
         """Return the board, which the end of the block closes."""
         return self

@@ -82,7 +82,13 @@ def test_servos_are_a_table() -> None:
         ["2", "-3", "stopped", "40", "250", "1"],
         ["3", "5", "released", "40", "250", "1"],
     ]
+    assert cells(servos[1]) == [cells(servos)[0], cells(servos)[2]]
     assert servos == tuple(servos)
+
+
+def test_a_board_is_a_table_too() -> None:
+    with servolink.sync.connect("virtual://?servos=2") as board:
+        assert cells(board) == [["board", "address", "state"], ["", "virtual://?servos=2", "connected"]]
 
 
 def test_what_a_board_returns_is_a_table() -> None:
