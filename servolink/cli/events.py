@@ -49,10 +49,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _report_states(board: Board) -> None:
+    was_lost = False
     async for state in board.states():
         if state == "lost":
+            was_lost = True
             print_error("servolink: the connection is lost; trying to get it back")
-        elif board.stats.reconnects:
+        elif was_lost:
             print_error("servolink: the board is back")
 
 

@@ -124,6 +124,7 @@ class _Watch:
         self._args = args
         self._output = output
         self._interruption = interruption
+        self._losses = 0  # of the connection
 
     async def run(self, write: Callable[[], None] | None) -> int:
         """Show readings, and `write` each of them, until the end. Return the exit code."""
@@ -162,20 +163,22 @@ class _Watch:
         async for state in self._board.states():
             self._watched.state = state
             if state == "lost":
+                self._losses += 1
                 self._output.note("the connection is lost; trying to get it back")
-            elif self._board.stats.reconnects:
+            elif self._losses:
                 self._output.note("the board is back")
 
     async def _battery(self) -> None:
         """Ask for the battery now and then. A board that does not answer is not asked again: that delays readings."""
         while is_answered(self._board, "QueryRemainPower"):
+            losses = self._losses
             try:
                 self._watched.battery = await self._board.battery()
-            except ConnectionLost:
+            except ServolinkError as error:
                 self._watched.battery = None
-            except ServolinkError:
-                self._watched.battery = None
-                return
+                # Through a hub that has lost the board, there is only silence.
+                if not (isinstance(error, ConnectionLost) or self._watched.state == "lost" or self._losses > losses):
+                    return
             await asyncio.sleep(_BATTERY_EVERY)
 
     async def _buttons(self) -> None:

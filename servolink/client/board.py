@@ -160,7 +160,10 @@ class Board:
         return self._session.stats
 
     def states(self) -> AsyncIterator[ConnectionState]:
-        """Yield the present state (`connected`, `lost` or `closed`), then each change up to `closed`."""
+        """Yield the present state (`connected`, `lost` or `closed`), then each change up to `closed`.
+
+        A board that a hub shares is lost while the hub has lost it.
+        """
         return self._session.states()
 
     async def request(self, packet: Request[R], *, timeout: float | None = None, unchecked: bool = False) -> R:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import msgspec
 from msgspec import Raw, Struct
 
+from servolink.client.reconnect import ConnectionState
 from servolink.client.rpc_channel import open_channel
 from servolink.connection.connection import Connection
 from servolink.errors import ConnectionLost
@@ -47,6 +48,12 @@ class _State(Struct):
     by: str | None = None
 
 
+class _Upstream(Struct):
+    """What a notification `connection` says, and `board.state` too."""
+
+    state: ConnectionState = "connected"
+
+
 class _Refused(Struct):
     packet: str
     reason: str
@@ -62,12 +69,17 @@ class HubLink:
         self._has_lease = False
         self._holds = 0  # how many of this program's transfers are under way
         self._inner = connection.guard
+        self.has_lost_board = False
+        """Whether the hub has lost the board, and tries to get it back."""
+        self.on_board: Callable[[bool], None] = lambda has_lost_board: None
+        """Called with `has_lost_board` when the hub tells that."""
 
     async def open(self, greeting: Greeting) -> None:
         """Connect to the control interface of the hub. Raise OpenError, which says what to do."""
         rpc = Greeting(wants="rpc", who=greeting.who, role=greeting.role, session=self._welcome.session)
         self._channel, _ = await open_channel(self._welcome.name, rpc)
-        self._channel.on_notification = self._hear
+        early: list[tuple[str, Raw]] = []  # they may be newer than the state, and be read before it is learnt
+        self._channel.on_notification = lambda *notification: early.append(notification)
         self._channel.on_end = self._end
         try:
             state = await self._channel.call("board.state", timeout=_LIMIT)
@@ -75,6 +87,10 @@ class HubLink:
             await self._channel.close()
             raise
         self._learn(msgspec.json.decode(state, type=_State), lease=True, hold=True)
+        self._learn_upstream(msgspec.json.decode(state, type=_Upstream))
+        for notification in early:
+            self._hear(*notification)
+        self._channel.on_notification = self._hear
         self._connection.guard = self._pass_packet
 
     async def close(self) -> None:
@@ -128,6 +144,8 @@ class HubLink:
             if method in {"lease", "hold"}:
                 state = msgspec.json.decode(params, type=_State)
                 self._learn(state, lease=method == "lease", hold=method == "hold")
+            elif method == "connection":
+                self._learn_upstream(msgspec.json.decode(params, type=_Upstream))
             elif method == "refused":
                 refused = msgspec.json.decode(params, type=_Refused)
                 _logger.warning("%s was not sent to the board: %s", escape(refused.packet), escape(refused.reason))
@@ -155,6 +173,12 @@ class HubLink:
         reason = f"{hold.who} has the board alone{f' ({hold.reason})' if hold.reason else ''}"
         _logger.warning("waiting: %s", escape(reason))
         self._connection.suspend(reason)
+
+    def _learn_upstream(self, upstream: _Upstream) -> None:
+        self.has_lost_board = upstream.state == "lost"
+        lost = f"the hub {self._welcome.name} has lost its board and tries to get it back"
+        self._connection.answers.silence = lost if self.has_lost_board else ""
+        self.on_board(self.has_lost_board)
 
     def _end(self) -> None:
         """End the connection too: without the hub's word a program could wait for ever."""

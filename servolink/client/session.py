@@ -53,6 +53,7 @@ class Session:
         if reopen is not None:
             self._reconnector = Reconnector(lambda: self._open_again(reopen), self._resume)
         connection.answers.on_end = self._connection_ended
+        self._follow_state(connection)
 
     @property
     def url(self) -> str:
@@ -199,6 +200,18 @@ class Session:
         if self._reconnector is None or not self._reconnector.start():
             self._end(error)
 
+    def _follow_state(self, connection: Connection) -> None:
+        """Pass on that there is a connection; of a shared board, whether its hub has one."""
+        if connection.hub is None:
+            self._states.change("connected")
+        else:
+            connection.hub.on_board = self._hub_tells
+            self._hub_tells(connection.hub.has_lost_board)
+
+    def _hub_tells(self, has_lost_board: bool) -> None:  # noqa: FBT001 - called by the link to the hub
+        if self.connection.answers.ended is None:
+            self._states.change("lost" if has_lost_board else "connected")
+
     def _end(self, error: ConnectionLost) -> None:
         for end in self._enders:
             end(error)
@@ -225,7 +238,7 @@ class Session:
         if connection.answers.ended is not None:  # lost again meanwhile, when its end was not ours to handle
             raise same(connection.answers.ended)
         self.stats.reconnects += 1
-        self._states.change("connected")
+        self._follow_state(connection)
 
 
 async def set_mode(connection: Connection, mode: int) -> None:

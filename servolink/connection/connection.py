@@ -368,7 +368,7 @@ class Connection:
             async with asyncio.timeout(timeout):
                 await self._wait_in_queue(call, first=first)
         except TimeoutError:
-            held = self.answers.held
+            held = self.answers.held or self.answers.silence
             raise timed_out(call.packet, self.transport.url, 0, timeout, self.stats, held=held) from None
 
     async def _wait_in_queue(self, call: Call, *, first: bool) -> None:

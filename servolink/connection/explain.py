@@ -21,7 +21,7 @@ def timed_out(
 ) -> RequestTimeout:
     """Return the error for a request that was never answered, with the likely causes in order.
 
-    `answers_others`: the board has answered what was sent after it. `held`: why it was not even asked.
+    `answers_others`: the board has answered what was sent after it. `held`: why it cannot answer now.
     """
     asked = f"{described(packet)} was not answered by {escape(url)}"
     times = "1 try" if tries == 1 else f"{tries} tries"

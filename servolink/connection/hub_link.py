@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
 from typing import Protocol
 
 
 class HubLink(Protocol):
     """What a program asks the hub of a shared board, beside what it asks the board."""
+
+    has_lost_board: bool
+    """Whether the hub has lost the board, and tries to get it back."""
+    on_board: Callable[[bool], None]
+    """Called with `has_lost_board` when the hub tells that."""
 
     async def stop(self) -> None:
         """Stop all servos; return when the hub has read that they are stopped."""

@@ -348,7 +348,7 @@ class RequestSender:
             waited,
             self._stats,
             answers_others=answers_others,
-            held=self._answers.held,
+            held=self._answers.held or self._answers.silence,
         )
 
     def refuse_if_stopped(self, call: Call) -> None:

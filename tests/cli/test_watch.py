@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import asyncio
 import csv
 import re
 import signal
 import sys
+from argparse import Namespace
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
 
-from servolink.cli.watch_outputs import Screen
+from servolink.cli.session import Interruption
+from servolink.cli.watch import _Watch
+from servolink.cli.watch_outputs import Lines, Screen
 from servolink.cli.watch_picture import Watched, picture
 from servolink.client.alarms import Alarm, RaisedAlarm
 from servolink.client.servos import Servo
 from servolink.client.watch import ServoReading
 from servolink.connection.stats import Stats
+from servolink.errors import RequestTimeout
 from servolink.motion.angles import Adc, Degrees
 from servolink.motion.limits import MotionLimits
 from servolink.protocol.joystick import ButtonEventResponse
@@ -279,3 +285,38 @@ def test_the_terminal_is_as_before(by: str | signal.Signals) -> None:
     last = said.out[said.out.index("\x1b[?1049l") :]
     assert "connected" in last, "the last picture stays"
     assert ("ended: no servo was moved" in last) == (by != "q")
+
+
+def test_the_battery_is_asked_for_again_when_a_hub_has_its_board_back() -> None:
+    class Shared:
+        """A board that nobody answers for while its hub has lost it."""
+
+        profile = None
+
+        def __init__(self) -> None:
+            self.state = "connected"
+            self.asked = 0
+
+        async def states(self) -> AsyncIterator[str]:
+            for self.state in ("connected", "lost", "connected"):
+                yield self.state
+                await asyncio.sleep(5)
+
+        async def battery(self) -> float:
+            self.asked += 1
+            await asyncio.sleep(7 if self.asked == 1 else 0)  # as long as a hub is waited for
+            if self.asked == 1:
+                raise RequestTimeout("nothing came")
+            return 80.0
+
+    async def main() -> None:
+        board, shown = Shared(), watched(0)
+        watch = _Watch(board, shown, Namespace(), Lines(shown, as_json=False), Interruption("ended"))  # type: ignore[arg-type]
+        tasks = [asyncio.create_task(each) for each in (watch._states(), watch._battery())]
+        await asyncio.sleep(60)
+        assert shown.battery == 80.0
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)
+
+    run(main())

@@ -7,22 +7,27 @@ import logging
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
+from msgspec import Raw
 
 from servolink.client import hub_link, rpc_channel
 from servolink.client.board import Board
 from servolink.client.connect import connect
+from servolink.client.reconnect import ConnectionState
 from servolink.client.rpc_channel import error_of, open_channel
 from servolink.errors import ConnectionLost, MotionRefused, OpenError, Rejected, RequestError, RequestTimeout
 from servolink.hub.control.session import ControlInterface
 from servolink.hub.hub import Hub
+from servolink.hub.notices import ConnectionChanged
 from servolink.project.model import Project
 from servolink.project.transfer.apply import backup_for
 from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.editing import QueryActionListRequest
 from servolink.protocol.records import Action
 from servolink.transports.share import Greeting
+from servolink.virtual.kind import BoardKind
 from tests.hub.door_hub import on_hub, sharing, until
 
 WAVE = Action.pose("Wave", {1: 30}, seconds=0.1, action_id=1)
@@ -189,6 +194,63 @@ def test_a_program_finds_a_hub_that_was_started_again() -> None:
             await board.close()
 
     on_hub(main)
+
+
+def tell_state(hub: Hub, state: ConnectionState) -> None:
+    """Do what the hub does when its own connection to the board is lost, or is back."""
+    hub._state = state
+    hub.tell(ConnectionChanged(state))
+
+
+def test_a_program_learns_that_the_hub_has_lost_the_board() -> None:
+    async def main(hub: Hub) -> None:
+        async with connect("share://rex") as board:
+            states = board.states()
+            assert await anext(states) == "connected"
+            tell_state(hub, "lost")
+            assert await anext(states) == "lost"
+            async with connect("share://rex") as later:
+                assert "lost" in repr(later)
+                tell_state(hub, "connected")
+                later_states = later.states()
+                while await anext(later_states) == "lost":
+                    pass
+            assert await anext(states) == "connected"
+
+    with_hub(main)
+
+
+def test_an_error_says_that_the_hub_has_lost_the_board() -> None:
+    async def use(hub: Hub, _: object) -> None:
+        async with controlled(hub), connect("share://rex") as board:
+            tell_state(hub, "lost")
+            states = board.states()
+            while await anext(states) != "lost":
+                pass
+            with pytest.raises(RequestTimeout, match="the hub rex has lost its board and tries to get it back; try ag"):
+                await board.request(QueryActionListRequest(), timeout=0.05)
+
+    on_hub(use, BoardKind(unsupported=("QueryActionList",)))  # which answers as a board that is not there
+
+
+def test_what_a_hub_tells_while_a_program_joins_is_not_older_than_what_it_answers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    call = rpc_channel.RpcChannel.call
+
+    async def call_and_hear(self: rpc_channel.RpcChannel, method: str, **options: Any) -> Raw:
+        result = await call(self, method, **options)
+        if method == "board.state":
+            assert self.on_notification is not None
+            self.on_notification("connection", Raw(b'{"state": "lost"}'))
+        return result
+
+    async def main(hub: Hub) -> None:
+        async with connect("share://rex") as board:
+            assert "lost" in repr(board)
+
+    monkeypatch.setattr(rpc_channel.RpcChannel, "call", call_and_hear)
+    with_hub(main)
 
 
 def test_the_channel_alone_ends_the_connection_too() -> None:
