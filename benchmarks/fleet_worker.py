@@ -41,7 +41,7 @@ async def _boards(url: str, first: int, count: int, hz: float) -> None:
         here = []
         for number in range(first, first + count):
             name = f"bench{number}"
-            served = serve_board(f"virtual://?servos={_SERVOS}&seed={number}", name=name, lease_seconds=0.0)
+            served = serve_board(f"virtual://?servos={_SERVOS}&seed={number}", name=name)
             await stack.enter_async_context(served)
             async with connect(f"share://{name}") as board:
                 await board.add_action(bow)

@@ -402,8 +402,8 @@ class Board:
         when the motion is over, as `run_action` does.
 
         With limits (see `Board`), each step is checked at the speed that ratios give it. Raise NotFound if a record is
-        missing, MotionRefused also for a macro that runs itself. Without limits or `wait` only the list of macros is
-        read.
+        missing, MotionRefused also for a macro that runs itself. Without limits, `wait` and `dry_run`, only the list of
+        macros is read.
         """
         await self._runs.run_macro(macro_id, wait=wait, dry_run=dry_run)
 

@@ -82,8 +82,8 @@ class StoredRuns:
         run, units_sent = None, None
         if self._limits:
             run, units_sent = await self._prepare(MACRO, macro_id, asked, wait=wait, dry_run=dry_run)
-        elif wait:
-            run = await self._read(MACRO, macro_id, wait=True)
+        elif wait or dry_run:
+            run = await self._read(MACRO, macro_id, wait=wait)
         if dry_run:
             return
         self._check_is_wanted(f"macro {macro_id}", asked)  # after a later stop the connection does not send it

@@ -16,8 +16,8 @@ from servolink.fleet.controller import Controller, new_id
 from servolink.fleet.each import for_each
 from servolink.fleet.exchange import Exchange, failure_of
 from servolink.fleet.roster import Roster
-from servolink.fleet.topics import Cancel, Echo, Prepare, Prepared, Start, Started, Stored
-from servolink.hub.control.messages import Run
+from servolink.fleet.topics import Cancel, Echo, Prepare, Start, Started, Stored
+from servolink.hub.control.messages import Ran, Runnable
 
 Kind = Literal["action", "macro"]
 
@@ -42,7 +42,7 @@ class RanTogether(Struct, frozen=True):
     """Seconds of the longest run; None for macros."""
 
 
-def run_for(roster: Roster, board: str, name: int | str, kind: Kind | None) -> Run:
+def run_for(roster: Roster, board: str, name: int | str, kind: Kind | None) -> Runnable:
     """Return what `name` means on a board: an action or a macro, by caption or id.
 
     Raise NotFound if the board is not there, or has nothing of that name, and AmbiguousName if it has both.
@@ -58,7 +58,7 @@ def run_for(roster: Roster, board: str, name: int | str, kind: Kind | None) -> R
         raise NotFound(f"{board} has no {kind or 'action or macro'} {quote(name)}")
     if len(kinds) > 1:
         raise AmbiguousName(f"{board} has an action and a macro {quote(name)}; say which with the type")
-    return Run(kinds[0], name)
+    return Runnable(kinds[0], name)
 
 
 def _has(stored: Iterable[Stored], name: int | str) -> bool:
@@ -67,7 +67,7 @@ def _has(stored: Iterable[Stored], name: int | str) -> bool:
 
 async def run_together(
     controller: Controller,
-    runs: Mapping[str, Run],
+    runs: Mapping[str, Runnable],
     *,
     anyway: bool = False,
     failed: Mapping[str, ServolinkError] | None = None,
@@ -80,9 +80,9 @@ async def run_together(
     patience = controller.patience
     expires = min(60.0, patience + 2 * _ECHO_LIMIT)
 
-    async def prepare(board: str) -> Prepared:
+    async def prepare(board: str) -> Ran:
         found = await controller.call(board, "prepare", Prepare(start, runs[board], expires))
-        return msgspec.convert(found, Prepared)
+        return msgspec.convert(found, Ran)
 
     prepared = await for_each(runs, prepare, parallel=len(runs))
     problems = {**(failed or {}), **prepared.failed}
@@ -123,7 +123,7 @@ async def _delays(controller: Controller, boards: Iterable[str]) -> dict[str, fl
 
 def _result(
     exchange: Exchange,
-    prepared: Mapping[str, Prepared],
+    prepared: Mapping[str, Ran],
     problems: Mapping[str, ServolinkError],
     delays: Mapping[str, float],
 ) -> RanTogether:

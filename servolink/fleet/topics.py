@@ -20,7 +20,7 @@ from servolink.errors import InvalidAddress
 from servolink.escaping import quote
 from servolink.files import is_name
 from servolink.hub.control.faults import ErrorObject
-from servolink.hub.control.messages import Done, Run, about
+from servolink.hub.control.messages import Done, Ran, Runnable, about
 from servolink.hub.control.notifications import ButtonPressed, ServosFrame
 from servolink.project.transfer.results import Phase
 from servolink.transports.share import RoleName
@@ -48,6 +48,8 @@ SESSION_METHODS = frozenset(
         "servos.unwatch",
         "buttons.subscribe",
         "buttons.unsubscribe",
+        "run.prepare",
+        "run.start",
     }
 )
 """The methods of the control interface that a fleet does not have: they belong to one program's connection."""
@@ -202,7 +204,7 @@ class Prepare(Struct, forbid_unknown_fields=True):
     """Params of the method `prepare`: have the lease, and wait for the message that starts all boards together."""
 
     start: Annotated[CommandId, about("the `id` of the message `start` to wait for")]
-    run: Annotated[Run, about("what to run then")]
+    run: Annotated[Runnable, about("what to run then")]
     expires: Annotated[float, Meta(gt=0, le=60, description="seconds after which it is forgotten")] = 10.0
 
 
@@ -210,12 +212,6 @@ class Cancel(Struct, forbid_unknown_fields=True):
     """Params of the method `cancel`: forget what was prepared, and give the lease back."""
 
     start: CommandId
-
-
-class Prepared(Struct, frozen=True):
-    """The result of `prepare`."""
-
-    seconds: Annotated[float | None, about("the planned duration; null for a macro")]
 
 
 class Start(Struct, forbid_unknown_fields=True):
@@ -229,8 +225,8 @@ class Started(Struct, frozen=True):
     """The result of a start."""
 
     host: str
-    after: Annotated[float, about("seconds from the message to the board's confirmation")]
-    monotonic: Annotated[float, about("the moment of the confirmation; comparable between boards of one machine")]
+    after: Annotated[float, about("seconds from the message until the run was sent to the board, which confirmed it")]
+    monotonic: Annotated[float, about("when it was sent; comparable between boards of one machine")]
 
 
 class Stop(Struct, forbid_unknown_fields=True):
@@ -291,16 +287,14 @@ SENT: dict[str, tuple[type[Struct], int, bool]] = {
 }
 """The payload, the QoS and whether it is retained, by topic. `available` is plain text: `online` or `offline`."""
 
-METHODS: dict[str, tuple[type[Struct], type[Struct]]] = {"prepare": (Prepare, Prepared), "cancel": (Cancel, Done)}
+METHODS: dict[str, tuple[type[Struct], type[Struct]]] = {"prepare": (Prepare, Ran), "cancel": (Cancel, Done)}
 """Params and result of the methods that a fleet adds to those of the control interface."""
 
 
 def schema() -> dict[str, Any]:
     """Return the JSON Schema of the payloads: `topics` and `methods` refer to the types in `$defs`."""
     types = [payload for payload, _, _ in SENT.values()] + [params for params, _ in METHODS.values()]
-    found, definitions = msgspec.json.schema_components(
-        [*types, Prepared, Started, Echoed], ref_template="#/$defs/{name}"
-    )
+    found, definitions = msgspec.json.schema_components([*types, Ran, Started, Echoed], ref_template="#/$defs/{name}")
     of = dict(zip(map(id, types), found, strict=False))
     for definition in definitions.values():  # as Python 3.13 does by itself
         definition["description"] = cleandoc(definition["description"])

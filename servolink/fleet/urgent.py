@@ -115,12 +115,11 @@ class Urgent:
     async def _begin_prepared(self, bridge: Bridge, start: Start, sender: Sender, received: float) -> None:
         answers = self._answers[bridge.board]
         try:
-            await bridge.prepared.start()
+            moment = (await bridge.prepared.start()).monotonic
         except Exception as error:  # noqa: BLE001 - whatever prevents it is an answer
             answers.refuse(start.id, sender, error)
         else:
-            now = asyncio.get_running_loop().time()
-            answers.succeed(start.id, sender, Started(bridge.telemetry.now.host, round(now - received, 6), now))
+            answers.succeed(start.id, sender, Started(bridge.telemetry.now.host, round(moment - received, 6), moment))
 
 
 def _read(payload: bytes, kind: Any) -> Any:

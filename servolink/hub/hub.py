@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 from servolink.client.board import Board
 from servolink.client.events import ButtonEvent
 from servolink.client.reconnect import ConnectionState
-from servolink.errors import ConnectionLost, ServolinkError
+from servolink.errors import ConnectionLost, MotionRefused, Rejected, ServolinkError
 from servolink.escaping import escape
 from servolink.hub.events import ButtonRelay
 from servolink.hub.exchanges import Exchange
@@ -41,8 +41,14 @@ from servolink.hub.unit_switch import UnitSwitch
 from servolink.hub.upstream import Upstream
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
+from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse
 from servolink.protocol.packet import Packet
-from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest, SetServoParameterResponse
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    ExecuteActionExRequest,
+    SetServoParameterRequest,
+    SetServoParameterResponse,
+)
 
 RequestFollower: TypeAlias = Callable[[Packet, object, float, str, str], None]
 
@@ -181,6 +187,27 @@ class Hub:
     def ask_waiting(self) -> None:
         """Send the requests of a program that reads again; see `Program`."""
         self._upstream.send_waiting()
+
+    @property
+    def stops(self) -> int:
+        """How many times all servos were stopped."""
+        return self._upstream.stops
+
+    async def run(self, session_id: str, packet: ExecuteActionExRequest | ExecuteMacroRequest, stops: int) -> None:
+        """Run a stored record for a program, before all that waits; it is not checked against limits of the program.
+
+        Raise MotionRefused if that must not be: without the lease, or if there were more than `stops` stops. Raise
+        Rejected if the board refuses.
+        """
+        program = self.programs.get(session_id)
+        if program is None:
+            raise ConnectionLost("the session has ended; connect again")
+        exchange = Exchange(program, packet, stops, asked_at=self._now())
+        response = await self._upstream.begin(exchange)
+        if exchange.refused:
+            raise MotionRefused(f"nothing was moved: {exchange.refused}")
+        if response == ExecuteMacroResponse(0):
+            raise Rejected(f"{self.url} refused to run what was prepared", packet)
 
     async def stop(self, who: str) -> None:
         """Stop all servos for `who`, ahead of everything (see `Board.stop`)."""

@@ -59,6 +59,11 @@ class Upstream:
         """Called when a request is over, but not for a query with a response; None if nobody wants to know."""
         self._others = set[asyncio.Task[None]]()
 
+    @property
+    def stops(self) -> int:
+        """How many times everything was stopped."""
+        return self._sender.stops
+
     def start(self) -> None:
         """Begin to send."""
         for _ in range(self._board.connection.depth_bound):
@@ -91,6 +96,18 @@ class Upstream:
             return
         self._stopping[packet] = stopping = _Stopping(motions, [exchange])
         self._begin(self._stop(packet, stopping))
+
+    async def begin(self, exchange: Exchange) -> Packet | None:
+        """Send a motion before all that waits, and return the response. Raise what prevents that."""
+        outcome: object = False
+        try:
+            outcome = response = await self._sender.send(exchange, self.send_waiting)
+        except ServolinkError as error:
+            outcome = error
+            raise
+        finally:
+            self._tell(exchange, outcome)
+        return response
 
     def drop_motions(self) -> None:
         """Send none of the motions that were asked for until now: a stop comes first."""

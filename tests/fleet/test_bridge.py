@@ -11,7 +11,7 @@ from servolink.errors import OpenError
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.topics import BoardNow, ServosNow
 from servolink.hub.serving import serve_board
-from servolink.protocol.records import Action, Step
+from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from tests.fleet.bridged import bridged, far_away, joined, run
 from tests.fleet.mosquitto import Broker, needs_broker
 
@@ -97,6 +97,9 @@ def test_boards_start_together_when_they_are_told_to(broker: Broker) -> None:
             assert error["data"]["kind"] == "NotFound"
             error = await far.failure("prepare", params={"start": "s3", "run": {"type": "macro", "id": "None"}})
             assert error["data"]["kind"] == "NotFound"
+            await hub.board.add_macro(Macro(8, "Alone", (MacroCommand(9, total_interval=10),)))
+            error = await far.failure("prepare", params={"start": "s3", "run": {"type": "macro", "id": "Alone"}})
+            assert "runs action 9, which could not be read" in error["message"]
             assert len(await far.results("s1")) == 1
             await far.publish("servolink/_fleet/echo", {"id": "e1"})
             assert (await far.result("e1"))["result"]["monotonic"] > started["monotonic"]

@@ -91,7 +91,7 @@ def test_boards_start_together(broker: Broker) -> None:
             assert ran.spread == pytest.approx(0.012)
             assert ran.measured_by == "clock"
             assert ran.duration == 2.0
-            assert rex.commands[0].params["run"] == {"type": "macro", "id": "Wave", "wait": False, "dry_run": False}
+            assert rex.commands[0].params["run"] == {"type": "macro", "id": "Wave"}
 
     asyncio.run(main())
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
-from typing import TypeAlias, TypeVar
+from typing import NamedTuple, TypeAlias, TypeVar
 
 from servolink.client.board import Board
 from servolink.client.session import Session
@@ -18,7 +18,9 @@ from servolink.hub.notices import HoldChanged, HoldStatus, LeaseStatus, Notice
 from servolink.hub.roles import Role, is_motion
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
+from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.packet import Packet
+from servolink.protocol.servos import ExecuteActionExRequest
 from servolink.transports.share import Greeting
 
 T = TypeVar("T")
@@ -29,6 +31,16 @@ class LeaseRefused(MotionRefused):
     """Another program holds the lease."""
 
     remedy = "ask for the lease with lease.ask, or take it over with lease.take and force"
+
+
+class PreparedRun(NamedTuple):
+    """A run that was checked, and for which the program has the lease."""
+
+    packet: ExecuteActionExRequest | ExecuteMacroRequest
+    connection: Connection
+    """Of the hub with the board, when it was checked."""
+    stops: int
+    """How often all servos had been stopped before it was checked."""
 
 
 class Readings:
@@ -67,6 +79,8 @@ class Control:
         """The session id, by which the hub knows who holds the lease and the board."""
         self.wants_programs = False
         """Whether it is told which programs join and leave."""
+        self.prepared: PreparedRun | None = None
+        """What `run.start` begins."""
         self._readings = readings
         self._limits: MotionLimits | None = None
         self._dead_man = greeting.dead_man

@@ -243,11 +243,16 @@ class Tighten(Struct, forbid_unknown_fields=True):
 # --- records ----------------------------------------------------------------------------------------------------------
 
 
-class Run(Struct, forbid_unknown_fields=True):
-    """What to run."""
+class Runnable(Struct, forbid_unknown_fields=True):
+    """A stored action or macro."""
 
     type: Literal["action", "macro"]
     id: Which
+
+
+class Run(Runnable, forbid_unknown_fields=True):
+    """What to run, and how."""
+
     wait: Annotated[bool, about("respond when the motion is over")] = False
     dry_run: Annotated[bool, about("check everything, and move nothing")] = False
 
@@ -256,6 +261,12 @@ class Ran(Struct, frozen=True):
     """The planned duration of an action; null for a macro."""
 
     seconds: float | None
+
+
+class RunStarted(Struct, frozen=True):
+    """The start of a run."""
+
+    monotonic: Annotated[float, about("seconds; when it was sent to the board, by the clock of the hub's computer")]
 
 
 class RecordsList(Struct, forbid_unknown_fields=True):

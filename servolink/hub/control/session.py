@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from msgspec import Struct
 
-from servolink.hub.control import recording, stored  # add their methods
+from servolink.hub.control import prepared, recording, stored  # add their methods
 from servolink.hub.control.context import Control, Readings
 from servolink.hub.control.feeds import ButtonsFeed, ServosFeed
 from servolink.hub.control.methods import METHODS, Caller
@@ -38,7 +38,7 @@ from servolink.hub.notices import (
 from servolink.hub.recording import HubRecorder
 from servolink.transports.share import Greeting
 
-__all__ = ["METHODS", "ControlSession", "recording", "stored"]
+__all__ = ["METHODS", "ControlSession", "prepared", "recording", "stored"]
 
 
 class ControlInterface:
