@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import msgspec
@@ -16,6 +17,7 @@ from servolink.escaping import quote
 _PART = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 _AT = " - at `$"
 _SURROGATE = re.compile("[\ud800-\udfff]")
+_type_info = cache(inspect.type_info)  # it reads the annotations of all classes inside, which takes milliseconds
 
 
 def convert(value: Any, expected: Any) -> Any:
@@ -51,7 +53,7 @@ def _explain(message: str, value: Any, expected: Any) -> tuple[str, str]:
     # An error in the whole value names no place; what looks like one may be part of a field's name.
     is_placed = opinion and not (isinstance(value, dict) and any(_AT in key for key in value))
     path = (where.rstrip("`") if is_placed else "").partition("[...]")[0]  # a key, which msgspec does not name
-    info: Any = inspect.type_info(expected)
+    info: Any = _type_info(expected)
     for found in _PART.finditer(path):
         key, number = found.groups()
         info, value = (_field(info, value, key), value[key]) if key else (_item(info, int(number)), value[int(number)])
