@@ -7,10 +7,7 @@ import io
 import re
 import tokenize
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
@@ -29,13 +26,8 @@ IDIOMS = {
 """Idioms, as regular expressions, and what to write instead."""
 
 
-@cache
-def prose_of(path: Path) -> list[tuple[int, str]]:
-    """Return each docstring, message and comment of a module, or each line of a page, with its line number."""
-    return list(_prose_of(path))
-
-
-def _prose_of(path: Path) -> Iterator[tuple[int, str]]:
+def prose_of(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield each docstring, message and comment of a module, or each line of a page, with its line number."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".md":
         yield from enumerate(text.splitlines(), 1)
@@ -48,13 +40,13 @@ def _prose_of(path: Path) -> Iterator[tuple[int, str]]:
             yield token.start[0], token.string.lstrip("# ")
 
 
-@pytest.mark.parametrize(("idiom", "better"), IDIOMS.items())
-def test_prose_is_plain(idiom: str, better: str) -> None:
-    wrong = re.compile(idiom, re.IGNORECASE | re.MULTILINE)
+def test_prose_is_plain() -> None:
+    idioms = [(re.compile(idiom, re.IGNORECASE | re.MULTILINE), better) for idiom, better in IDIOMS.items()]
     found = [
-        f"{path.relative_to(ROOT)}:{line}: {match[0]!r}"
+        f"{path.relative_to(ROOT)}:{line}: {match[0]!r}; write {better!r} instead"
         for path in (*MODULES, *PAGES)
         for line, text in prose_of(path)
+        for wrong, better in idioms
         for match in wrong.finditer(text)
     ]
-    assert not found, f"write {better!r} instead:\n" + "\n".join(found)
+    assert not found, "\n".join(found)

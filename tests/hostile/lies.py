@@ -199,7 +199,7 @@ LIES: dict[str, Lying] = {
     ),
     "answers with wrong sums": Lying(_said(lambda packet, answer: answer[:-1] + bytes([answer[-1] ^ 1]))),
     "answers nothing": Lying(lambda: lambda packet, answer: ()),
-    "answers a hundred times": Lying(_said(lambda packet, answer: answer * 100)),
+    "answers twenty times": Lying(_said(lambda packet, answer: answer * 20)),
     "answers late": Lying(lambda: lambda packet, answer: [(1.5, answer)] if answer else []),
     "answers byte by byte": Lying(_one_after_the_other(0.02)),
     "answers byte by byte, as slowly as it may": Lying(_one_after_the_other(0.9), long=True),

@@ -226,7 +226,7 @@ class Units(RuleBasedStateMachine):
 
 
 TestUnits = Units.TestCase
-TestUnits.settings = settings(max_examples=120, stateful_step_count=50, deadline=None)
+TestUnits.settings = settings(max_examples=40, stateful_step_count=50, deadline=None)
 
 
 class Events(RuleBasedStateMachine):
@@ -366,7 +366,7 @@ def numbered(kind: str, number: int) -> Packet:
             return SendDummyDataRequest(bytes([number]))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=50)
 @given(
     sent=st.lists(kinds, min_size=2, max_size=12),
     depth=st.sampled_from([1, 2, 8]),

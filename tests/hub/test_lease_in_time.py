@@ -189,7 +189,7 @@ class Leases(RuleBasedStateMachine):
 
 
 TestLeases = Leases.TestCase
-TestLeases.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+TestLeases.settings = settings(max_examples=30, stateful_step_count=30, deadline=None)
 
 
 def test_the_machine_uses_the_time_of_its_loop() -> None:

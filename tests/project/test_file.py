@@ -124,7 +124,7 @@ def test_every_project_comes_back(project: Project) -> None:
 
 
 @given(said_projects())
-@settings(max_examples=200)
+@settings(max_examples=60)
 def test_whatever_a_board_says_comes_back_from_text_that_can_be_shown(project: Project) -> None:
     text = format_project(project)
     assert parse_project(text, unchecked=True) == project.sorted()
@@ -285,7 +285,7 @@ _nonsense = st.recursive(
 
 
 @given(st.data(), _nonsense, st.booleans())
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_nonsense_in_any_place_gives_one_clear_error(data: st.DataObject, nonsense: Any, unchecked: bool) -> None:
     said = place = json.loads(TEXT)
     while True:

@@ -56,7 +56,7 @@ def test_seeds_go_through_all_lines_and_boards() -> None:
 
 @pytest.mark.parametrize("seed", range(50))
 def test_nothing_is_wrong_on_any_line_with_any_board(seed: int) -> None:
-    history = relive(seed, 200)
+    history = relive(seed, 100)
     assert history.faults == []
     assert history.counts["right"] > 10
 
@@ -114,7 +114,7 @@ def test_what_is_wrong_with_a_client_is_found(
 ) -> None:
     broken(monkeypatch)
     seeds = range(first, first + 500, 10)  # all with the same line
-    assert any(fault in text for seed in seeds for text in relive(seed, 800).faults)
+    assert any(fault in text for seed in seeds for steps in (100, 800) for text in relive(seed, steps).faults)
 
 
 def test_a_failing_seed_is_shown_with_what_led_to_it(monkeypatch: pytest.MonkeyPatch) -> None:

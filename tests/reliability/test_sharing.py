@@ -74,19 +74,19 @@ def sending_twice(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize(
-    ("broken", "fault"),
+    ("broken", "first", "fault"),
     [
-        (moving_after_a_stop, "was sent after a stop"),
-        (sharing_one_unit, "was moved in unit"),
-        (answering_out_of_order, "had not asked for"),
-        (sending_twice, "executed 2 times"),
+        (moving_after_a_stop, 103, "was sent after a stop"),
+        (sharing_one_unit, 1, "was moved in unit"),
+        (answering_out_of_order, 1, "had not asked for"),
+        (sending_twice, 1, "executed 2 times"),
     ],
 )
 def test_what_is_wrong_with_a_hub_is_found(
-    broken: Callable[[pytest.MonkeyPatch], None], fault: str, monkeypatch: pytest.MonkeyPatch
+    broken: Callable[[pytest.MonkeyPatch], None], first: int, fault: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     broken(monkeypatch)
-    assert any(fault in text for seed in range(1, 450, 3) for text in relive_sharing(seed, 340).faults)
+    assert any(fault in text for seed in range(first, first + 450, 3) for text in relive_sharing(seed, 340).faults)
 
 
 def test_the_command_lives_through_one_history() -> None:

@@ -18,7 +18,7 @@ from servolink.transports.registry import create
 from tests.transports.wires import FLOOD, WIRES, Ear, Wire, on_loop
 
 FRAME = bytes.fromhex("134c051d2f2700009e")
-CONNECTIONS = 100  # enough to see a leak
+CONNECTIONS = 25  # enough to see a leak
 
 
 @pytest.fixture(params=WIRES)
