@@ -14,6 +14,7 @@ from msgspec import Struct
 
 from docs.control_interface import section
 from servolink.fleet.topics import METHODS, MOTION, SENT, SESSION_METHODS, Echoed, Started, Step, Stored, schema
+from servolink.hub.control.messages import Runnable
 from servolink.hub.control.session import METHODS as HUB_METHODS
 
 _FOLDER = Path(__file__).parent
@@ -75,7 +76,7 @@ def fleet_reference() -> str:
     page = _INTRODUCTION.format(topics="\n".join(rows), motion=_listed(MOTION), session=_listed(SESSION_METHODS))
     own: dict[str, type[Struct]] = {payload.__name__: payload for payload, _, _ in SENT.values()}
     own |= {params.__name__: params for params, _ in METHODS.values()}
-    own |= {each.__name__: each for each in (Started, Echoed, Step, Stored)}
+    own |= {each.__name__: each for each in (Runnable, Started, Echoed, Step, Stored)}
     parts = [page, "## Payloads\n", *(section(name, own[name]) for name in sorted(own))]
     return re.sub(r"\[(\w+)\]\((?:#\w+|project-file\.md)\)", lambda found: _link(found[1], own), "\n".join(parts))
 
