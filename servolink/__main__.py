@@ -7,20 +7,50 @@ import sys
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from types import FrameType
+
+_INTERRUPTED = 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (sys.argv without it) and return the exit code, 130 for Ctrl-C at any time."""
     try:
-        from servolink.cli.main import run  # inside: importing takes long enough to be interrupted
+        import signal  # inside, like all that is imported: it takes long enough to be interrupted
 
-        return run(argv)
+        if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+            return _run(argv)
+        signal.signal(signal.SIGINT, interrupt)
+        try:
+            return _run(argv)
+        finally:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
     except KeyboardInterrupt:
-        return 130
+        return _INTERRUPTED
     except RuntimeError as error:  # Python before 3.12 wraps what is raised while a class is made
         if isinstance(error.__cause__, KeyboardInterrupt):
-            return 130
+            return _INTERRUPTED
         raise
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    from servolink.cli.main import run
+
+    return run(argv)
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt for Ctrl-C; during an import, end the process at once.
+
+    Modules in C may ignore the exception while they are imported and crash when they are used, and Python ignores it
+    where it cleans up after an import: the command would go on.
+    """
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            import os
+
+            os._exit(_INTERRUPTED)
+        frame = frame.f_back
+    raise KeyboardInterrupt
 
 
 if __name__ == "__main__":

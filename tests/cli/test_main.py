@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import os
 import re
 import shlex
+import signal
 import socket
 import subprocess
 import sys
@@ -15,7 +17,7 @@ from pathlib import Path
 import pytest
 
 import servolink
-from servolink.__main__ import main
+from servolink.__main__ import interrupt, main
 from servolink.cli.commands import COMMANDS
 from servolink.cli.parser import EXIT_CODES, build_parser
 from tests import processes
@@ -318,6 +320,36 @@ def test_ctrl_c_while_it_starts_prints_nothing(module: str) -> None:
         [sys.executable, "-c", INTERRUPTED_IMPORT, module, "-b", "virtual://", "info"], env=environment()
     )
     assert (ran.returncode, ran.stdout, ran.stderr) == (130, "", "")
+
+
+SWALLOWED_INTERRUPTION = """
+import signal, sys
+from servolink.__main__ import main
+
+class Importing:
+    def find_spec(self, name, *_):
+        if name == sys.argv[1]:
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt:
+                pass  # as modules in C do
+
+sys.meta_path.insert(0, Importing())
+sys.exit(main(sys.argv[2:]))
+"""
+
+
+@pytest.mark.parametrize("module", ["servolink.cli.parser", "msgspec"])
+def test_ctrl_c_in_an_import_that_ignores_it_ends_the_command(module: str) -> None:
+    command = [sys.executable, "-c", SWALLOWED_INTERRUPTION, module, "-b", "virtual://", "info"]
+    ran = processes.run(command, env=environment())
+    assert (ran.returncode, ran.stdout, ran.stderr) == (130, "", "")
+
+
+def test_ctrl_c_outside_of_imports_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(os, "_exit")
+    with pytest.raises(KeyboardInterrupt):
+        interrupt(signal.SIGINT, inspect.currentframe())
 
 
 FIRST_IMPORTS = """
