@@ -45,23 +45,38 @@ class StandIn:
         self.copies = 1
         self.delay = 0.0
         self._client = client
+        self._answering: set[asyncio.Task[None]] = set()
 
     async def announce(self) -> None:
         await self._client.publish(TOPICS.board(self.name, "available"), "online", 1, retain=True)
         await self._client.publish(TOPICS.board(self.name, "state"), msgspec.json.encode(self.now), 1, retain=True)
 
     async def serve(self) -> None:
+        """Answer each command in a task of its own, until this is cancelled."""
+        try:
+            await self._serve()
+        finally:
+            for task in self._answering:
+                task.cancel()
+            await asyncio.gather(*self._answering, return_exceptions=True)
+
+    async def _serve(self) -> None:
         async for message in self._client.messages:
             if message.topic.value.endswith("/cmd"):
                 command = msgspec.json.decode(message.payload, type=Command)
                 self.commands.append(command)
-                asyncio.get_running_loop().create_task(self._answer(command, message))
+                self._begin(command, message)
             elif message.topic.value.endswith(("/stop", "/start", "/echo")):
                 given = msgspec.json.decode(message.payload)
                 method = message.topic.value.rpartition("/")[2]
                 self.stops += method == "stop"
                 command = Command(given["id"], method, given)
-                asyncio.get_running_loop().create_task(self._answer(command, message))
+                self._begin(command, message)
+
+    def _begin(self, command: Command, message: Any) -> None:
+        task = asyncio.get_running_loop().create_task(self._answer(command, message))
+        self._answering.add(task)
+        task.add_done_callback(self._answering.discard)
 
     async def _answer(self, command: Command, message: Any) -> None:
         if self.is_silent:

@@ -16,6 +16,7 @@ from servolink.errors import ConnectionLost, OpenError
 from servolink.fleet import broker as module
 from servolink.fleet.access import broker_access
 from servolink.fleet.broker import Denied, Publication, Received, Wire, WireOptions
+from tests.fleet.bridged import LIMIT
 from tests.fleet.mosquitto import OPEN, Broker, needs_broker
 
 pytestmark = needs_broker
@@ -44,7 +45,7 @@ def wire_to(url: str, name: str = "test", **options: Any) -> Wire:
 
 def limited(test: Callable[..., Awaitable[None]], *arguments: Any) -> None:
     async def run() -> None:
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(LIMIT):
             await test(*arguments)
 
     asyncio.run(run())

@@ -25,7 +25,7 @@ from servolink.fleet.join import Fleet as Joining
 from servolink.fleet.join import Here
 from servolink.fleet.policy import BoardPolicy, FleetFile
 from servolink.hub.serving import serve_board
-from tests.fleet.bridged import TOPICS, Far, bridged, far_away, run, running
+from tests.fleet.bridged import LIMIT, TOPICS, Far, bridged, far_away, run, running
 from tests.fleet.mosquitto import OPEN, Broker, needs_broker
 from tests.fleet.proxy import Proxy, proxy_to
 from tests.fleet.test_commands import Calls
@@ -56,7 +56,7 @@ async def board_and_fleet(url: str, far_url: str, name: str = "rex") -> AsyncIte
 
 async def until_online(fleet: Fleet, *names: str) -> None:
     """Wait until boards are back."""
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(LIMIT):
         while fleet.controller.roster.online != names:
             await asyncio.sleep(0.01)
         await fleet.list()
@@ -176,7 +176,7 @@ def test_boards_come_back_after_a_network_that_was_silent(broker: Broker, monkey
     async def main() -> None:
         async with network(broker, of_board=True) as (proxy, fleet, _):
             proxy.hold()
-            async with asyncio.timeout(60):  # the broker has to notice, by the lack of keep-alives
+            async with asyncio.timeout(LIMIT):  # the broker has to notice, by the lack of keep-alives
                 while fleet.controller.roster.online:
                     await asyncio.sleep(0.05)
             assert (await fleet.stop(patience=1)).offline == ("rex",)

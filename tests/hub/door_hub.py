@@ -19,7 +19,7 @@ from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import DEFAULT_KIND, BoardKind
 from servolink.virtual.transport import VirtualTransport
 
-GUARD = 60.0
+GUARD = 240.0
 """Seconds after which a test of real I/O has failed."""
 
 

@@ -24,7 +24,7 @@ from servolink.transports import share
 from servolink.transports.share import hub_folder, socket_path
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
-from tests.hub.door_hub import RawLine, on_hub, raw_socket, sharing, until
+from tests.hub.door_hub import GUARD, RawLine, on_hub, raw_socket, sharing, until
 
 LIST = Codec().encode(QueryServoListRequest())
 ANSWER = Codec().encode(QueryServoListResponse((1, 2, 3)))
@@ -93,9 +93,20 @@ def test_each_request_is_sent_once_and_given_up_a_second_after_the_hub() -> None
                 await board.request(QueryActionRequest(9))
             assert asyncio.get_running_loop().time() - begun >= 1.5
             assert board.stats.retries == 0
-            assert hub.board.stats.retries > 0
 
     on_hub(use, BoardKind(unknown_ids="silent"), patience=0.5)
+
+
+def test_the_hub_repeats_in_place_of_the_program() -> None:
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with sharing(hub) as url, connect(url) as board:
+            asked = asyncio.create_task(board.request(QueryActionRequest(9)))
+            await until(lambda: hub.board.stats.retries)
+            assert board.stats.retries == 0
+            asked.cancel()
+            await asyncio.wait((asked,))
+
+    on_hub(use, BoardKind(unknown_ids="silent"), patience=GUARD)
 
 
 def test_a_hub_that_ends_tells_its_programs_and_leaves_nothing(folder: Path) -> None:

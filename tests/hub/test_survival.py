@@ -142,7 +142,7 @@ def test_a_program_killed_while_it_waits_leaves_nothing_behind(tmp_path: Path) -
         for each in waiting[1:]:
             for _ in range(20):
                 first_line(each)
-        assert len([each for each in robot.status().programs if "watch" in each.who]) == 2
+        robot.until(lambda status: len([each for each in status.programs if "watch" in each.who]) == 2)
         for each in waiting[1:]:
             finished(each, signal.SIGTERM)
 

@@ -17,12 +17,11 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.servos import QueryServoListRequest
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import serve
-from tests.hub.door_hub import on_hub, raw_tcp
+from tests.hub.door_hub import GUARD, on_hub, raw_tcp
 from tests.processes import start_async
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 LIST = Codec().encode(QueryServoListRequest())
-LIMIT = 60.0
 PAGE = """<!doctype html><script>
 const frame = new Uint8Array(FRAME);
 async function attack(port) {
@@ -44,7 +43,7 @@ Promise.all(PORTS.map(attack)).then(() => fetch("/done"));
 
 def test_a_post_with_a_frame_in_it_reaches_no_virtual_board() -> None:
     async def main() -> None:
-        async with asyncio.timeout(LIMIT), serve(VirtualBoard(3), tcp="127.0.0.1:0") as (url,):
+        async with asyncio.timeout(GUARD), serve(VirtualBoard(3), tcp="127.0.0.1:0") as (url,):
             for post in (
                 b"POST / HTTP/1.1\r\nContent-Type: text/plain\r\n\r\n" + LIST,
                 LIST[:3] + b"x" + LIST,

@@ -37,7 +37,7 @@ def test_it_hears_other_programs(tmp_path: Path) -> None:
     assert moved.outcome == "sent"
     assert moved.who
     assert moved.session
-    assert sum(isinstance(message, ServosRead) for message in found) > 3
+    assert any(isinstance(message, ServosRead) for message in found)
     assert "ExecuteActionRequest" in {message.packet for message in found if isinstance(message, PacketSeen)}
     assert Event("mark", "there") in found
     assert not [each for each in commands if each.packet == "SetServoParameterRequest"]

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminal
 CODEC = Codec("big")
 ASKED = CODEC.encode(QueryServoListRequest())
 SAID = CODEC.encode(QueryServoListResponse((1, 2, 3)))
-LIMIT = 30.0
+LIMIT = 120.0
 
 
 def until(holds: Callable[[], object]) -> None:

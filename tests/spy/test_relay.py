@@ -24,7 +24,7 @@ from servolink.transports.serial import SerialTransport
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")
 
-LIMIT = 30.0
+LIMIT = 120.0
 
 
 def on_loop(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:

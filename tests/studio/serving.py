@@ -15,7 +15,7 @@ from servolink.studio.methods import Studio
 from servolink.studio.server import serve_studio
 from servolink.studio.start import VIRTUAL, studio_for
 
-LIMIT = 20.0
+LIMIT = 120.0
 
 
 class Place(NamedTuple):
