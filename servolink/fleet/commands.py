@@ -195,12 +195,12 @@ class CommandDesk:
                 f"there is no method {quote(name)} from afar",
                 remedy="use one of the methods of the reference of fleets",
             )
-        needed = METHODS[name].role if name in METHODS else Role.RUN
+        needed = _role(name)
         if needed > self._role:
             raise RpcError(
                 Code.FORBIDDEN,
-                f"{name} is not allowed from afar: it needs {Role(needed)}, and {self._board} allows {self._role}",
-                remedy=f'on its machine, write allow = "{Role(needed)}" for {self._board} in fleet.toml',
+                f"{name} is not allowed from afar: it needs {needed}, and {self._board} allows {self._role}",
+                remedy=f'on its machine, write allow = "{needed}" for {self._board} in fleet.toml',
             )
 
     # --- carrying out ------------------------------------------------------------------------------------------
@@ -208,7 +208,8 @@ class CommandDesk:
     async def _carry_out(self, accepted: _Accepted, digest: str) -> None:
         command, sender = accepted.command, accepted.sender
         try:
-            await self._note(Entry(command.id, digest, time.time(), sender.response_topic, sender.correlation))
+            entry = Entry(command.id, digest, time.time(), sender.response_topic, sender.correlation)
+            await self._note(entry, only_reads=_role(command.method) is Role.WATCH)
         except ServolinkError as error:
             self._answers.refuse(command.id, sender, error)
             return
@@ -221,9 +222,9 @@ class CommandDesk:
         else:
             self._answers.succeed(command.id, sender, result)
 
-    async def _note(self, entry: Entry) -> None:
+    async def _note(self, entry: Entry, *, only_reads: bool) -> None:
         try:
-            await self._journal.note(entry)
+            await self._journal.note(entry, only_reads=only_reads)
         except OSError as error:
             raise ServolinkError(f"the command cannot be noted, so it is not carried out: {reason(error)}") from error
 
@@ -238,7 +239,7 @@ class CommandDesk:
             if command.method == "cancel":
                 return self._prepared.cancel(_converted(command.params, Cancel).start)
             reply = await self._hub.ask(command.method, command.params, self._reporter(command.id, accepted.sender))
-            if METHODS[command.method].role == Role.EDIT:
+            if _role(command.method) is Role.EDIT:
                 self.on_change()
             return result_of(reply)
 
@@ -267,6 +268,11 @@ class CommandDesk:
             self._answers.report(command_id, sender, progress)
 
         return report
+
+
+def _role(method: str) -> Role:
+    """Return the role that a method needs."""
+    return Role(METHODS[method].role) if method in METHODS else Role.RUN
 
 
 def _read(message: Received) -> Any:

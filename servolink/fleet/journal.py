@@ -79,23 +79,28 @@ class Journal:
         """Return the command with this id, None if it is not known."""
         return self._entries.get(command_id)
 
-    async def note(self, entry: Entry) -> None:
+    async def note(self, entry: Entry, *, only_reads: bool = False) -> None:
         """Return when a command is on the disk. Raise OSError if it cannot be written: then it is not known.
 
-        Commands that come together are written together.
+        Commands that come together are written together. One that `only_reads` is written, too, but the disk is not
+        waited for: no crash of this program loses it, and it can be repeated when the power has failed.
         """
         line = _ENCODER.encode(entry)
         self._entries[entry.id] = entry
-        self._buffer.append(line)
         try:
+            if only_reads and not (self._writing.locked() or self._is_long):
+                self._append([line])
+                return
+            self._buffer.append(line)
             async with self._writing:
                 if any(each is line for each in self._buffer):
                     await asyncio.to_thread(self._write, self._taken())
         except OSError:
             self._entries.pop(entry.id, None)
             raise
-        while len(self._entries) > MOST_KEPT:
-            self._entries.pop(next(iter(self._entries)))
+        finally:
+            while len(self._entries) > MOST_KEPT:
+                self._entries.pop(next(iter(self._entries)))
 
     def answered(self, command_id: str, answer: str) -> None:
         """Remember the result of a command until it is over."""
@@ -114,12 +119,16 @@ class Journal:
         with suppress(OSError, ValueError):  # ValueError: it is being shortened, which writes the news too
             self._append([_ENCODER.encode(news)])
 
+    @property
+    def _is_long(self) -> bool:
+        return self._lines >= 4 * MOST_KEPT
+
     def _taken(self) -> list[bytes]:
         taken, self._buffer = self._buffer, []
         return taken
 
     def _write(self, lines: list[bytes]) -> None:
-        if self._lines + len(lines) > 4 * MOST_KEPT:
+        if self._is_long:
             self._compact()
             return
         self._append(lines)

@@ -14,9 +14,10 @@ from servolink.fleet.journal import Entry, Journal, opened_journal
 pytestmark = pytest.mark.usefixtures("user")
 
 
-def noted(journal: Journal, *ids: str) -> None:
+def noted(journal: Journal, *ids: str, only_reads: bool = False) -> None:
     async def main() -> None:
-        await asyncio.gather(*(journal.note(Entry(each, "d", 1.0, "t", b"\x00")) for each in ids))
+        notes = (journal.note(Entry(each, "d", 1.0, "t", b"\x00"), only_reads=only_reads) for each in ids)
+        await asyncio.gather(*notes)
 
     asyncio.run(main())
 
@@ -57,12 +58,23 @@ def test_a_journal_belongs_to_one_program() -> None:
         again.__enter__()
 
 
-def test_a_journal_stays_small(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_only_reads_is_known_after_a_crash_and_does_not_wait_for_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    with opened_journal("rex") as journal:
+        monkeypatch.setattr(Journal, "_write", None)
+        noted(journal, "a", "b", only_reads=True)
+        again = Journal(journal._path)
+        again.open()
+    assert [entry.id for entry in again.unfinished()] == ["a", "b"]
+    again.close()
+
+
+@pytest.mark.parametrize("only_reads", [False, True])
+def test_a_journal_stays_small(monkeypatch: pytest.MonkeyPatch, only_reads: bool) -> None:
     monkeypatch.setattr(module, "MOST_KEPT", 10)
     monkeypatch.setattr(module, "_ALWAYS_KEPT", 3)
     with opened_journal("rex") as journal:
         for number in range(100):
-            noted(journal, f"n{number}")
+            noted(journal, f"n{number}", only_reads=only_reads)
             journal.over(f"n{number}")
         assert journal.find("n89") is None
         assert journal.find("n90") is not None
