@@ -14,8 +14,9 @@ from servolink.protocol.records import Action, Button, JoystickTable, Macro, Mac
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from tests.cli.conftest import Addresses
-from tests.cli.programs import Said, call, in_terminal, program, started
+from tests.cli.programs import Said, call, program, started
 from tests.cli.robot import Robot
+from tests.cli.terminals import in_pipe, in_terminal
 
 BOW = Action(1, "Bow", (Step(1, 30, 5), Step(2, -30, 10)))
 WAVE = Macro(4, "Wave", (MacroCommand(1, loop=2, ratio=50), MacroCommand(500, 1, total_interval=500)))
@@ -420,8 +421,8 @@ def test_events_until_there_are_enough(tmp_path_factory: pytest.TempPathFactory)
     server = started("virtual", "--tcp", "127.0.0.1:0", "--script", str(script))
     assert server.stdout is not None
     address = server.stdout.readline().split()[1]
-    said = program("--url", address, "events", "--count", "3", "--json")
-    text = program("--url", address, "events", "--count", "1")
+    said = in_pipe("--url", address, "events", "--count", "3", "--json")
+    text = in_pipe("--url", address, "events", "--count", "1")
     assert said.code == 0
     assert {(event["button_id"], event["event"], event["kind"]) for event in said.objects} == {
         (3, 1, "press"),

@@ -14,6 +14,7 @@ from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import load_project, save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from servolink.transports.faults import Faults
+from tests.cli import terminals
 from tests.cli.conftest import Addresses
 from tests.cli.programs import Said, call, in_terminal
 from tests.cli.robot import Robot
@@ -34,6 +35,8 @@ AFTER = Project(
     BEFORE.joystick_tables,
     3,
 )
+ON_ONE_LINE = pytest.mark.parametrize("url", ["network"], indirect=True)
+"""For programs in a terminal: what they ask and how they end does not depend on the line to the board."""
 
 
 @pytest.fixture(autouse=True)
@@ -110,12 +113,12 @@ def test_export_asks_before_it_replaces_a_project(shell: Shell, tmp_path: Path) 
         assert (refused.code, refused.out) == (2, "")
         assert f"{file} exists; --yes replaces it" in refused.err
     for answer in ("n\n", "\x04"):
-        left = in_terminal("--url", shell.url, "export", str(file), typed=answer)
+        left = terminals.in_terminal("--url", shell.url, "export", str(file), typed=answer)
         assert left.code == 1
         assert "exists. Replace it? [y/N]" in " ".join(left.out.split())
         assert "was not written" in left.out
     assert load_project(file) == AFTER
-    assert in_terminal("--url", shell.url, "export", str(file), typed="y\n").code == 0
+    assert terminals.in_terminal("--url", shell.url, "export", str(file), typed="y\n").code == 0
     assert load_project(file) == BEFORE
 
 
@@ -197,13 +200,14 @@ def test_no_backup_must_be_spelled_out(shell: Shell, after: str, data_folder: Pa
 
 @pytest.mark.parametrize(("answer", "code"), [("y\n", 0), ("n\n", 1), ("\x04", 1)])
 def test_apply_asks_on_a_terminal(shell: Shell, after: str, answer: str, code: int) -> None:
-    said = in_terminal("--url", shell.url, "apply", after, typed=answer)
+    said = terminals.in_terminal("--url", shell.url, "apply", after, typed=answer)
     assert said.code == code, "or what depends on it would go on"
     assert "write this to the board, and delete action 2 from it? [y/N]" in " ".join(said.out.split())
     assert ("nothing was changed on the board" in said.out) == (code == 1)
     assert shell("plan", after).code == code
 
 
+@ON_ONE_LINE
 @pytest.mark.parametrize("keys", ["\x03", "\x03\x03"], ids=["once", "twice"])
 def test_ctrl_c_ends_the_question(shell: Shell, after: str, keys: str) -> None:
     said = in_terminal("--url", shell.url, "apply", after, later=("? [y/N]", keys))
@@ -221,6 +225,7 @@ def test_a_missing_file_is_reported_before_a_missing_terminal(shell: Shell, tmp_
     assert (said.code, "nofile.json: cannot be read" in said.err) == (1, True)
 
 
+@ON_ONE_LINE
 @pytest.mark.parametrize("command", ["apply", "rollback"])
 def test_what_was_agreed_to_is_done_and_nothing_else(
     shell: Shell, after: str, command: str, served: Addresses, capsys: pytest.CaptureFixture[str], tmp_path: Path

@@ -30,6 +30,7 @@ from servolink.hub.notices import (
 )
 from servolink.hub.serving import default_name
 from tests.cli.programs import finished, in_terminal, program, started
+from tests.cli.terminals import in_pipe
 
 LEASE = LeaseStatus("s1", "servolink move (pid 7)", 65.0, None)
 PROGRAM = ProgramStatus("s1", "servolink move (pid 7)", "share", "edit", 3.2, 0, 5, 4, 0, 0, 0, 0)
@@ -61,7 +62,7 @@ def test_it_prints_its_doors_and_ends_by_a_signal(number: signal.Signals) -> Non
     hub = started("share", "--board", "virtual://", "--tcp", "127.0.0.1:0", "--watch-tcp", "127.0.0.1:0", "--pty")
     first, *tcp, pty = lines_of(hub, 4)
     assert first == "listening share://virtual"
-    assert program("share", "--status", "--json").json["doors"] == [line.split()[1] for line in (first, *tcp, pty)]
+    assert in_pipe("share", "--status", "--json").json["doors"] == [line.split()[1] for line in (first, *tcp, pty)]
     assert all(line.startswith("listening tcp://127.0.0.1:") for line in tcp)
     assert pty.startswith("listening serial:///dev/")
     watcher = started("watch", "--board", "virtual", "--seconds", "100", "--json")
@@ -80,7 +81,7 @@ def test_in_json_each_door_is_an_object() -> None:
     hub = started("share", "--board", "virtual://", "--name", "rex", "--tcp", "127.0.0.1:0", "--json")
     listening = [json.loads(line)["listening"] for line in lines_of(hub, 2)]
     assert listening[0] == "share://rex"
-    assert program("servos", "--board", listening[1]).code == 0
+    assert in_pipe("servos", "--board", listening[1]).code == 0
     assert finished(hub, signal.SIGTERM).out == ""
 
 
@@ -89,36 +90,36 @@ def test_programs_behind_doors_have_a_byte_order_of_their_own() -> None:
     hub = started("share", *board, "--name", "rex", "--tcp", "127.0.0.1:0", "--door-byte-order", "little")
     _, tcp = (line.split()[1] for line in lines_of(hub, 2))
     for arguments in (("--board", tcp), ("--board", "rex"), ("--board", "rex", "--byte-order", "big")):
-        assert len(program("servos", "--json", *arguments).json["servos"]) == 2
+        assert len(in_pipe("servos", "--json", *arguments).json["servos"]) == 2
     finished(hub, signal.SIGTERM)
 
 
 def test_commands_find_it_and_it_tells_who_is_there(shared: subprocess.Popen[str]) -> None:
-    assert "shared by a hub" in program("list").out
-    assert program("servos", "--json", "--board", "rex").json["servos"][1]["servo_id"] == 2
-    assert program("move", "1=10", "--duration", "0.1").code == 0  # the only board here
-    status = program("share", "--status").out
+    assert "shared by a hub" in in_pipe("list").out
+    assert in_pipe("servos", "--json", "--board", "rex").json["servos"][1]["servo_id"] == 2
+    assert in_pipe("move", "1=10", "--duration", "0.1").code == 0  # the only board here
+    status = in_pipe("share", "--status").out
     assert status.startswith("hub            share://rex\nboard          virtual://?servos=2 (connected)\n")
     assert status.endswith("no program is connected\n")
-    described = program("share", "--status", "--json", "--board", "rex").json
+    described = in_pipe("share", "--status", "--json", "--board", "rex").json
     assert (described["name"], described["programs"], described["lease"]) == ("rex", [], None)
 
 
 def test_the_lease_is_taken_from_a_program_and_given_back(shared: subprocess.Popen[str]) -> None:
-    assert program("share", "--take", "rex").out == "nobody has the lease: any program may move the servos\n"
+    assert in_pipe("share", "--take", "rex").out == "nobody has the lease: any program may move the servos\n"
     moving = started("move", "1=90", "--duration", "60", "--board", "rex")
-    while (lease := program("share", "--status", "--json").json["lease"]) is None:
+    while (lease := in_pipe("share", "--status", "--json").json["lease"]) is None:
         assert moving.poll() is None
     assert lease["who"] == f"servolink move (pid {moving.pid})"
-    refused = program("move", "2=10", "--board", "rex")
+    refused = in_pipe("move", "2=10", "--board", "rex")
     assert refused.code == 1
     assert f"servolink move (pid {moving.pid})" in refused.err
     assert "servolink share --take rex" in refused.err
-    taken = program("share", "--take", "rex")
+    taken = in_pipe("share", "--take", "rex")
     assert taken.out.startswith(f"servolink move (pid {moving.pid}) may not move the servos any more;")
-    assert program("move", "2=10", "--duration", "0.1", "--board", "rex").code == 0
-    assert program("share", "--give", "rex", "--json").json == {"moved_by": None}
-    assert program("stop", "--board", "rex").code == 0
+    assert in_pipe("move", "2=10", "--duration", "0.1", "--board", "rex").code == 0
+    assert in_pipe("share", "--give", "rex", "--json").json == {"moved_by": None}
+    assert in_pipe("stop", "--board", "rex").code == 0
     finished(moving, signal.SIGTERM)
 
 
@@ -140,7 +141,7 @@ def test_a_second_hub_is_told_of_the_first(shared: subprocess.Popen[str]) -> Non
     ],
 )
 def test_without_a_hub_it_says_so(arguments: tuple[str, ...], why: str) -> None:
-    said = program(*arguments)
+    said = in_pipe(*arguments)
     assert said.code == 3
     assert why in said.err
 
@@ -148,10 +149,10 @@ def test_without_a_hub_it_says_so(arguments: tuple[str, ...], why: str) -> None:
 def test_with_several_hubs_one_must_be_chosen(shared: subprocess.Popen[str]) -> None:
     other = started("share", "--board", "virtual://", "--name", "max")
     lines_of(other, 1)
-    said = program("share", "--status")
+    said = in_pipe("share", "--status")
     assert said.code == 2
     assert "choose one with --name: max, rex" in said.err
-    assert program("share", "--status", "--name", "max", "--json").json["name"] == "max"
+    assert in_pipe("share", "--status", "--name", "max", "--json").json["name"] == "max"
     finished(other, signal.SIGTERM)
 
 

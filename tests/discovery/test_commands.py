@@ -13,7 +13,8 @@ import pytest
 from servolink.cli import boards
 from servolink.discovery.names import aliases_path
 from servolink.transports.device_info import DeviceInfo, PortIdentity
-from tests.cli.programs import call, finished, in_terminal, program, started
+from tests.cli.programs import call, finished, started
+from tests.cli.terminals import in_pipe, in_terminal
 
 BOARD = DeviceInfo("virtual://?servos=3", "toy board", PortIdentity(serial_number="A1"))
 CLOSED = DeviceInfo(
@@ -175,7 +176,7 @@ def test_the_only_board_may_be_closed(here: Callable[..., None], capsys: pytest.
 
 
 def test_several_boards_are_wrong_usage_for_a_program(two_served: list[str]) -> None:
-    said = program("info")
+    said = in_pipe("info")
     assert (said.code, said.out) == (2, "")
     assert all(f"--board {url}" in said.err for url in two_served)
 
@@ -190,7 +191,7 @@ def test_somebody_at_a_terminal_is_asked(two_served: list[str]) -> None:
 
 
 def test_served_boards_are_found_and_asked(two_served: list[str]) -> None:
-    boards = program("list", "--probe", "--json").json["boards"]
+    boards = in_pipe("list", "--probe", "--json").json["boards"]
     served = {board["url"]: board["response"]["project_id"] for board in boards if board["url"] in two_served}
     assert served == dict.fromkeys(two_served, 0)
     assert asyncio.run(_discovered()) >= set(two_served)
@@ -202,7 +203,7 @@ def test_a_served_board_is_found_with_its_byte_order() -> None:
         assert server.stdout
         url = server.stdout.readline().split()[1]
         assert f"{url}?byte_order=big" in asyncio.run(_discovered())
-        assert program("--url", f"{url}?byte_order=big", "info", "--json").json["servos"] == 2
+        assert in_pipe("--url", f"{url}?byte_order=big", "info", "--json").json["servos"] == 2
     finally:
         server.terminate()
         finished(server)

@@ -15,7 +15,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from servolink.client.connect import connect
 from servolink.client.rpc_channel import open_channel
+from servolink.client.servos import Servo
 from servolink.hub.notices import HubStatus
 from servolink.project.build import build_project
 from servolink.project.project_file import save_project
@@ -24,7 +26,8 @@ from servolink.protocol.parser import FrameParser
 from servolink.protocol.records import Action, Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
 from servolink.transports.share import Greeting
-from tests.cli.programs import COMMAND, environment, finished, program, started
+from tests.cli.programs import COMMAND, environment, finished, started
+from tests.cli.terminals import in_pipe
 from tests.processes import start
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Unix sockets and kill -9")
@@ -53,6 +56,8 @@ for text in stream:
 def _alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("XDG_RUNTIME_DIR", "XDG_CONFIG_HOME", "XDG_DATA_HOME"):
         monkeypatch.setenv(name, str(tmp_path))
+    for name in ("SERVOLINK_BOARD", "SERVOLINK_URL"):
+        monkeypatch.delenv(name, raising=False)
 
 
 def first_line(process: subprocess.Popen[str]) -> str:
@@ -99,6 +104,16 @@ class Robot:
     def until(self, is_so: Callable[[HubStatus], bool]) -> HubStatus:
         return asyncio.run(self.ask_hub(is_so))
 
+    def until_servo_1(self, is_so: Callable[[Servo], bool]) -> None:
+        """Ask the board until something is so of its servo 1."""
+
+        async def ask() -> None:
+            async with connect("share://rex") as board:
+                while not is_so(await board.servo(1)):
+                    await asyncio.sleep(_LOOK)
+
+        asyncio.run(ask())
+
     def status(self) -> HubStatus:
         return asyncio.run(self.ask_hub())
 
@@ -117,18 +132,17 @@ def test_a_program_killed_while_it_moves_leaves_the_lease_and_its_motion_ends_by
     finished(moving, signal.SIGKILL)
     status = robot.until(lambda status: status.lease is None)
     assert not any("servolink move" in each.who for each in status.programs)
-    assert program("move", "2=10", "--duration", "0.1", "--board", "rex").code == 0
-    while program("servos", "--json", "--board", "rex").json["servos"][0]["angle"] != 30:
-        pass
-    assert "ready" in program("servos", "--board", "rex").out
+    assert in_pipe("move", "2=10", "--duration", "0.1", "--board", "rex").code == 0
+    robot.until_servo_1(lambda servo: servo.angle == 30)
+    assert "ready" in in_pipe("servos", "--board", "rex").out
 
 
 def test_a_program_that_promised_beats_and_is_killed_stops_the_board(robot: Robot) -> None:
     moving = start((sys.executable, "-c", WATCHED_OVER), env=environment())
     assert first_line(moving) == "moving"
     finished(moving, signal.SIGKILL)
-    while "stopped" not in program("servos", "--board", "rex").out:
-        pass
+    robot.until_servo_1(lambda servo: not servo.is_start)
+    assert "stopped" in in_pipe("servos", "--board", "rex").out
     assert robot.status().lease is None
 
 
@@ -157,10 +171,10 @@ def test_an_import_that_is_killed_frees_the_board_and_can_be_finished(tmp_path: 
         finished(applying, signal.SIGKILL)
         assert finished(waiting).code == 0
         assert robot.status().hold is None
-        said = program("apply", str(tmp_path / "project"), "--yes", "--board", "rex")
+        said = in_pipe("apply", str(tmp_path / "project"), "--yes", "--board", "rex")
         assert said.code == 0, said.err
         assert "done, and verified" in said.out
-        assert len(program("actions", "--json", "--board", "rex").json["actions"]) == 60
+        assert len(in_pipe("actions", "--json", "--board", "rex").json["actions"]) == 60
 
 
 def test_three_programs_go_on_after_the_board_was_unplugged(robot: Robot) -> None:
@@ -218,8 +232,8 @@ def test_where_nothing_can_be_written_it_says_so_and_leaves_nothing(robot: Robot
     assert said.code == 3
     assert "share://max: programs could not find it:" in said.err
     assert "max.hub: File too large" in said.err
-    assert "max" not in program("list").out
-    assert program("servos", "--board", "rex").code == 0  # the other hub is not disturbed
+    assert "max" not in in_pipe("list").out
+    assert in_pipe("servos", "--board", "rex").code == 0  # the other hub is not disturbed
 
 
 def test_a_full_disk_behind_its_log_does_not_end_it(tmp_path: Path) -> None:
@@ -227,7 +241,7 @@ def test_a_full_disk_behind_its_log_does_not_end_it(tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
         hub = start(command, env=environment(), stderr=full)
     assert first_line(hub) == "listening share://max"
-    assert program("servos", "--board", "max").code == 0
+    assert in_pipe("servos", "--board", "max").code == 0
     assert finished(hub, signal.SIGTERM).code == 0
 
 
