@@ -68,6 +68,16 @@ def test_a_caption_that_is_used_twice_is_said(robot: Robot) -> None:
     )
 
 
+def test_a_pose_of_all_servos_names_each(robot: Robot) -> None:
+    assert robot("action", "add", "Home", "--pose", "all=0", "--seconds", "0.5").code == 0
+    home = Action(3, "Home", (Step(1, 0, 50), Step(2, 0, 50), Step(3, 0, 50)))
+    assert stored(robot).actions == (BOW, NOD, home)
+    assert robot("action", "set", "Nod", "--pose", "all=7").code == 0
+    assert [step.servo_id for step in stored(robot).actions[1].steps] == [1, 2, 3]
+    twice = robot("action", "add", "Bend", "--pose", "1=3,all=5")
+    assert (twice.code, "a servo is given twice" in twice.err) == (1, True)
+
+
 def test_an_action_is_added_renamed_shown_and_deleted(robot: Robot) -> None:
     said = robot("action", "add", "Wave", "--pose", "1=30,2=-10", "--seconds", "0.5")
     assert (said.code, said.err) == (0, "")

@@ -7,7 +7,7 @@ a way back. No board loses a record by it, whatever it does with an id that is s
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from typing import TypeAlias
 
 from servolink.cli.apply import BoardImport
@@ -29,10 +29,17 @@ Edit: TypeAlias = Callable[[Project, str], Project]
 _WAY_OUT = "nothing is lost: `servolink rollback` undoes it"
 
 
-def change_board(args: argparse.Namespace, edit: Edit) -> int:
-    """Connect, and make the board hold what `edit` makes of its content, after asking unless `args.yes`."""
+def change_board(
+    args: argparse.Namespace, edit: Edit, *, prepare: Callable[[Board], Awaitable[None]] | None = None
+) -> int:
+    """Connect, and make the board hold what `edit` makes of its content, after asking unless `args.yes`.
+
+    `prepare` reads first what else `edit` has to know.
+    """
 
     async def talk(board: Board, interruption: Interruption) -> int:
+        if prepare is not None:
+            await prepare(board)
         return await change_content(args, board, interruption, edit)
 
     return run_with_board(args, talk, greet=False, state=UNTOUCHED)

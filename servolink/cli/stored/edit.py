@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from typing import Any
 
 from servolink.cli.main import OK, usage_error
@@ -12,7 +13,8 @@ from servolink.cli.stored.change import change_board
 from servolink.cli.stored.given import empty, maker, stored_record
 from servolink.cli.stored.show import kind_of
 from servolink.client.board import Board
-from servolink.errors import ProjectError
+from servolink.client.names import ALL
+from servolink.errors import NotFound, ProjectError
 from servolink.project.model import Project
 from servolink.project.project_file import load_project
 from servolink.project.records import find, name_of, with_caption, with_id
@@ -39,7 +41,7 @@ def run_add(args: argparse.Namespace) -> int:
             record = with_id(record, args.id)
         return add_record(project, record, caption_encoding=encoding)
 
-    return change_board(args, edit)
+    return change_board(args, edit, prepare=partial(_expand_all, args))
 
 
 def run_set(args: argparse.Namespace) -> int:
@@ -58,7 +60,18 @@ def run_set(args: argparse.Namespace) -> int:
             )
         return replace_record(project, record, caption_encoding=encoding)
 
-    return change_board(args, edit)
+    return change_board(args, edit, prepare=partial(_expand_all, args))
+
+
+async def _expand_all(args: argparse.Namespace, board: Board) -> None:
+    """Replace `all` in a pose by each servo of the board: a stored action names them."""
+    pose = getattr(args, "pose", None)
+    if pose is None or ALL not in [servo for servo, _ in pose]:
+        return
+    every = dict.fromkeys(await board.servo_ids())
+    if not every:
+        raise NotFound(f"the board has no servos; {UNTOUCHED}")
+    args.pose = [(each, angle) for servo, angle in pose for each in (every if servo == ALL else (servo,))]
 
 
 def _set_from_file(args: argparse.Namespace, kind: RecordType[Any]) -> int:

@@ -118,7 +118,7 @@ def _add_action(parser: argparse.ArgumentParser) -> None:
         "--pose",
         type=partial(_listed, servo_angle),
         metavar="SERVO=ANGLE,...",
-        help="where servos go, as in 1=30,hip=-10",
+        help="where servos go, as in 1=30,hip=-10 or all=0",
     )
     parser.add_argument(
         "--seconds",
