@@ -113,7 +113,8 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
     async with AsyncExitStack() as stack:
         hub, urls = await stack.enter_async_context(served)
         interruption.state, interruption.code = "the board was left as it is", OK
-        _print_doors(urls, as_json=args.json)
+        watch_url = urls[1 + (args.tcp is not None)] if args.watch_tcp is not None else ""
+        _print_doors(urls, watch_url, as_json=args.json)
         if not args.json and can_draw():
             show = await stack.enter_async_context(on_terminal(hub.status))
         else:
@@ -127,8 +128,8 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
     return OK
 
 
-def _print_doors(urls: list[str], *, as_json: bool) -> None:
-    """Print the addresses, and who can use those over TCP."""
+def _print_doors(urls: list[str], watch_url: str, *, as_json: bool) -> None:
+    """Print the addresses, and who can use those over TCP; programs at `watch_url` may only read."""
     for url in urls:
         if as_json:
             print_json({"listening": url})
@@ -138,4 +139,5 @@ def _print_doors(urls: list[str], *, as_json: bool) -> None:
         if url.startswith("tcp://"):
             host = url.removeprefix("tcp://").rpartition(":")[0].strip("[]")
             who = "every user of this machine" if ip_address(host).is_loopback else "everybody in the network"
-            print_error(f"servolink: {url} is open to {who}")
+            what = ", but only for reading" if url == watch_url else ""
+            print_error(f"servolink: {url} is open to {who}{what}")
