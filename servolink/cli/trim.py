@@ -11,10 +11,10 @@ from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import MOST_TRIM, SERVO_NAME, whole_number
-from servolink.cli.live import follow
+from servolink.cli.live import can_draw, follow
 from servolink.cli.main import OK, usage_error
 from servolink.cli.motion import chosen_servos, make_ready
-from servolink.cli.output import console, is_terminal, plain_lines, print_error, print_json, print_text, text_width
+from servolink.cli.output import console, plain_lines, print_error, print_json, print_text, text_width
 from servolink.cli.run import stopped_by_interruption
 from servolink.cli.servos import are, reported
 from servolink.cli.session import UNFINISHED_IMPORT, Interruption, run_with_board
@@ -79,8 +79,9 @@ def run(args: argparse.Namespace) -> int:
     """Nudge by keys or as `--set` says, then store, unless somebody leaves without it."""
     if args.nudges and args.servos:
         usage_error(args, "--set names the servos itself: leave SERVO out")
-    if not args.nudges and (args.json or not can_ask() or not is_terminal()):
-        usage_error(args, "servos are nudged by keys, which needs a terminal; without one, use --set SERVO=+N")
+    if not args.nudges and (args.json or not can_ask() or not can_draw()):
+        why = "servos are nudged by keys, which needs a terminal that shows pictures"
+        usage_error(args, f"{why}; without one, use --set SERVO=+N")
 
     async def talk(board: Board, interruption: Interruption) -> int:
         from servolink.cli.stored.parameters import change_parameters

@@ -57,8 +57,12 @@ def test_programs_get_one_object(robot: Robot) -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "why"),
     [
-        ("", 2, "servos are nudged by keys, which needs a terminal; without one, use --set SERVO=+N"),
-        ("--json", 2, "which needs a terminal"),
+        (
+            "",
+            2,
+            "servos are nudged by keys, which needs a terminal that shows pictures; without one, use --set SERVO=+N",
+        ),
+        ("--json", 2, "which needs a terminal that shows pictures"),
         ("1 --set 2=+1", 2, "--set names the servos itself: leave SERVO out"),
         ("--set 3=4", 2, "'3=4' must be SERVO=+N or SERVO=-N, as in 3=+4; `servolink servo trim 3 4` stores 4"),
         ("--set 3=+400", 2, "must be an integer from -360 to 360"),
@@ -113,7 +117,7 @@ def types(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Said]:
         return robot("trim", *arguments)
 
     monkeypatch.setattr(trim, "can_ask", lambda: True)
-    monkeypatch.setattr(trim, "is_terminal", lambda: True)
+    monkeypatch.setattr(trim, "can_draw", lambda: True)
     return run
 
 
@@ -199,6 +203,14 @@ def test_at_40_columns_nothing_is_cut_off(caption: str, table: list[str], robot:
         "1 is there: xxxxxxxxxxxxxxxxxxxx and far",
         "away",
     ]
+
+
+def test_a_terminal_that_cannot_draw_is_refused(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trim, "can_ask", lambda: True)
+    monkeypatch.setattr(trim, "can_draw", lambda: False)
+    said = robot("trim")
+    assert (said.code, said.out) == (2, "")
+    assert "use --set SERVO=+N" in said.err
 
 
 def test_in_a_terminal() -> None:
