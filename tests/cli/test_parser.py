@@ -16,13 +16,13 @@ from servolink.cli.parser import EXIT_CODES, build_parser
 from servolink.cli.project import COMMANDS as PROJECT_COMMANDS
 from servolink.cli.servo import COMMANDS as SERVO_COMMANDS
 from servolink.cli.stored import COMMANDS as STORED_COMMANDS
-from servolink.client.board import Board
+from servolink.project.model import Project
 from servolink.project.project_file import save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, Step
 from servolink.recorder.channels import Event
-from servolink.virtual.board import VirtualBoard
 from tests.cli.programs import Said, call, program
 from tests.cli.robot import Robot
+from tests.project.pulled import contents_of
 from tests.recorder.files import write as write_recording
 
 ALL: dict[str, Command] = {
@@ -40,6 +40,14 @@ SLOW = {"demo"}
 NEED_A_BROKER = {"fleet", *(f"fleet {name}" for name in FLEET_COMMANDS)}
 """Those of the fleet, which `tests/fleet` runs with one."""
 EXAMPLES = {example: name for name, command in ALL.items() for example in command.examples}
+
+BOW = Action(1, "Bow", (Step(1, 30, 5),))
+NOD = Action(2, "Nod", (Step(2, 10, 5),))
+GREET = Macro(1, "Greet", (MacroCommand(1, total_interval=50),))
+REST = Macro(2, "Rest", (MacroCommand(500, 1, total_interval=500),))
+PAD = JoystickTable(1, "Pad", (Button(3, "greet", button_press_macro=1),))
+IN_FILES = Project(actions=(BOW,), macros=(GREET,), joystick_tables=(PAD,), active_joystick_table=1)
+ON_THE_BOARD = Project(actions=(BOW, NOD), macros=(GREET, REST), joystick_tables=(PAD,), active_joystick_table=1)
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -144,23 +152,12 @@ def test_examples_work(
 
 def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch, *, stored: bool) -> None:
     """Write the files that examples name, and store something else on the board, or nothing."""
-
-    async def store(board: Board) -> None:
-        await board.add_action(Action(1, "Bow", (Step(1, 30, 5),)))
-        await board.add_macro(Macro(1, "Greet", (MacroCommand(1, total_interval=50),)))
-        await board.add_joystick_table(JoystickTable(1, "Pad", (Button(3, "greet", button_press_macro=1),)))
-
     for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "HOME", "APPDATA"):
         monkeypatch.setenv(name, str(folder / name))
     monkeypatch.setenv("SERVOLINK_BOARD", "virtual://")
     monkeypatch.chdir(folder)
-    robot.ask(store)
-    project = robot.ask(lambda board: board.export_project())
     for name in ("robot.servolink.json", "other.json"):
-        save_project(folder / name, project)
+        save_project(folder / name, IN_FILES)
     write_recording(folder / "out.mcap", [(0.0, Event("mark", "mark", text="here"))])
     if stored:
-        robot.ask(lambda board: board.add_action(Action(2, "Nod", (Step(2, 10, 5),))))
-        robot.ask(lambda board: board.add_macro(Macro(2, "Rest", (MacroCommand(500, 1, total_interval=500),))))
-    else:
-        robot.board = VirtualBoard(3)
+        robot.board.storage.contents = contents_of(ON_THE_BOARD)

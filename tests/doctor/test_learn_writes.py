@@ -244,11 +244,11 @@ def test_a_pulled_cable_is_undone_by_a_rollback(kind: BoardKind, tmp_path: Path)
     whole = board_of(kind)
     cable = Cable(whole)
     _learn_over(cable, tmp_path / "whole")
-    for number in range(12):
+    for number in range(6):
         board = board_of(kind)
         before = everything(board)
         folder = tmp_path / str(number)
-        pulled = Cable(board, sent=cable.sent * (number + 8) // 20)
+        pulled = Cable(board, sent=cable.sent * (number + 4) // 10)
         with pytest.raises((ConnectionLost, OpenError)):
             _learn_over(pulled, folder)
 

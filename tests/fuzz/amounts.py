@@ -6,7 +6,7 @@ import os
 
 from hypothesis import HealthCheck, settings
 
-MANY = 10 if os.environ.get("CI") else 1
+MANY = 3 if os.environ.get("CI") else 1
 MUTATIONS = 200 * MANY
 """The number of mutated inputs for a target with a share of 1."""
 

@@ -2,15 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from benchmarks.reliability.model import SHORT, A, B, C, Case, D, Model, T, Violation
+from benchmarks.reliability.model import SHORT, A, B, C, Case, D, Model, T, Violation, W
 from servolink.connection.call import Content, Lane, Settled, Slot
 from servolink.connection.slots import Slots
 from servolink.protocol.editing import QueryActionResponse
 
 
-@pytest.mark.parametrize("case", SHORT, ids=lambda case: case.name)
+def smaller(case: Case) -> list[Case]:
+    """Return the case with one repeat, cancellation or fence less."""
+    cases = []
+    if case.repeats:
+        cases.append(replace(case, name=f"{case.name}, fewer repeats", repeats=case.repeats - 1))
+    if case.cancels:
+        cases.append(replace(case, name=f"{case.name}, fewer cancellations", cancels=case.cancels - 1))
+    if case.fences:
+        cases.append(replace(case, name=f"{case.name}, fewer fences", fences=case.fences - 1))
+    return cases
+
+
+LARGE = [case for case in SHORT if case.repeats + case.cancels + case.fences >= 3 or W in case.requests]
+"""Cases with thousands of states."""
+CASES = [case for case in SHORT if case not in LARGE] + [case for large in LARGE for case in smaller(large)]
+
+
+@pytest.mark.parametrize(
+    "case", [*CASES, *(pytest.param(case, marks=pytest.mark.slow) for case in LARGE)], ids=lambda case: case.name
+)
 def test_nothing_can_go_wrong(case: Case) -> None:
     model = Model(case)
     model.run()
