@@ -55,7 +55,7 @@ def boards(broker: Broker, *names: str, **known: Any) -> Iterator[list[StandIn]]
     thread = threading.Thread(target=loop.run_until_complete, args=(serve(),))
     thread.start()
     try:
-        assert ready.wait(20)
+        assert ready.wait(120)
         yield there
     finally:
         loop.call_soon_threadsafe(over.set)
@@ -100,7 +100,7 @@ def test_boards_that_left_are_listed_as_offline(broker: Broker, said: Callable[.
     with boards(broker, "rex") as (rex,):
         asyncio.run_coroutine_threadsafe(
             rex._client.publish("servolink/rex/available", "offline", 1, retain=True), _loop_of(rex)
-        ).result(10)
+        ).result(120)
         found = said("list")
     assert found.code == NO_BOARD
     assert found.out.splitlines()[1].split()[:2] == ["rex", "offline"]
