@@ -66,6 +66,7 @@ class Bridge:
         self._link = PulseLink(self.pulse)
         self.fence = Fence(self.pulse)
         """Put up for each stop that comes on another connection."""
+        self.stops.on_over = self.fence.send_word
         self._answers = Answers(board, topics, self.outbox, journal)
         self.commands = CommandDesk(
             board, policy, self.hub, journal, self._answers, self.prepared, self.stops, self.fence, self._log
@@ -105,6 +106,7 @@ class Bridge:
         self._link.begin()
         if self.fence.is_up:
             self.fence.put_up()
+            self.fence.send_word()
         with suppress(Denied):  # said by the wire; an access list can be corrected while this goes on
             await self.wire.send(self._available._replace(payload=ONLINE))
         self.telemetry.resend()

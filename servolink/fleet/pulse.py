@@ -100,9 +100,13 @@ class Fence:
         return self._word is not None
 
     def put_up(self) -> None:
-        """Keep out what was sent before now. Call it for a stop, and again for a new connection."""
+        """Keep out what was sent before now, and all else until the word that `send_word` sends is back."""
         self._word = self._pulse.new_word()
-        self._task = asyncio.get_running_loop().create_task(self._send(self._word))
+
+    def send_word(self) -> None:
+        """Send the word, if the fence is up: when the stop is over, which is more urgent, and on a new connection."""
+        if self._word is not None:
+            self._task = asyncio.get_running_loop().create_task(self._send(self._word))
 
     def heard(self, payload: bytes) -> None:
         """Take a word that the broker has sent back."""
@@ -112,7 +116,7 @@ class Fence:
     async def _send(self, word: str) -> None:
         try:
             await self._pulse.send(word)
-        except ConnectionLost:  # put up again on the next connection
+        except ConnectionLost:  # sent again on the next connection
             pass
         except ServolinkError:  # the broker denies the topic, and has said so
             self._word = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
+from collections.abc import Callable
 
 import msgspec
 
@@ -22,6 +23,8 @@ class StopDesk:
         """Stop the board of `hub`, and forget what is `prepared`."""
         self.count = 0
         """Stops so far: what was asked for before the latest must not begin any more."""
+        self.on_over: Callable[[], None] = lambda: None
+        """Called when a stop is over, before it is answered."""
         self._hub = hub
         self._prepared = prepared
         self._waiting: deque[tuple[str, Sender, Answers]] = deque(maxlen=_MOST_ANSWERED)
@@ -55,9 +58,11 @@ class StopDesk:
             try:
                 result = result_of(await self._hub.ask("stop", {}))
             except Exception as error:  # noqa: BLE001 - whatever prevents a stop is an answer
+                self.on_over()
                 for command_id, sender, answers in asked:
                     answers.fail(command_id, sender, error)
             else:
+                self.on_over()
                 for command_id, sender, answers in asked:
                     answers.succeed(command_id, sender, result)
 

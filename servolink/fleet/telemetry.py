@@ -36,7 +36,7 @@ BATTERY_SECONDS = 30.0
 CATALOG_SECONDS = 60.0
 """How often the list of stored actions and macros is read."""
 
-_LEAST_PAUSE = 0.2  # seconds between two states
+_LEAST_PAUSE = 0.2  # seconds from a change to the state that has it
 _MOST_PROBLEMS = 5
 _MOST_LINES = 10  # of the log in a second
 
@@ -165,6 +165,8 @@ class Telemetry:
             with suppress(TimeoutError):
                 async with asyncio.timeout(STATE_SECONDS):
                     await self._news.wait()
+                    if self._sent is not None:  # changes come together, and after what is more urgent
+                        await asyncio.sleep(_LEAST_PAUSE)
             self._news.clear()
             with suppress(ServolinkError, msgspec.MsgspecError):
                 await self._look()
@@ -173,7 +175,6 @@ class Telemetry:
             ):
                 self._sent = self.now = msgspec.structs.replace(self.now, at=_wall())
                 self._outbox.put(self._publication("state", self.now, 1, retain=True))
-            await asyncio.sleep(_LEAST_PAUSE)
 
     async def _look(self) -> None:
         """Ask the hub for what may have changed. Raise what prevents that."""
