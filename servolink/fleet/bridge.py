@@ -52,11 +52,13 @@ class Bridge:
         self.wire.on_connect = self._begin
         self.wire.on_problem = partial(self._log, "error")
         self.outbox = Outbox(self.wire)
-        self.telemetry = Telemetry(topics, board, policy, self.hub, self.wire, self.outbox, hz)
+        self.prepared = PreparedRun(self.hub)
+        self.telemetry = Telemetry(
+            topics, board, policy, self.hub, self.wire, self.outbox, hz, may_send=self.prepared.is_none
+        )
         self.hub.on_connect = self.telemetry.begin
         self.hub.on_notification = self.telemetry.hear
         self.hub.on_lost = self.telemetry.hub_lost
-        self.prepared = PreparedRun(self.hub)
         self.stops = StopDesk(self.hub, self.prepared)
         self._topics = topics
         self._policy = policy

@@ -79,7 +79,7 @@ def chosen_boards(words: str | Iterable[str], there: Sequence[str], groups: Grou
         elif part in known:
             found[part] = None
         else:
-            raise NotFound(f"there is no board and no group {quote(part)}; {_known(there, groups)}")
+            raise NotFound(f"{quote(part)} is neither a board nor a group; {_known(there, groups)}")
     if not found:
         raise NotFound(f"no board was chosen; {_known(there, groups)}")
     return tuple(found)

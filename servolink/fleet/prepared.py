@@ -17,6 +17,9 @@ class PreparedRun:
 
     def __init__(self, hub: HubSession) -> None:
         """Use the board of `hub`."""
+        self.is_none = asyncio.Event()
+        """Set unless a run is prepared or being started: what is less urgent waits for it."""
+        self.is_none.set()
         self._hub = hub
         self._prepared: Prepare | None = None
         self._until = 0.0
@@ -27,6 +30,7 @@ class PreparedRun:
         self.forget()
         checked = result_of(await self._hub.ask("run.prepare", asked.run))
         loop = asyncio.get_running_loop()
+        self.is_none.clear()
         self._prepared, self._until = asked, loop.time() + asked.expires
         self._timer = loop.call_later(asked.expires, self.forget)
         return msgspec.json.decode(checked, type=Ran)
@@ -40,8 +44,12 @@ class PreparedRun:
         prepared, until = self._prepared, self._until
         self._drop()
         if prepared is None or asyncio.get_running_loop().time() > until:
+            self.is_none.set()
             raise MotionRefused("what was prepared has expired; nothing was moved")
-        return msgspec.json.decode(result_of(await self._hub.ask("run.start", {})), type=RunStarted)
+        try:
+            return msgspec.json.decode(result_of(await self._hub.ask("run.start", {})), type=RunStarted)
+        finally:
+            self.is_none.set()
 
     def cancel(self, start: str) -> Done:
         """Forget what is prepared for this start. Raise NotFound if nothing is."""
@@ -54,6 +62,7 @@ class PreparedRun:
         """Forget what is prepared, and give the lease back."""
         if self._prepared is not None:
             self._drop()
+            self.is_none.set()
             self._hub.tell("lease.give")
 
     def _drop(self) -> None:

@@ -49,9 +49,17 @@ class Telemetry:
     """Sends what is known of one board."""
 
     def __init__(
-        self, topics: Topics, board: str, policy: BoardPolicy, hub: HubSession, wire: Wire, outbox: Outbox, hz: float
+        self,
+        topics: Topics,
+        board: str,
+        policy: BoardPolicy,
+        hub: HubSession,
+        wire: Wire,
+        outbox: Outbox,
+        hz: float,
+        may_send: asyncio.Event,
     ) -> None:
-        """Send `hz` states of the servos a second at most, none if it is 0."""
+        """Send `hz` states of the servos a second at most, none if it is 0, and only while `may_send` is set."""
         self.now = BoardNow(
             board=board,
             host=socket.gethostname(),
@@ -73,6 +81,7 @@ class Telemetry:
         self._wire = wire
         self._outbox = outbox
         self._hz = hz
+        self._may_send = may_send
         self.frame: Raw | None = None
         """The latest states of the servos, as JSON."""
         self._has_frame = asyncio.Event()
@@ -150,6 +159,7 @@ class Telemetry:
         while True:
             await self._has_frame.wait()
             await self._wire.until_connected()
+            await self._may_send.wait()
             self._has_frame.clear()
             frame = self.frame
             if frame is None:

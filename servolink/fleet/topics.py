@@ -144,7 +144,10 @@ class BoardNow(Struct, frozen=True, kw_only=True):
 
 
 class ServosNow(ServosFrame, frozen=True):
-    """The latest state of the servos. Sent to `servos`, QoS 0: one that is late is left out."""
+    """The latest state of the servos. Sent to `servos`, QoS 0: one that is late is left out.
+
+    None is sent from `prepare` to the start.
+    """
 
 
 class Vitals(Struct, frozen=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 
 import msgspec
@@ -9,9 +10,10 @@ import pytest
 
 from servolink.errors import OpenError
 from servolink.fleet.policy import BoardPolicy
-from servolink.fleet.topics import BoardNow, ServosNow
+from servolink.fleet.topics import BoardNow, EventNow, ServosNow
 from servolink.hub.serving import serve_board
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.virtual.transport import VirtualTransport
 from tests.fleet.bridged import bridged, far_away, joined, run
 from tests.fleet.mosquitto import Broker, needs_broker
 
@@ -107,6 +109,31 @@ def test_boards_start_together_when_they_are_told_to(broker: Broker) -> None:
     run(main())
 
 
+def test_servos_are_not_sent_while_a_start_is_waited_for(broker: Broker) -> None:
+    async def main() -> None:
+        async with bridged(broker, "run", hz=200.0) as (far, hub):
+
+            def sent() -> int:
+                return len(far.heard.get("servolink/rex/servos", []))
+
+            await hub.board.add_action(Action(7, "Wave", (Step(1, 60, 10),)))
+            for is_started in (False, True):
+                before = sent()
+                await far.until(lambda count=before: sent() > count)  # type: ignore[misc]
+                await far.call("prepare", params={"start": "s1", "run": {"type": "action", "id": 7}})
+                before, read = sent(), hub.board.stats.frames_received
+                while hub.board.stats.frames_received < read + 4:
+                    await asyncio.sleep(0.01)
+                assert sent() <= before + 1, "that one was under way"
+                if is_started:
+                    await far.publish("servolink/_fleet/start", {"id": "s1"})
+                else:
+                    await far.call("cancel", params={"start": "s1"})
+                await far.until(lambda count=before + 1: sent() > count)  # type: ignore[misc]
+
+    run(main())
+
+
 @pytest.mark.parametrize(
     ("topic", "payload", "command_id"),
     [
@@ -188,9 +215,15 @@ def test_a_name_belongs_to_one_machine(broker: Broker) -> None:
 
 def test_payloads_are_as_declared(broker: Broker) -> None:
     async def main() -> None:
-        async with bridged(broker, hz=50.0) as (far, _):
-            await far.state()
+        async with bridged(broker, hz=50.0) as (far, hub):
+            await far.state(lambda state: state["servos"] == 4)  # read after the buttons were subscribed to
             await far.until(lambda: "servolink/rex/servos" in far.heard)
+            transport = hub.board.connection.transport
+            assert isinstance(transport, VirtualTransport)
+            transport.board.press_button(3, asyncio.get_running_loop().time())
+            await far.until(lambda: "servolink/rex/event" in far.heard)
+            event = msgspec.json.decode(far.heard["servolink/rex/event"][0].payload, type=EventNow, strict=True)
+            assert (event.id, event.button_id, event.kind) == (1, 3, "press")
             for message in far.heard["servolink/rex/state"]:
                 assert msgspec.json.decode(message.payload, type=BoardNow, strict=True).board == "rex"
             for message in far.heard["servolink/rex/servos"]:

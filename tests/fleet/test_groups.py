@@ -63,7 +63,7 @@ def test_boards_are_chosen_by_name_and_group(words: str | list[str], chosen: tup
 
 
 def test_what_is_neither_board_nor_group_is_refused() -> None:
-    with pytest.raises(NotFound, match="no board and no group 'rax'; boards: rex; groups: front, back"):
+    with pytest.raises(NotFound, match="'rax' is neither a board nor a group; boards: rex; groups: front, back"):
         chosen_boards("rax", ("rex",), GROUPS)
 
 

@@ -147,7 +147,7 @@ def test_what_a_board_does_not_have_is_not_run(broker: Broker) -> None:
             ran = await fleet.run("Wave", kind="action")
             assert ran.failed == {"rex": "rex has no action 'Wave'"}
             assert not rex.commands
-            with pytest.raises(NotFound, match="no board and no group 'rax'"):
+            with pytest.raises(NotFound, match="'rax' is neither a board nor a group"):
                 await fleet.run("Wave", "rax")
 
     asyncio.run(main())
