@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
+from contextlib import suppress
 from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from servolink.errors import ProjectError
 from servolink.hub.control.messages import NoParams
 from servolink.hub.roles import Role
 from servolink.studio.drafts import MOST_RECORDS, Edit, Kept
-from servolink.studio.methods import METHODS, Caller
+from servolink.studio.methods import METHODS, Caller, Studio
+
+_LOOK = 0.5  # seconds between two looks at what other studios keep
 
 
 class DraftNow(Struct, frozen=True):
@@ -46,3 +51,15 @@ async def draft_save(caller: Caller, params: DraftSave) -> DraftSaved:
         if saved:
             page.notify("studio.draft", DraftNow(saved))
     return DraftSaved(saved, conflicts)
+
+
+async def follow_drafts(studio: Studio) -> None:
+    """Tell the pages of `studio` what is edited at other studios of its board, until it is cancelled."""
+    while True:
+        await asyncio.sleep(_LOOK)
+        if not studio.pages:
+            continue
+        with suppress(ProjectError):  # the page is told when it saves
+            if records := await studio.drafts.news():
+                for page in studio.pages:
+                    page.notify("studio.draft", DraftNow(records))

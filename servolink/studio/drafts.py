@@ -10,7 +10,7 @@ import asyncio
 import json
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, cast
 
@@ -39,6 +39,7 @@ _FORMS: dict[str, Any] = {
 }
 _FORMS["active_joystick_table"] = int | None
 _FORMS["project_id"] = int | None
+_UNSEEN = (0, 0, 0)
 _logger = logging.getLogger(__name__)
 
 
@@ -84,11 +85,23 @@ class Drafts:
         """Keep the draft of the board of this name; folder and file are made when they are needed."""
         self._board = board
         self._turn = asyncio.Lock()
+        self._told = 0  # the revision up to which the pages of this studio know all edits
+        self._seen = _UNSEEN
 
     async def kept(self) -> tuple[Kept, ...]:
         """Return all edits that are kept."""
         async with self._turn:
             return tuple((await asyncio.to_thread(self._read)).records)
+
+    async def news(self) -> tuple[Kept, ...]:
+        """Return what other studios have kept since this one looked last; it may hold edits of this one too."""
+        async with self._turn:
+            if self._seen == (now := _identity(draft_path(self._board))):
+                return ()
+            file = await asyncio.to_thread(self._read)
+            told = self._told if self._told <= file.revision else 0  # a damaged draft was put aside
+            self._seen, self._told = now, file.revision
+        return tuple(one for one in file.records if one.revision > told)
 
     async def save(self, edits: list[Edit], who: str) -> tuple[tuple[Kept, ...], tuple[Kept, ...]]:
         """Keep the edits of `who`; return those that are kept now, and what is kept where another one came before.
@@ -106,6 +119,7 @@ class Drafts:
 
     def _save(self, edits: list[Edit], who: str) -> tuple[tuple[Kept, ...], tuple[Kept, ...]]:
         file = self._read()  # each time: another studio of this board may have written it
+        is_told = file.revision == self._told
         records = {(one.kind, one.id): one for one in file.records}
         saved: list[Kept] = []
         conflicts: list[Kept] = []
@@ -123,6 +137,8 @@ class Drafts:
         if saved:
             file.records = _fewer(list(records.values()))
             self._write(file)
+            if is_told:  # otherwise `news` finds the edits of others, and these with them
+                self._told, self._seen = file.revision, _identity(draft_path(self._board))
         return tuple(saved), tuple(conflicts)
 
     def _read(self) -> _File:
@@ -169,6 +185,14 @@ def draft_path(board: str) -> Path:
         return user_folder("data") / "drafts" / f"{file_name(board)}.json"
     except OSError as error:
         raise ProjectError(f"drafts cannot be kept: {reason(error)}") from error
+
+
+def _identity(path: Path) -> tuple[int, int, int]:
+    """Return what differs when the file was written again."""
+    with suppress(OSError):
+        status = path.stat()
+        return status.st_ino, status.st_mtime_ns, status.st_size
+    return _UNSEEN
 
 
 def file_name(board: str) -> str:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable
 from contextlib import asynccontextmanager, suppress
 from socket import socket
+from typing import Any
 
 from aiohttp import web
 
 from servolink.errors import OpenError
 from servolink.listeners import listening_sockets
+from servolink.studio.draft_methods import follow_drafts
 from servolink.studio.files import PageFile, page_files
 from servolink.studio.gate import Gate
 from servolink.studio.methods import Studio
@@ -51,11 +54,22 @@ async def serve_studio(
         await runner.setup()
         for each in listening:
             await web.SockSite(runner, each).start()
-        yield gate, used
+        async with _beside(follow_drafts(studio)):
+            yield gate, used
     finally:
         await runner.cleanup()
         for each in listening:
             each.close()
+
+
+@asynccontextmanager
+async def _beside(work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
+    task = asyncio.ensure_future(work)
+    try:
+        yield
+    finally:
+        task.cancel()
+        await asyncio.wait((task,))
 
 
 async def _listening(studio: Studio, host: str, port: int) -> list[socket]:

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from time import sleep
 from typing import Any, NamedTuple
 
 import pytest
@@ -31,6 +32,7 @@ _FILLED = {
     "Board": ".screen h2",
 }
 """What each screen shows when it knows what is on the board."""
+_PAUSE = 0.01  # seconds between two looks, in which the browser gets the processor
 SCREENS = tuple(_FILLED)
 SIZES = {"desktop": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
 
@@ -40,6 +42,11 @@ in_browser = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="
 _FLAT = """HTMLCanvasElement.prototype.getContext = (original => function (kind, ...more) {
   return kind === "webgl2" ? null : original.call(this, kind, ...more);
 })(HTMLCanvasElement.prototype.getContext)"""
+
+# A busy machine may keep a page from its beats for a while. That the robot is stopped then is a test of its own.
+_PATIENT = """WebSocket.prototype.send = (original => function (text) {
+  return original.call(this, text.replace('"dead_man":0.35', '"dead_man":30'));
+})(WebSocket.prototype.send)"""
 
 
 class Studio(NamedTuple):
@@ -80,14 +87,24 @@ def running(*arguments: str) -> Iterator[str]:
 
 @contextmanager
 def opened(
-    browser: Any, url: str, size: str = "desktop", theme: str = "light", *, profile: Any = None, loss: bool = False
+    browser: Any,
+    url: str,
+    size: str = "desktop",
+    theme: str = "light",
+    *,
+    profile: Any = None,
+    loss: bool = False,
+    patient: bool = True,
 ) -> Iterator[Any]:
     """Open a page of the studio, in a new `profile` unless one is given; it must report no error.
 
-    With `loss`, the studio may be killed meanwhile. Under a name of the network browsers ignore one of the headers.
+    With `loss`, the studio may be killed meanwhile. Unless `patient`, the robot is stopped as soon as it is for people,
+    when the page beats too seldom. Under a name of the network browsers ignore one of the headers.
     """
     page = (profile or new_profile(browser, size, theme)).new_page()
     page.add_init_script(_FLAT)
+    if patient:
+        page.add_init_script(_PATIENT)
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
@@ -105,7 +122,12 @@ def show(page: Any, screen: str) -> None:
     page.locator(_FILLED[screen]).first.wait_for()
 
 
+def is_stopped(studio: Studio) -> bool:
+    """Return whether no servo can move."""
+    return not any(servo.is_start for servo in studio.board.servos())
+
+
 def until(is_so: Callable[[], bool]) -> None:
     """Return when something is so; the time limit of the tests ends the wait."""
     while not is_so():
-        pass
+        sleep(_PAUSE)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.studio.browser import CHROMIUM, OPTIONS, SIZES, Studio, in_browser, opened, until
+from tests.studio.browser import CHROMIUM, OPTIONS, SIZES, Studio, in_browser, is_stopped, opened, until
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 
@@ -77,21 +77,25 @@ def test_escape_stops_all_servos(studio: Studio, browser: Any) -> None:
         playwright.expect(page.locator(".sv")).to_have_count(16)
         page.keyboard.press("Escape")
         playwright.expect(page.get_by_text("Stopped", exact=True)).to_be_visible()
-        assert not any(servo.is_start for servo in studio.board.servos())
+        assert is_stopped(studio)
         page.get_by_role("button", name="Start all servos").click()
         until(lambda: all(servo.is_start for servo in studio.board.servos()))
 
 
-def test_a_page_that_is_closed_while_it_moves_the_robot_stops_it(studio: Studio, browser: Any) -> None:
-    with opened(browser, studio.url) as page:
+def test_a_page_that_freezes_while_it_moves_the_robot_stops_it_and_says_so(studio: Studio, browser: Any) -> None:
+    with opened(browser, studio.url, patient=False) as page:
         page.locator(".stage .seg").get_by_text("Robot").click()
         before = studio.angle(2)
         x, y = grab(page, 2)
         for step in range(30):
             page.mouse.move(x + step, y)
-        until(lambda: studio.angle(2) > before + 5)
+        until(lambda: studio.angle(2) > before + 5 or is_stopped(studio))
         page.evaluate("() => { const end = performance.now() + 1500; while (performance.now() < end); }")  # frozen
-        until(lambda: not any(servo.is_start for servo in studio.board.servos()))
+        until(lambda: is_stopped(studio))
+        page.mouse.up()
+        playwright.expect(page.get_by_text("The robot is stopped.")).to_be_visible()
+        page.get_by_role("button", name="Start all servos").click()
+        until(lambda: all(servo.is_start for servo in studio.board.servos()))
 
 
 def test_a_hostile_caption_is_shown_as_text(studio: Studio, browser: Any) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.studio.browser import Studio, in_browser, opened, until
+from tests.studio.browser import Studio, in_browser, is_stopped, opened, until
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect
@@ -38,15 +38,11 @@ def play_hello(page: Any, studio: Studio) -> None:
     page.get_by_role("button", name="Robot", exact=True).click()
     before = angles(studio)
     press(page, 0)
-    until(lambda: max(abs(angle - before[at]) for at, angle in enumerate(angles(studio))) > 10)
+    until(lambda: max(abs(angle - before[at]) for at, angle in enumerate(angles(studio))) > 10 or is_stopped(studio))
 
 
 def angles(studio: Studio) -> list[int]:
     return [int(servo.angle) for servo in studio.board.servos()]
-
-
-def is_stopped(studio: Studio) -> bool:
-    return not any(servo.is_start for servo in studio.board.servos())
 
 
 def leave_the_screen(page: Any) -> None:
@@ -70,7 +66,7 @@ STOPPED, FROZEN = "Macros run from here only while", "This page was too slow"
 def test_what_a_gamepad_started_stops_when_nobody_watches(
     studio: Studio, browser: Any, end: Callable[[Any], None], said: str
 ) -> None:
-    with opened(browser, studio.url) as page:
+    with opened(browser, studio.url, patient=end is not freeze) as page:
         page.evaluate(_PLUG)
         play_hello(page, studio)
         end(page)

@@ -70,7 +70,7 @@ def test_a_project_is_opened_written_saved_and_taken_back(studio: Studio, browse
         after = studio.board.export_project()
         assert "Hands up" not in {one.action_caption for one in after.actions}
         assert same(load_project(tmp_path / "saved.servolink.json"), after)
-        page.get_by_role("button", name="Compare").first.click()
+        page.get_by_role("button", name="Roll back …").first.click()
         page.get_by_role("dialog").get_by_role("button", name="Roll back").click()
         until(lambda: same(studio.board.export_project(), before))
 

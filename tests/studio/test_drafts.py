@@ -63,6 +63,24 @@ def test_a_conflict_keeps_no_other_record_from_being_saved() -> None:
     assert {one.kind for one in kept()} == {"actions", "macros"}
 
 
+def test_what_another_studio_keeps_is_news_once() -> None:
+    here, there = Drafts("robbie"), Drafts("robbie")
+
+    async def test() -> None:
+        await here.save([action(BOW)], "Tablet 1")
+        assert await here.news() == ()
+        (first,) = await there.news()
+        ((second,), _) = await there.save([action(JUMP, known=first.revision)], "Tablet 2")
+        assert await there.news() == ()
+        assert await here.news() == (second,)
+        assert await here.news() == ()
+        draft_path("robbie").unlink()
+        ((third,), _) = await there.save([action(BOW)], "Tablet 2")
+        assert await here.news() == (third,)
+
+    asyncio.run(test())
+
+
 def test_the_same_edit_twice_is_no_conflict() -> None:
     save(action(BOW))
     saved, conflicts = save(action(BOW), who="Tablet 1")

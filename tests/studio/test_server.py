@@ -9,6 +9,8 @@ import pytest
 from aiohttp import WSMsgType, WSServerHandshakeError
 
 from servolink.files import user_folder
+from servolink.studio import draft_methods
+from servolink.studio.methods import Studio
 from servolink.studio.ports import keep_port, last_port
 from servolink.studio.server import HEADERS, serve_studio
 from servolink.studio.start import VIRTUAL, studio_for
@@ -152,6 +154,24 @@ def test_pages_share_a_draft_and_tell_each_other_of_their_edits() -> None:
             assert (told["method"], told["params"]) == ("studio.draft", {"records": [saved]})
             answer = (await call(other, "studio.draft.save", edits=[edit | {"record": 3}]))["result"]
             assert answer == {"saved": [], "conflicts": [saved]}
+
+    run(test)
+
+
+def test_pages_are_told_of_edits_at_another_studio_of_the_board(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(draft_methods, "_LOOK", 0.01)
+
+    async def test(place: Place) -> None:
+        edit = {"kind": "active_joystick_table", "id": 0, "known": 0, "base": 1, "record": 2}
+        second = Studio(place.studio.hub, is_virtual=True)
+        async with serve_studio(second, "127.0.0.1", 0) as (gate, port), place.page() as here:
+            there = place._replace(gate=gate, address=f"http://127.0.0.1:{port}")
+            await welcomed(here, place.gate.new_token("edit"))
+            async with there.page() as page:
+                await welcomed(page, gate.new_token("edit"))
+                (saved,) = (await call(page, "studio.draft.save", edits=[edit]))["result"]["saved"]
+            told = json.loads(await here.receive_str())
+            assert (told["method"], told["params"]) == ("studio.draft", {"records": [saved]})
 
     run(test)
 

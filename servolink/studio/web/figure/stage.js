@@ -99,14 +99,17 @@ export class Stage {
     if (servoId !== null) this.scene.onRelease?.(servoId);
   }
 
-  /** Draw everything as it is now, and return true; unless it looks the same as the last time. */
-  draw() {
+  /**
+   * Draw everything as it is now, and return true; unless it looks the same as the last time.
+   * @param {{ always?: boolean }} [options] `always`: even then
+   */
+  draw({ always = false } = {}) {
     const { width, height } = this.canvas.getBoundingClientRect();
     if (width === 0 || height === 0) return false;
     const scale = Math.min(MOST_SCALE, window.devicePixelRatio || 1);
     this._resize(Math.round(width * scale), Math.round(height * scale));
     const pose = this.scene.pose(), look = this._look(pose);
-    if (look === this._drawn) return false;
+    if (look === this._drawn && !always) return false;
     this._draw(pose, new Camera(this.view, width, height), scale);
     this._drawn = look;
     return true;

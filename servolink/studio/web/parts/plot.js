@@ -60,7 +60,7 @@ function options(element, { history, ids, chosen, limbOf, unit, nowLabel, marks 
     ...sizeOf(element),
     legend: { show: false },
     cursor: { show: false },
-    padding: [8, 12, 0, 0],
+    padding: [8, 16, 0, 0],
     hooks: marks && { draw: [(/** @type {uPlot} */ plot) => drawMarks(plot, history, marks.value, colour("--ink-2"))] },
     scales: { x: { time: false }, y: {} },
     axes: [

@@ -2,6 +2,7 @@
 
 import { Stage, drawFlatOnly } from "../figure/stage.js";
 import { html, useEffect, useRef } from "../html.js";
+import { isMine } from "../state/robot.js";
 
 /** @typedef {import("../figure/figure.js").Figure} Figure */
 /** @typedef {import("../figure/stage.js").Scene} Scene */
@@ -17,10 +18,12 @@ const VIEWS = { front: { yaw: 0, pitch: 6 }, side: { yaw: 90, pitch: 6 }, free: 
 
 const SLOW = 120; // milliseconds from one frame to the next
 const MOST_SLOW = 4; // such frames in a row, behind which WebGL is given up
+const MOST_SLOW_MOVING = 2; // while this page moves the robot
+const TRIALS = 8; // frames that are drawn at first although nothing changes, so that a slow browser shows before it matters
 
 /** Draw all figures in each frame from now on. */
 export function drawFigures() {
-  let drewAt = 0, slow = 0;
+  let drewAt = 0, slow = 0, trials = 0;
   /** @param {number} now */
   const frame = (now) => {
     requestAnimationFrame(frame);
@@ -28,8 +31,9 @@ export function drawFigures() {
     // Without a graphics card the browser calculates each pixel itself. Flat figures keep the page alive, and with it
     // the beats without which the robot is stopped.
     if (drewAt > 0) slow = now - drewAt > SLOW ? slow + 1 : 0;
-    if (slow >= MOST_SLOW) drawFlatOnly();
-    const drew = [...stages].map((stage) => stage.draw());
+    if (slow >= (isMine.value ? MOST_SLOW_MOVING : MOST_SLOW)) drawFlatOnly();
+    const drew = [...stages].map((stage) => stage.draw({ always: trials < TRIALS }));
+    trials += Number(drew.includes(true));
     drewAt = drew.includes(true) ? now : 0;
   };
   requestAnimationFrame(frame);

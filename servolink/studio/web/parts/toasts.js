@@ -3,8 +3,8 @@
 import { html, signal } from "../html.js";
 import { Icon } from "./icon.js";
 
-/** A message takes the place of one with the same `name`. */
-/** @typedef {{ name?: string, kind?: "ok" | "bad", icon?: string, title: string, detail?: string, action?: { label: string, run: () => void } }} Message */
+/** A message takes the place of one with the same `name`, and `lasts` some milliseconds. */
+/** @typedef {{ name?: string, lasts?: number, kind?: "ok" | "bad", icon?: string, title: string, detail?: string, action?: { label: string, run: () => void } }} Message */
 
 const LASTS = 6000; // milliseconds
 const MOST = 4;
@@ -20,7 +20,7 @@ export function toast(message) {
   const id = ++lastId;
   const others = shown.value.filter(({ name }) => name === undefined || name !== message.name);
   shown.value = [...others, { ...message, id }].slice(-MOST);
-  setTimeout(() => (shown.value = shown.value.filter((each) => each.id !== id)), LASTS);
+  setTimeout(() => (shown.value = shown.value.filter((each) => each.id !== id)), message.lasts ?? LASTS);
 }
 
 export function Toasts() {

@@ -10,6 +10,8 @@ import { t } from "../texts/text.js";
 
 /** @typedef {import("../state/undo.js").Label} Label */
 
+const LASTS = 20_000; // milliseconds in which people can keep what they wanted
+
 export function Edits() {
   if (draft.value === null) return null;
   const count = differences.value.length;
@@ -27,7 +29,7 @@ conflict.subscribe((found) => {
   const { theirs, mine } = found, { kind, id, who } = theirs, record = theirs.record ?? mine;
   const name = safeText(record?.action_caption || record?.macro_caption || record?.table_caption || String(id));
   const keep = () => edit(["edit.did_keep_mine", { name }], (project) => withEdit(project, { kind, id, record: mine }));
-  toast({ kind: "bad", title: t("edit.conflict", { who: safeText(who) || t("edit.another_page"), name }), detail: t("edit.conflict_detail"), action: { label: t("edit.keep_mine"), run: keep } });
+  toast({ name: `conflict ${kind} ${id}`, lasts: LASTS, kind: "bad", title: t("edit.conflict", { who: safeText(who) || t("edit.another_page"), name }), detail: t("edit.conflict_detail"), action: { label: t("edit.keep_mine"), run: keep } });
 });
 
 /** Undo the latest edit, and say what it was. */

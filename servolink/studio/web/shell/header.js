@@ -4,7 +4,7 @@ import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { safeText } from "../parts/safe-text.js";
 import { toast } from "../parts/toasts.js";
-import { battery, boardState, linkState, mayMove, welcome } from "../state/robot.js";
+import { battery, boardState, linkState, welcome } from "../state/robot.js";
 import { theme } from "../state/settings.js";
 import { showsKeys } from "../state/view.js";
 import { language, t } from "../texts/text.js";
@@ -39,31 +39,24 @@ export function Header(tools) {
 }
 
 /** @param {Tools} tools */
-export function StopButton({ link, motion }) {
-  return html`<button class="stop" aria-label=${t("stop.aria")} onClick=${() => stop(link, motion)}>
+export function StopButton({ motion }) {
+  return html`<button class="stop" aria-label=${t("stop.aria")} onClick=${() => stop(motion)}>
     <i aria-hidden="true"></i>${t("stop.label")} <kbd class="hide-t hide-n">Esc</kbd>
   </button>`;
 }
 
 /**
  * Stop the robot, and say whether that was confirmed.
- * @param {import("../link/link.js").Link} link
  * @param {import("../state/motion.js").Motion} motion
  */
-export async function stop(link, motion) {
+export async function stop(motion) {
   try {
     await motion.stop();
   } catch (error) {
     toast({ kind: "bad", title: t("stop.failed"), detail: error instanceof Error ? error.message : "" });
     return;
   }
-  const start = () => {
-    link.call("servo.set", { servo: "all", start: true, hold: true }).catch((error) => {
-      toast({ kind: "bad", title: error.message });
-    });
-  };
-  const action = mayMove.value ? { label: t("stop.start"), run: start } : undefined;
-  toast({ kind: "ok", title: t("stop.done"), detail: t("stop.done_detail"), action });
+  toast({ kind: "ok", title: t("stop.done") });
 }
 
 function BoardName() {

@@ -42,10 +42,10 @@ export function KeyList() {
  * Listen to the keys of every screen. STOP works in text fields and dialogs too.
  * @param {Tools} tools
  */
-export function listenToKeys({ link, motion }) {
+export function listenToKeys({ motion }) {
   // In the first phase, before anything else can take the key.
   addEventListener("keydown", (event) => {
-    if (event.key === "Escape" && !event.repeat) stop(link, motion);
+    if (event.key === "Escape" && !event.repeat) stop(motion);
   }, { capture: true });
   addEventListener("keydown", (event) => {
     if (isTyping(event.target) || !(event.ctrlKey || event.metaKey) || event.altKey || event.key.toLowerCase() !== "z") return;

@@ -4,12 +4,27 @@ import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { Note } from "../parts/note.js";
 import { safeText } from "../parts/safe-text.js";
-import { boardState, hold, isOthers, lease, linkReason, linkState, mayMove, problem, welcome } from "../state/robot.js";
+import { toast } from "../parts/toasts.js";
+import { boardState, hold, isLive, isOthers, lease, linkReason, linkState, mayMove, problem, welcome } from "../state/robot.js";
+import { isAllStopped, stoppedCount } from "../state/stopped.js";
 import { t } from "../texts/text.js";
 
-export function Notices() {
+/** @typedef {import("./app.js").Tools} Tools */
+
+/** @param {Tools} tools */
+export function Notices(tools) {
   const note = present();
-  return html`${note && html`<div class="veil"><${Note} ...${note} /></div>`}<${ProblemNote} />`;
+  return html`${note && html`<div class="veil"><${Note} ...${note} /></div>`}<${StoppedNote} ...${tools} /><${ProblemNote} />`;
+}
+
+/** @param {Tools} tools */
+function StoppedNote({ motion }) {
+  if (!isLive.value || stoppedCount.value === 0) return null;
+  const title = isAllStopped.value ? t("note.stopped") : t("note.some_stopped", { count: stoppedCount.value });
+  const start = () => motion.startAll().catch((error) => toast({ kind: "bad", title: error.message }));
+  return html`<div class="veil"><${Note} kind="warn" urgent title=${title} detail=${t("note.stopped_detail")}>
+    ${mayMove.value && !isOthers.value && html`<button class="btn" onClick=${start}>${t("stop.start")}</button>`}
+  </${Note}></div>`;
 }
 
 function ProblemNote() {

@@ -20,7 +20,8 @@ export class Drafts {
    * @param {string} board name
    * @param {object} tools
    * @param {() => Difference[]} tools.differences all edits of this page
-   * @param {(kept: Kept, isConflict: boolean) => void} tools.onTheirs called with an edit of another page
+   * @param {(kept: Kept, isConflict: boolean) => void} tools.onTheirs called with an edit of another page, which may be of
+   *   a record that this page has edited before
    * @param {(keeping: Keeping) => void} tools.onKept
    */
   constructor(link, board, { differences, onTheirs, onKept }) {
@@ -33,6 +34,8 @@ export class Drafts {
     this._kept = new Map();
     /** @type {Map<string, number>} */
     this._revisions = new Map();
+    /** The records that were last edited by this page. @type {Set<string>} */
+    this._own = new Set();
     this._timer = 0;
     this._isSaving = false;
     link.on("studio.draft", ({ records }) => this._heard(records));
@@ -53,7 +56,7 @@ export class Drafts {
 
   /** Listen again to the edits of other pages: the connection is new. */
   async resume() {
-    this._heard((await this._ask()).filter((one) => one.revision > (this._revisions.get(keyOf(one)) ?? 0)));
+    this._heard(await this._ask());
     this.saveSoon();
   }
 
@@ -78,6 +81,7 @@ export class Drafts {
     try {
       const { saved, conflicts } = await this._link.call("studio.draft.save", { edits });
       for (const one of saved) this._note(one);
+      for (const one of saved) this._own.add(keyOf(one));
       for (const one of conflicts) this._take(one, true);
       this.saveSoon(); // what was edited meanwhile
     } catch (error) {
@@ -107,7 +111,9 @@ export class Drafts {
   /** @param {Kept[]} records */
   _heard(records) {
     const mine = new Set(this._unsaved().map(keyOf)); // these meet theirs when they are saved
-    for (const one of records) if (!mine.has(keyOf(one))) this._take(one, false);
+    const isNew = (/** @type {Kept} */ one) => one.revision > (this._revisions.get(keyOf(one)) ?? 0);
+    const theirs = records.filter((one) => isNew(one) && !mine.has(keyOf(one)));
+    for (const one of theirs) this._take(one, !one.is_discarded && this._own.has(keyOf(one)));
   }
 
   /**
@@ -116,6 +122,7 @@ export class Drafts {
    */
   _take(one, isConflict) {
     this._note(one);
+    this._own.delete(keyOf(one));
     this._onTheirs(one, isConflict);
   }
 

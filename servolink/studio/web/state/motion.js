@@ -20,6 +20,8 @@ const LATE = 1; // seconds that a stored motion may take longer than it says
 export const targets = signal(/** @type {Pose} */ ({}));
 /** Why the latest movement was refused, empty if it was not. */
 export const refusal = signal("");
+/** The stored motion that runs because this page started it. */
+export const running = signal(/** @type {{ type: "action" | "macro", id: number } | null} */ (null));
 /** How fast servos follow what is dragged, degrees per second. */
 export const pace = signal(120);
 
@@ -128,6 +130,8 @@ export class Motion {
       return false;
     }
     this._runsUntil = performance.now() + (seconds + LATE) * 1000;
+    const mine = (running.value = { type, id });
+    setTimeout(() => running.value === mine && (running.value = null), seconds * 1000);
     return true;
   }
 
@@ -155,6 +159,11 @@ export class Motion {
   async stop() {
     this._letGo();
     await this._link.call("stop");
+  }
+
+  /** Start all servos; they hold where they are. */
+  async startAll() {
+    await this._link.call("servo.set", { servo: "all", start: true, hold: true });
   }
 
   /**
@@ -198,6 +207,7 @@ export class Motion {
     this._isHeld = false;
     this._wake();
     this._runsUntil = 0;
+    running.value = null;
     this._wanted = null;
     targets.value = {};
     if (!isMine.peek()) this._beats.stop();

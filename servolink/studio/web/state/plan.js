@@ -12,6 +12,9 @@ import { draft, reread } from "./project.js";
 /** @typedef {{ phase: string, done: number, total: number, item: string }} Progress */
 /** @typedef {{ number: number, time: string, board: string, file: string }} Backup */
 
+/** Nothing was written. */
+export const NO_OUTCOME = Object.freeze({ state: "none", text: "", of: null });
+
 /** The latest plan, and the project that it is for. */
 export const plan = signal(/** @type {{ of: Project, plan: Plan, found: Found[] } | null} */ (null));
 /** Why there is no plan, empty if that is not known. */
@@ -19,8 +22,8 @@ export const planError = signal("");
 export const isPlanning = signal(false);
 /** How far the writing is, null if nothing is being written. */
 export const progress = signal(/** @type {Progress | null} */ (null));
-/** How the latest writing ended. */
-export const outcome = signal(/** @type {{ state: "none" | "done" | "broken", text: string }} */ ({ state: "none", text: "" }));
+/** How the latest writing ended, and the draft at that time; null until that was read again. */
+export const outcome = signal(/** @type {{ state: "none" | "written" | "rolled back" | "broken", text: string, of: Project | null }} */ (NO_OUTCOME));
 export const backups = signal(/** @type {Backup[]} */ ([]));
 
 /**
@@ -74,16 +77,17 @@ export async function readBackups(link) {
 async function write(link, method, params) {
   if (progress.value !== null) return;
   progress.value = { phase: "reading", done: 0, total: 0, item: "" };
-  outcome.value = { state: "none", text: "" };
+  outcome.value = NO_OUTCOME;
   try {
     const { backup } = await link.call(method, params, (/** @type {Progress} */ step) => (progress.value = step));
-    outcome.value = { state: "done", text: backup ?? "" };
+    outcome.value = { state: method === "project.rollback" ? "rolled back" : "written", text: backup ?? "", of: null };
   } catch (error) {
-    outcome.value = { state: "broken", text: textOf(error) };
+    outcome.value = { state: "broken", text: textOf(error), of: null };
   }
   progress.value = null;
   plan.value = null;
   await Promise.all([reread(link), readBackups(link)]);
+  outcome.value = { ...outcome.value, of: draft.value };
 }
 
 /** A plan for a project that no board would store. @returns {Plan} */

@@ -22,7 +22,7 @@ export const draft = signal(/** @type {Project | null} */ (null));
 export const reading = signal(/** @type {Reading} */ ({ state: "unasked", done: 0, total: 0, item: "", error: "" }));
 /** Who keeps the latest edit. */
 export const keeping = signal(/** @type {import("./drafts.js").Keeping} */ ("saved"));
-/** An edit of another page that came before one of this page, and what this page wanted instead. */
+/** An edit of another page of what this page has edited too, and what this page wants instead. */
 export const conflict = signal(/** @type {{ theirs: Kept, mine: any } | null} */ (null));
 
 const SETTLES = 500; // milliseconds after which all edits that were given up together have been told of

@@ -60,7 +60,10 @@ export function follow(link, onLease) {
     take(frame);
     link.tell("servos.ack", { number: frame.number });
   });
-  link.on("connection", ({ state }) => (boardState.value = state));
+  link.on("connection", ({ state }) => {
+    boardState.value = state;
+    if (state === "connected") watchBattery(link); // it could not be asked meanwhile
+  });
   link.on("lease", (notice) => {
     const wasMine = isMine.value;
     lease.value = notice.lease;
@@ -92,12 +95,17 @@ async function begin(link, first) {
 async function readStored(link) {
   const { servos: stored } = await link.call("servos.parameters");
   captions.value = Object.fromEntries(stored.map((/** @type {any} */ one) => [one.servo_id, one.servo_caption]));
+  await watchBattery(link);
+}
+
+let batteryTimer = 0;
+
+/** @param {Link} link */
+async function watchBattery(link) {
   clearInterval(batteryTimer);
   batteryTimer = setInterval(() => readBattery(link), BATTERY_EVERY);
   await readBattery(link);
 }
-
-let batteryTimer = 0;
 
 /** @param {Link} link */
 async function readBattery(link) {

@@ -13,12 +13,13 @@ const TEXTS = { en, zh };
 export const language = signal(/** @type {Language} */ ("en"));
 
 /**
- * Return a text, with `{name}` replaced by the value of that name.
+ * Return a text, with `{name}` replaced by the value of that name. Of `singular|plural`, `count` chooses one.
  * @param {Key} key
  * @param {Record<string, string | number>} [values]
  */
 export function t(key, values = {}) {
-  return TEXTS[language.value][key].replace(/\{(\w+)\}/g, (whole, name) => String(values[name] ?? whole));
+  const forms = TEXTS[language.value][key].split("|");
+  return forms[values.count === 1 ? 0 : forms.length - 1].replace(/\{(\w+)\}/g, (whole, name) => String(values[name] ?? whole));
 }
 
 /**

@@ -37,7 +37,7 @@ export function Doctor({ link }) {
 /** @param {{ number: number, finding: Finding }} props */
 function One({ number, finding: { check, observation, meaning, remedy } }) {
   const said = language.value === "zh" ? DOCTOR_ZH[check] : undefined;
-  return html`<div class="find">
+  return html`<div class="finding">
     <div class="row"><span class="chip warn num">${number}</span><b>${said?.title ?? safeText(check)}</b></div>
     <dl>
       <dt>${t("board.seen")}</dt><dd>${safeText(observation)}</dd>

@@ -8,7 +8,7 @@ import { Segments } from "../../parts/segments.js";
 import { toast } from "../../parts/toasts.js";
 import { down, heard } from "../../state/button-events.js";
 import { durations } from "../../state/durations.js";
-import { refusal } from "../../state/motion.js";
+import { refusal, running } from "../../state/motion.js";
 import { draft, stored } from "../../state/project.js";
 import { isLive, mayMove } from "../../state/robot.js";
 import { mode } from "../../state/view.js";
@@ -72,7 +72,7 @@ function Content({ project, table, motion }) {
       </header>
       <div class="row pad0 wrap">
         <${Mode} />
-        <span class="chip acc"><${Icon} name="info" />${gamepadName.value ? t("buttons.gamepad", { name: gamepadName.value }) : t("buttons.lights_up")}</span>
+        <${Hint} />
         <span class="grow"></span><${EventCount} />
       </div>
       ${isGamepad(ids) && !isNarrow.value ? html`<${Pad} ...${shown} />` : html`<${Grid} ids=${ids} onAdd=${(/** @type {number} */ id) => (chosenButton.value = id)} ...${shown} />`}
@@ -91,6 +91,14 @@ function idsOf(table, chosen) {
   const known = [chosen, ...table.buttons.map((each) => each.button_id), ...heard.value.map(({ id }) => id)];
   const usual = isGamepad(known) ? PLACES.map(({ id }) => id) : [];
   return [...new Set([...usual, ...known])].sort((a, b) => a - b);
+}
+
+/** Say what runs, or else what a press does. */
+function Hint() {
+  const macro = running.value?.type === "macro" && macroName(stored.value, running.value.id);
+  if (macro) return html`<span class="chip ok" role="status"><${Icon} name="play" />${t("buttons.runs", { macro })}</span>`;
+  const hint = mode.value === "robot" && isLive.value ? t("buttons.press_here") : t("buttons.lights_up");
+  return html`<span class="chip acc"><${Icon} name="info" />${gamepadName.value ? t("buttons.gamepad", { name: gamepadName.value }) : hint}</span>`;
 }
 
 function Mode() {

@@ -1,6 +1,6 @@
 // The figure of the robot in the middle of the screen, with the draft beside it, pale.
 
-import { html, signal } from "../../html.js";
+import { html, signal, useEffect, useState } from "../../html.js";
 import { Hold } from "../../parts/hold.js";
 import { Icon } from "../../parts/icon.js";
 import { Segments } from "../../parts/segments.js";
@@ -66,6 +66,11 @@ function Draft() {
 }
 
 function AsSeen() {
+  const [, setNow] = useState(0);
+  useEffect(() => {
+    const timer = setInterval(() => setNow(performance.now()), 1000);
+    return () => clearInterval(timer);
+  }, []);
   const seconds = Math.max(0, Math.round((performance.now() - readAt.value) / 1000));
   return html`<span class="chip bad"><${Icon} name="clock" />${t("live.as_seen", { seconds })}</span>`;
 }

@@ -40,7 +40,7 @@ export function Backups({ link, mayWrite }) {
       <ul class="bk">
         ${shown.map((backup) => html`<li key=${backup.number}>
           <span><b>${timeOf(backup)}</b><small class="num">${t("project.backup", { number: backup.number })}</small></span>
-          <button class="btn s" onClick=${() => compare(backup)}>${t("project.compare")}</button>
+          <button class="btn s" onClick=${() => compare(backup)}>${t("project.roll_back_to")}</button>
         </li>`)}
       </ul>
       ${here.length > shown.length && html`<button class="btn s" onClick=${() => setShowsAll(true)}>${t("project.all_backups", { count: here.length })}</button>`}

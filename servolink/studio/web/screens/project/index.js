@@ -5,8 +5,8 @@ import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { Reading } from "../../parts/reading.js";
 import { safeText } from "../../parts/safe-text.js";
-import { apply, isPlanning, makePlan, outcome, plan, planError, progress, readBackups } from "../../state/plan.js";
-import { draft, reread } from "../../state/project.js";
+import { NO_OUTCOME, apply, isPlanning, makePlan, outcome, plan, planError, progress, readBackups } from "../../state/plan.js";
+import { differences, draft, reread } from "../../state/project.js";
 import { isLive, isOthers, welcome } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
 import { Backups } from "./backups.js";
@@ -33,10 +33,11 @@ export function ProjectScreen({ link }) {
     if (isLive.value) readBackups(link);
   }, [isLive.value]);
   if (project === null) return html`<${Reading} link=${link} icon="project" />`;
-  const made = plan.value, isCurrent = made !== null && made.of === project;
+  const isCurrent = plan.value !== null && plan.value.of === project;
+  const made = isCurrent || isLive.value ? plan.value : null; // nothing is compared while the board is gone
   return html`<div class="proj">
     <section class="card">
-      <${Head} link=${link} mayWrite=${mayWrite} isCurrent=${isCurrent} />
+      <${Head} ...${{ link, mayWrite, isCurrent, made }} />
       <${Phases} />
       <${Outcome} link=${link} isUnfinished=${made?.plan.is_unfinished ?? false} />
       ${planError.value && html`<div class="pad0"><${Note} kind="bad" title=${t("project.no_plan")} detail=${safeText(planError.value)} /></div>`}
@@ -52,11 +53,11 @@ export function ProjectScreen({ link }) {
   </div>`;
 }
 
-/** @param {{ link: Link, mayWrite: boolean, isCurrent: boolean }} props */
-function Head({ link, mayWrite, isCurrent }) {
+/** @param {{ link: Link, mayWrite: boolean, isCurrent: boolean, made: typeof plan.value }} props */
+function Head({ link, mayWrite, isCurrent, made }) {
   const input = useRef(/** @type {HTMLInputElement | null} */ (null));
-  const count = plan.value?.plan.changes.length ?? 0, isBusy = progress.value !== null;
-  const isRefused = plan.value?.found.some(({ severity }) => severity === "error") ?? false;
+  const count = made?.plan.changes.length ?? differences.value.length, isBusy = progress.value !== null;
+  const isRefused = made?.found.some(({ severity }) => severity === "error") ?? false;
   const mayBegin = mayWrite && isLive.value && !isBusy && !isOthers.value && isCurrent && count > 0 && !isRefused;
   const choose = () => {
     const element = /** @type {HTMLInputElement} */ (input.current), file = element.files?.[0];
@@ -64,7 +65,7 @@ function Head({ link, mayWrite, isCurrent }) {
     element.value = ""; // so that the same file can be chosen again
   };
   return html`<header class="wrap">
-    <div class="grow"><h1>${title(count, isRefused)}</h1><p class="mut">${isPlanning.value ? t("project.comparing") : t("project.kept_here")}</p></div>
+    <div class="grow"><h1>${title(count, isRefused)}</h1><p class="mut">${t(isPlanning.value ? "project.comparing" : made || isLive.value ? "project.kept_here" : "project.compared_later")}</p></div>
     <input type="file" accept=".json,application/json" class="sr" tabindex="-1" aria-label=${t("project.open")} ref=${input} onChange=${choose} />
     <button class="btn" disabled=${isBusy} onClick=${() => input.current?.click()}>${t("project.open")}</button>
     <button class="btn" onClick=${() => saveFile(link)}><${Icon} name="save" />${t("project.save")}</button>
@@ -75,7 +76,7 @@ function Head({ link, mayWrite, isCurrent }) {
 
 /** @param {Link} link */
 async function again(link) {
-  outcome.value = { state: "none", text: "" };
+  outcome.value = NO_OUTCOME;
   plan.value = null;
   await reread(link);
   makePlan(link);
@@ -87,9 +88,9 @@ async function again(link) {
  */
 function title(count, isRefused) {
   if (progress.value !== null) return t("project.writing");
-  if (plan.value === null) return t("project.compare_with_board");
+  if (plan.value === null && count === 0) return t("project.compare_with_board");
   if (isRefused) return t("project.cannot_be_written");
-  return count === 0 ? t("project.same") : count === 1 ? t("project.one_difference") : t("project.differences", { count });
+  return count === 0 ? t("project.same") : t("project.differences", { count });
 }
 
 /** @param {{ plan: Plan }} props */

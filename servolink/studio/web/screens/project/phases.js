@@ -5,6 +5,7 @@ import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { apply, outcome, progress, rollBack } from "../../state/plan.js";
+import { draft } from "../../state/project.js";
 import { isLive } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
 
@@ -35,7 +36,7 @@ export function Phases() {
 
 /** @param {{ link: Link, isUnfinished: boolean }} props */
 export function Outcome({ link, isUnfinished }) {
-  const { state, text } = outcome.value;
+  const { state, text, of } = outcome.value;
   if (progress.value !== null) return null;
   if (state === "broken" || isUnfinished) {
     const detail = state === "broken" ? `${safeText(text)}. ${t("project.broken_detail")}` : t("project.broken_detail");
@@ -44,8 +45,9 @@ export function Outcome({ link, isUnfinished }) {
       <button class="btn s" disabled=${!isLive.value} onClick=${() => rollBack(link, null)}><${Icon} name="rollback" />${t("project.roll_back")}</button>
     </${Note}></div>`;
   }
-  if (state !== "done") return null;
+  if (state === "none" || (of !== null && of !== draft.value)) return null; // or edited since
+  const title = t(state === "written" ? "project.written" : "project.rolled_back");
   const number = /(\d{6,})-\d{8}T/.exec(text)?.[1];
   const detail = number === undefined ? t("project.written_detail") : `${t("project.written_detail")} ${t("project.kept_as", { number: Number(number) })}`;
-  return html`<div class="pad0"><${Note} kind="ok" title=${t("project.written")} detail=${detail} /></div>`;
+  return html`<div class="pad0"><${Note} kind="ok" title=${title} detail=${detail} /></div>`;
 }

@@ -48,11 +48,7 @@ effect(() => keep(film.value));
 
 /** @param {Link} link */
 function limpOf(link) {
-  const startAll = () => link.call("servo.set", { servo: "all", start: true, hold: true }).catch((error) => toast({ kind: "bad", title: error.message }));
-  limp ??= new Limp(link, () => {
-    const action = mayLetGo.peek() ? { label: t("stop.start"), run: startAll } : undefined;
-    toast({ name: "held", icon: "lock", title: t("teach.held"), detail: t("stop.done_detail"), action });
-  });
+  limp ??= new Limp(link, () => toast({ name: "held", icon: "lock", title: t("teach.held") }));
   return limp;
 }
 

@@ -1,0 +1,22 @@
+// The servos that are stopped: they hold where they are, and do not move until they are started again.
+
+import { effect, signal } from "../html.js";
+import { readAt, servos } from "./robot.js";
+
+const SETTLES = 400; // milliseconds: limp servos are held before they are started
+
+/** How many servos are stopped, of those that hold. */
+export const stoppedCount = signal(0);
+/** Whether all servos that hold are stopped. */
+export const isAllStopped = signal(false);
+
+let since = Infinity; // milliseconds of `performance.now()`
+
+effect(() => {
+  const held = [...servos.value.values()].filter((servo) => servo.is_hold);
+  const count = held.filter((servo) => !servo.is_start).length;
+  since = count === 0 ? Infinity : Math.min(since, readAt.value);
+  if (count > 0 && readAt.value - since < SETTLES) return;
+  stoppedCount.value = count;
+  isAllStopped.value = count === held.length;
+});
