@@ -20,7 +20,16 @@ from tests.processes import finish, start
 DEMO = Path(start_module.__file__).with_name("demo.servolink.json")
 """The project of the virtual board."""
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-OPTIONS = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-gpu"]
+IN_THE_NETWORK, OF_OTHERS = "robot.test", "evil.example"
+"""Names that lead here: one under which the studio may be allowed, and one that is none of its own."""
+OPTIONS = [
+    "--no-sandbox",
+    "--disable-quic",
+    "--disable-background-networking",
+    "--disable-gpu",
+    f"--host-resolver-rules=MAP {IN_THE_NETWORK} 127.0.0.1,MAP {OF_OTHERS} 127.0.0.1",
+]
+PATIENCE = 30_000  # milliseconds that a page may take on the slowest machine
 _FILLED = {
     "Live": ".sv [data-part=angle]",
     "Actions": ".pose",

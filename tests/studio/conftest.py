@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from servolink import sync
-from tests.studio.browser import CHROMIUM, OPTIONS, Studio, running
+from tests.studio.browser import CHROMIUM, OPTIONS, PATIENCE, Studio, running
 from tests.studio.node_tools import AXE, install
 
 
@@ -35,10 +35,20 @@ def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
     return (install(AXE, tmp_path_factory.mktemp("axe")) / "axe-core/axe.min.js").read_text()
 
 
-@pytest.fixture
-def browser() -> Iterator[Any]:
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    """A browser for all tests of a module. Other modules may need a thread without Playwright's event loop."""
     playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
+    playwright.expect.set_options(timeout=PATIENCE)
     with playwright.sync_playwright() as driver:
         found = driver.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
         yield found
         found.close()
+
+
+@pytest.fixture
+def browser(chromium: Any) -> Iterator[Any]:
+    """A browser without a page."""
+    yield chromium
+    for context in chromium.contexts:
+        context.close()

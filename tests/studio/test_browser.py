@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.studio.browser import CHROMIUM, OPTIONS, SIZES, Studio, in_browser, is_stopped, opened, until
+from tests.studio.browser import OF_OTHERS, SIZES, Studio, in_browser, is_stopped, opened, until
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 
@@ -136,17 +136,12 @@ def test_a_page_of_another_port_gets_no_socket(studio: Studio, browser: Any, oth
     assert page.evaluate(_OPEN_SOCKET, studio.origin.replace("http", "ws") + "/ws") == "refused"
 
 
-def test_a_name_that_leads_here_is_misdirected(studio: Studio) -> None:
-    port = studio.origin.rpartition(":")[2]
-    with playwright.sync_playwright() as driver:
-        rebound = driver.chromium.launch(
-            executable_path=CHROMIUM, args=[*OPTIONS, "--host-resolver-rules=MAP evil.example 127.0.0.1"]
-        )
-        page = rebound.new_page()
-        response = page.goto(f"http://evil.example:{port}/")
-        assert response.status == 421
-        assert page.evaluate(_OPEN_SOCKET, f"ws://evil.example:{port}/ws") == "refused"
-        rebound.close()
+def test_a_name_that_leads_here_is_misdirected(studio: Studio, browser: Any) -> None:
+    place = f"{OF_OTHERS}:{studio.origin.rpartition(':')[2]}"
+    page = browser.new_page()
+    response = page.goto(f"http://{place}/")
+    assert response.status == 421
+    assert page.evaluate(_OPEN_SOCKET, f"ws://{place}/ws") == "refused"
 
 
 def test_no_page_shows_the_studio_in_a_frame(studio: Studio, browser: Any, other_site: str) -> None:
@@ -198,16 +193,11 @@ _REACH_IN = """async ({ origin, token }) => {
 }"""
 
 
-def test_another_site_reads_nothing_and_runs_nothing(studio: Studio, other_site: str) -> None:
+def test_another_site_reads_nothing_and_runs_nothing(studio: Studio, browser: Any, other_site: str) -> None:
     origin, _, token = studio.url.partition("/#token=")
-    with playwright.sync_playwright() as driver:
-        mapped = driver.chromium.launch(
-            executable_path=CHROMIUM, args=[*OPTIONS, "--host-resolver-rules=MAP evil.example 127.0.0.1"]
-        )
-        page = mapped.new_page()
-        page.goto(other_site.replace("127.0.0.1", "evil.example"))
-        reached = page.evaluate(_REACH_IN, {"origin": origin, "token": token})
-        mapped.close()
+    page = browser.new_page()
+    page.goto(other_site.replace("127.0.0.1", OF_OTHERS))
+    reached = page.evaluate(_REACH_IN, {"origin": origin, "token": token})
     assert set(reached.values()) == {"refused"}, reached
 
 

@@ -12,14 +12,12 @@ import pytest
 
 from servolink import sync
 from tests.processes import finish, start
-from tests.studio.browser import CHROMIUM, OPTIONS, in_browser, new_profile, opened, until
+from tests.studio.browser import IN_THE_NETWORK, in_browser, new_profile, opened, until
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect
 
 pytestmark = in_browser
-
-NAME = "robot.test"
 
 
 class Classroom(NamedTuple):
@@ -33,7 +31,7 @@ class Classroom(NamedTuple):
 
 @pytest.fixture
 def classroom(user: Path) -> Iterator[Classroom]:
-    options = ["--demo", "--no-browser", "--host", "*", "--allow-host", NAME]
+    options = ["--demo", "--no-browser", "--host", "*", "--allow-host", IN_THE_NETWORK]
     program = start([sys.executable, "-m", "servolink", "studio", *options])
     assert program.stdout is not None
     addresses = dict(program.stdout.readline().split() for _ in range(3))
@@ -41,24 +39,13 @@ def classroom(user: Path) -> Iterator[Classroom]:
     finish(program, signal.SIGTERM)
 
 
-@pytest.fixture
-def tablet() -> Iterator[Any]:
-    """Give a browser that reaches the studio under its name in the network."""
-    with playwright.sync_playwright() as driver:
-        found = driver.chromium.launch(
-            executable_path=CHROMIUM, args=[*OPTIONS, f"--host-resolver-rules=MAP {NAME} 127.0.0.1"]
-        )
-        yield found
-        found.close()
-
-
-def test_links_watch_and_drive_until_they_are_revoked(classroom: Classroom, tablet: Any) -> None:
-    assert f"http://{NAME}:" in classroom.watch
-    profiles = [new_profile(tablet, size) for size in ("desktop", "tablet", "tablet")]
+def test_links_watch_and_drive_until_they_are_revoked(classroom: Classroom, browser: Any) -> None:
+    assert f"http://{IN_THE_NETWORK}:" in classroom.watch
+    profiles = [new_profile(browser, size) for size in ("desktop", "tablet", "tablet")]
     with (
-        opened(tablet, classroom.here, profile=profiles[0]) as here,
-        opened(tablet, classroom.watch, profile=profiles[1]) as watching,
-        opened(tablet, classroom.drive, profile=profiles[2]) as driving,
+        opened(browser, classroom.here, profile=profiles[0]) as here,
+        opened(browser, classroom.watch, profile=profiles[1]) as watching,
+        opened(browser, classroom.drive, profile=profiles[2]) as driving,
     ):
         expect(watching.get_by_text("This page may only watch.")).to_be_visible()
         expect(watching.get_by_label("Target of servo 2,")).to_be_disabled()
@@ -74,7 +61,7 @@ def test_links_watch_and_drive_until_they_are_revoked(classroom: Classroom, tabl
         expect(here.get_by_text("Links are not encrypted")).to_be_visible()
         shown = here.locator(".cmd code")
         assert {shown.nth(number).inner_text() for number in range(2)} == {classroom.drive, classroom.watch}
-        here.get_by_text(f"QR code for {NAME}").first.click()
+        here.get_by_text(f"QR code for {IN_THE_NETWORK}").first.click()
         expect(here.get_by_role("img", name="QR code for").first).to_be_visible()
         for page, number in ((driving, 0), (watching, 0)):
             here.get_by_role("button", name="Revoke").nth(number).click()
@@ -82,10 +69,12 @@ def test_links_watch_and_drive_until_they_are_revoked(classroom: Classroom, tabl
         here.get_by_role("button", name="New link").last.click()
         until(lambda: shown.count() == 1)
         assert classroom.watch not in shown.inner_text()
+        watching.goto(shown.inner_text())  # in the page that has expired
+        expect(watching.get_by_text("This page may only watch.")).to_be_visible()
 
 
-def test_a_page_has_its_new_name_at_once(classroom: Classroom, tablet: Any) -> None:
-    with opened(tablet, classroom.here) as here, opened(tablet, classroom.drive) as other:
+def test_a_page_has_its_new_name_at_once(classroom: Classroom, browser: Any) -> None:
+    with opened(browser, classroom.here) as here, opened(browser, classroom.drive) as other:
         for page in (here, other):
             page.get_by_role("link", name="Board").click()
         here.get_by_label("Name of this page").fill("Blue tablet")

@@ -135,10 +135,28 @@ class ServosFeed(Feed):
 
     def _send(self, reading: ServoReading) -> None:
         self._sent += 1
-        servos = tuple(map(servo_now, reading.servos))
-        shown = tuple(servo for servo in servos if not self._changed_only or self._last.get(servo.servo_id) != servo)
-        self._last = {servo.servo_id: servo for servo in servos}
+        shown = _latest.of(reading.servos)
+        if self._changed_only:
+            last, self._last = self._last, {servo.servo_id: servo for servo in shown}
+            shown = tuple(servo for servo in shown if last.get(servo.servo_id) != servo)
         self._notify("servos", ServosFrame(self._sent, round(reading.seconds, 6), shown, reading.missed))
+
+
+class _Latest:
+    """The latest servos in the form of the control interface: all programs that watch get the same."""
+
+    def __init__(self) -> None:
+        self._latest: tuple[tuple[Servo, ...], tuple[ServoNow, ...]] = ((), ())
+
+    def of(self, servos: tuple[Servo, ...]) -> tuple[ServoNow, ...]:
+        of, shown = self._latest
+        if of is not servos:
+            shown = servos_now(servos)
+            self._latest = servos, shown
+        return shown
+
+
+_latest = _Latest()
 
 
 class ButtonsFeed(Feed):

@@ -61,6 +61,8 @@ class Method(Generic[C]):
     """Whether it is carried out however many requests wait."""
     reports: bool
     """Whether the handler takes a third argument, which it calls with each step of its progress."""
+    is_coroutine: bool
+    """Whether the handler is carried out beside others or in its turn, not at once."""
 
     @property
     def summary(self) -> str:
@@ -83,7 +85,15 @@ class Methods(dict[str, Method[C]]):
             hints = get_type_hints(handler, include_extras=True)
             count = len(inspect.signature(handler).parameters)
             self[name] = Method(
-                name, hints["params"], hints["return"], role, handler, in_order, is_urgent, reports=count == 3
+                name,
+                hints["params"],
+                hints["return"],
+                role,
+                handler,
+                in_order,
+                is_urgent,
+                reports=count == 3,
+                is_coroutine=inspect.iscoroutinefunction(handler),
             )
             return handler
 
@@ -191,7 +201,7 @@ class Peer(Generic[C]):
             return
         try:
             method, params = self._checked(request)
-            if inspect.iscoroutinefunction(method.handler):
+            if method.is_coroutine:
                 self._start(request, method, params, len(message))
             else:
                 self._respond(request, method.handler(self._context, params))

@@ -29,6 +29,9 @@ const scheme = location.protocol === "https:" ? "wss" : "ws";
 const link = new Link(`${scheme}://${location.host}/ws`, token, who.value);
 const motion = new Motion(link);
 
+// A new address in the place of an old one: the browser by itself would load nothing.
+addEventListener("hashchange", () => location.hash.startsWith("#token=") && location.reload());
+
 followAddress();
 follow(link, (notice, wasMine) => sayLease(notice, wasMine, motion));
 followFigure(link);

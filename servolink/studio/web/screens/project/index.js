@@ -43,7 +43,7 @@ export function ProjectScreen({ link }) {
       ${planError.value && html`<div class="pad0"><${Note} kind="bad" title=${t("project.no_plan")} detail=${safeText(planError.value)} /></div>`}
       ${!mayWrite && html`<div class="pad0"><${Note} kind="info" title=${t("project.may_not_write")} /></div>`}
       ${made && html`<${Facts} plan=${made.plan} />`}
-      ${made && html`<ul class="diffs">${made.plan.changes.map((change) => html`<${Difference} key=${change.what} change=${change} />`)}</ul>`}
+      ${made && made.plan.changes.length > 0 && html`<ul class="diffs">${made.plan.changes.map((change) => html`<${Difference} key=${change.what} change=${change} />`)}</ul>`}
     </section>
     <div class="side">
       ${made && html`<${Checks} plan=${made.plan} found=${made.found} />`}
