@@ -14,6 +14,7 @@ from servolink.cli.commands import COMMANDS
 from servolink.cli.main import FAILED
 from servolink.cli.project import COMMANDS as PROJECT_COMMANDS
 from servolink.recorder.mcap_reader import MAGIC as MCAP_MAGIC
+from servolink.recorder.writer import RecordingWriter
 from tests.cli.programs import Said
 from tests.cli.terminals import ESCAPE, in_pipe, in_terminal
 from tests.hostile.corpus import PAYLOADS, controls
@@ -49,6 +50,7 @@ def _no_board_in_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True)
 def _in_virtual_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(asyncio, "run", run)
+    monkeypatch.setattr("servolink.recorder.recorder.ChildWriter", RecordingWriter)  # no process for each report
 
 
 def test_there_are_enough_of_them() -> None:

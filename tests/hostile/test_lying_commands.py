@@ -16,6 +16,7 @@ from servolink.connection import probe
 from servolink.discovery.search import Found
 from servolink.doctor import examine
 from servolink.project.project_file import save_project
+from servolink.recorder.writer import RecordingWriter
 from servolink.transports.device_info import DeviceInfo
 from tests.cli.terminals import in_pipe
 from tests.hostile.calls import PROJECT
@@ -111,6 +112,7 @@ def test_a_command_ends(name: str, seconds: list[float], tmp_path: Path, monkeyp
         monkeypatch.setattr(module, "create", lambda url: lying(LIES[name]))
     monkeypatch.setattr("servolink.cli.boards.discover", _one_board)
     monkeypatch.setattr("servolink.doctor.examine.find_devices", lambda: Found([DeviceInfo("lying://board")], []))
+    monkeypatch.setattr("servolink.recorder.recorder.ChildWriter", RecordingWriter)  # no process for each report
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     files = {"file": str(tmp_path / "file"), "new": str(tmp_path / "new")}
     save_project(tmp_path / "file", PROJECT)
