@@ -18,6 +18,7 @@ from servolink.transports.faults import Faults, FaultyTransport
 from servolink.transports.lifecycle import WrappedTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
+from tests.project.pulled import contents_of
 from tests.virtual_time import VirtualTimeLoop, run
 
 Fault = Literal["none", "unplugged", "EIO", "partial", "swallowed"]
@@ -29,6 +30,7 @@ MACRO = Macro(1, "dance", (MacroCommand(1),))
 TABLE = JoystickTable(1, "pad", (Button(1, "A"),))
 PARAMETER = ServoParameter(1, 3, "arm")
 PROJECT = Project(actions=(ACTION,), macros=(MACRO,))
+STOCK = contents_of(Project(0, (PARAMETER,), (ACTION,), (MACRO,), (TABLE,)))
 MANY = 500
 
 
@@ -143,14 +145,10 @@ class FailingTransport(WrappedTransport):
         return self.fault != "none" and self.operations == self._at
 
 
-async def stocked_board() -> VirtualBoard:
+def stocked_board() -> VirtualBoard:
     """Return a board with something of everything."""
     board = VirtualBoard(servos=3)
-    async with connect(VirtualTransport(board)) as filling:
-        await filling.add_action(ACTION)
-        await filling.add_macro(MACRO)
-        await filling.add_joystick_table(TABLE)
-        await filling.add_servo_parameters((PARAMETER,))
+    board.storage.contents = STOCK
     return board
 
 
@@ -174,7 +172,7 @@ def operations(command: Command) -> tuple[int, int]:
     """Return how many operations there are without a fault: to open, and in all."""
 
     async def main() -> tuple[int, int]:
-        transport = FailingTransport(await stocked_board(), "none", 0)
+        transport = FailingTransport(stocked_board(), "none", 0)
         await session(transport, command)
         return transport.opening, transport.operations
 
@@ -185,7 +183,7 @@ def operations(command: Command) -> tuple[int, int]:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_fault_at_any_operation_ends_in_a_result_or_a_typed_error(name: str, fault: Fault) -> None:
     async def main(at: int) -> None:
-        virtual = await stocked_board()
+        virtual = stocked_board()
         begun = asyncio.get_running_loop().time()
         with suppress(ServolinkError):
             await session(FailingTransport(virtual, fault, at), COMMANDS[name])
@@ -259,7 +257,7 @@ def cancel_everywhere(scene: Callable[[int], Coroutine[Any, Any, bool]]) -> int:
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "nothing"])
 def test_a_command_can_be_cancelled_anywhere_and_the_next_answers_are_right(name: str) -> None:
     async def scene(at: int) -> bool:
-        async with connect(unhurried(await stocked_board()), patience=1.5) as board:
+        async with connect(unhurried(stocked_board()), patience=1.5) as board:
 
             async def command() -> None:
                 await COMMANDS[name](board)
@@ -273,7 +271,7 @@ def test_a_command_can_be_cancelled_anywhere_and_the_next_answers_are_right(name
 
 def test_connecting_can_be_cancelled_anywhere() -> None:
     async def scene(at: int) -> bool:
-        virtual = await stocked_board()
+        virtual = stocked_board()
 
         async def opening() -> None:
             async with connect(VirtualTransport(virtual)):
@@ -290,7 +288,7 @@ def test_connecting_can_be_cancelled_anywhere() -> None:
 
 def test_closing_can_be_cancelled_anywhere_and_done_again() -> None:
     async def scene(at: int) -> bool:
-        virtual = await stocked_board()
+        virtual = stocked_board()
         board = await connect(unhurried(virtual))
         reading = board.button_events()
         async with reading:
@@ -311,7 +309,7 @@ def test_a_board_that_comes_back_by_itself_survives_a_fault_at_any_operation(
     made: list[FailingTransport] = []
 
     async def main(at: int) -> bool:
-        virtual = await stocked_board()
+        virtual = stocked_board()
 
         def create(url: str) -> FailingTransport:
             made.append(FailingTransport(virtual, "none" if made else fault, at))
