@@ -177,7 +177,7 @@ class HubLink:
     def _learn_upstream(self, upstream: _Upstream) -> None:
         self.has_lost_board = upstream.state == "lost"
         lost = f"the hub {self._welcome.name} has lost its board and tries to get it back"
-        self._connection.answers.silence = lost if self.has_lost_board else ""
+        self._connection.explain_silence(lost if self.has_lost_board else "")
         self.on_board(self.has_lost_board)
 
     def _end(self) -> None:

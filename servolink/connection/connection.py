@@ -228,6 +228,10 @@ class Connection:
             self.answers.release()
             self._scheduler.resume()
 
+    def explain_silence(self, reason: str) -> None:
+        """Name `reason` in the errors of requests that are not answered from now on; empty if none is known."""
+        self._sender.silence = reason
+
     # --- requests -----------------------------------------------------------------------------------------------
 
     def request(
@@ -368,7 +372,7 @@ class Connection:
             async with asyncio.timeout(timeout):
                 await self._wait_in_queue(call, first=first)
         except TimeoutError:
-            held = self.answers.held or self.answers.silence
+            held = self.answers.held or self._sender.silence
             raise timed_out(call.packet, self.transport.url, 0, timeout, self.stats, held=held) from None
 
     async def _wait_in_queue(self, call: Call, *, first: bool) -> None:

@@ -84,8 +84,6 @@ class ResponseDispatcher:
         """Whether silence ends nothing: a hub goes on without its board, and says so if it ends itself."""
         self.held = ""
         """Why nothing is late now: another program has the board alone. Empty if none has."""
-        self.silence = ""
-        """Why the board answers nothing, if that is known; else empty."""
         self.times = ResponseTimes()
         self.answered_in_a_row = 0
         """How many slots were answered since one was overdue, or over without a response."""

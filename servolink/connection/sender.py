@@ -65,6 +65,8 @@ class RequestSender:
         self._latest_fence = FENCES[0]
         self._fence_tries = 0  # times that it was sent in a row
         self._fenced_at = -1  # frames received when the latest fence was sent
+        self.silence = ""
+        """Why the board answers nothing, if that is known; else empty."""
         self.opening: asyncio.Future[None] | None = None
         """The opening that is under way, or the latest one."""
         self._transport = transport
@@ -348,7 +350,7 @@ class RequestSender:
             waited,
             self._stats,
             answers_others=answers_others,
-            held=self._answers.held or self._answers.silence,
+            held=self._answers.held or self.silence,
         )
 
     def refuse_if_stopped(self, call: Call) -> None:
