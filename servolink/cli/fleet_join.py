@@ -5,18 +5,16 @@ from __future__ import annotations
 import argparse
 import asyncio
 import os
-from collections.abc import AsyncIterator, Callable
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import add_timeout, not_empty, number
 from servolink.cli.fleet import BROKER_VARIABLE, access_of, add_access
-from servolink.cli.live import can_draw
+from servolink.cli.live import can_draw, staying_line
 from servolink.cli.main import OK, usage_error
-from servolink.cli.output import console, counted, print_error, print_json, print_text, text_width
+from servolink.cli.output import counted, print_error, print_json, print_text, text_width
 from servolink.cli.session import ENDLESS, Interruption, run_interruptible
-from servolink.cli.terminal import cleanup
 from servolink.errors import TransportUnavailable
 from servolink.escaping import escape
 from servolink.files import is_name
@@ -25,7 +23,6 @@ if TYPE_CHECKING:
     from servolink.fleet.join import Fleet, Here
 
 _MOST_HZ = 100.0
-_EVERY = 0.5  # seconds
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -112,7 +109,9 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
         interruption.state, interruption.code = "the boards were left as they are", OK
         fleet = Fleet(access, topics, policies, hz=args.hz, home_assistant=found_by)
         if not args.json and can_draw():
-            fleet.on_line = await stack.enter_async_context(_on_terminal(fleet, str(access.address)))
+            address = str(access.address)
+            show = await stack.enter_async_context(staying_line(lambda width: _status_line(fleet, address, width)))
+            fleet.on_line = lambda level, text: show(text, "" if level == "info" else "yellow")
         else:
             fleet.on_line = lambda level, text: None if level == "info" else print_error(f"servolink: {text}")
         await fleet.join(
@@ -138,39 +137,6 @@ _ALLOWED = {
     "move": "others may watch it, stop it and move it",
     "edit": "others may watch it, stop it, move it and change what it has stored",
 }
-
-
-@asynccontextmanager
-async def _on_terminal(fleet: Fleet, broker: str) -> AsyncIterator[Callable[[str, str], None]]:
-    """Yield a function that prints lines, above a line that shows how the boards are."""
-    from rich.live import Live
-    from rich.text import Text
-
-    displayed = console()
-    live = Live(console=displayed, auto_refresh=False, transient=True)
-    latest = ""
-
-    def show(level: str, text: str) -> None:
-        nonlocal latest
-        if text != latest:  # a command that is refused once is refused often
-            latest = text
-            displayed.print(Text(escape(text), "" if level == "info" else "yellow"))
-
-    async def draw() -> None:
-        with suppress(OSError):  # the terminal is gone, and SIGHUP is on its way
-            while True:
-                is_fine, line = _status_line(fleet, broker, displayed.width)
-                live.update(Text(line, "bold" if is_fine else "bold red"), refresh=True)
-                await asyncio.sleep(_EVERY)
-
-    with cleanup(displayed.show_cursor), live:
-        drawing = asyncio.create_task(draw())
-        try:
-            yield show
-        finally:
-            drawing.cancel()
-            with suppress(asyncio.CancelledError):
-                await drawing
 
 
 def _status_line(fleet: Fleet, broker: str, width: int) -> tuple[bool, str]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Callable, Container, Iterator, Mapping, Sequence
+from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import TYPE_CHECKING, TypeAlias
 
 from servolink.cli.output import angle_text, console, is_terminal
@@ -26,6 +26,7 @@ Draw: TypeAlias = "Callable[[float, Sequence[Servo]], None]"
 _HALF = 24  # columns for the widest angle to one side
 _BESIDE = 21  # columns for what stands beside a bar, such as "servo 254" and "4095 ADC"
 _WIDEST = 120.0
+_EVERY = 0.5  # seconds between two looks at what stays
 
 
 async def follow(board: Board, targets: Mapping[int, int], seconds: float, draw: Draw) -> tuple[Servo, ...]:
@@ -36,6 +37,42 @@ async def follow(board: Board, targets: Mapping[int, int], seconds: float, draw:
     async for servos in board.follow(targets, seconds, settle=True):
         draw(loop.time() - start, servos)
     return servos
+
+
+@asynccontextmanager
+async def staying_line(status: Callable[[int], tuple[bool, str]]) -> AsyncIterator[Callable[[str, str], None]]:
+    """Yield a function that prints a text in a style, unless it is that of the time before, above a line that stays.
+
+    `status` is asked twice a second for that line, of as many columns as it is given, and whether all is fine.
+    """
+    from rich.live import Live
+    from rich.text import Text
+
+    displayed = console()
+    live = Live(console=displayed, auto_refresh=False, transient=True)
+    latest = ""
+
+    def show(text: str, style: str = "") -> None:
+        nonlocal latest
+        if text and text != latest:  # what is refused once is refused often
+            latest = text
+            displayed.print(Text(escape(text), style))
+
+    async def draw() -> None:
+        with suppress(OSError):  # the terminal is gone, and SIGHUP is on its way
+            while True:
+                is_fine, line = status(displayed.width)
+                live.update(Text(line, "bold" if is_fine else "bold red"), refresh=True)
+                await asyncio.sleep(_EVERY)
+
+    with cleanup(displayed.show_cursor), live:
+        drawing = asyncio.create_task(draw())
+        try:
+            yield show
+        finally:
+            drawing.cancel()
+            with suppress(asyncio.CancelledError):
+                await drawing
 
 
 @contextmanager

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager, suppress
+from contextlib import asynccontextmanager, contextmanager
 
-from servolink.cli.output import Table, console, counted, print_error, text_width
-from servolink.cli.terminal import cleanup
+from servolink.cli.live import staying_line
+from servolink.cli.output import Table, counted, print_error, text_width
 from servolink.escaping import escape
 from servolink.hub.notices import (
     ConnectionChanged,
@@ -22,7 +22,6 @@ from servolink.hub.notices import (
     Refused,
 )
 
-_EVERY = 0.5  # seconds
 _STATES = {
     "connected": "the board is back",
     "lost": "the connection to the board is lost; trying to get it back",
@@ -160,33 +159,11 @@ def in_the_log() -> Iterator[Show]:
 @asynccontextmanager
 async def on_terminal(look: Callable[[], HubStatus]) -> AsyncIterator[Show]:
     """Yield a function that prints notices, above a line that shows what `look` returns now and then."""
-    from rich.live import Live
-    from rich.text import Text
+    rate, loop = Rate(), asyncio.get_running_loop()
 
-    displayed, rate, loop = console(), Rate(), asyncio.get_running_loop()
-    live = Live(console=displayed, auto_refresh=False, transient=True)
-    latest = ""
+    def line(width: int) -> tuple[bool, str]:
+        status = look()
+        return status.state == "connected", status_line(status, rate.of(status, loop.time()), width)
 
-    def show(notice: Notice) -> None:
-        nonlocal latest
-        text = text_of(notice)
-        if text and text != latest:  # a program that is refused once is refused often
-            latest = text
-            displayed.print(Text(escape(text)))
-
-    async def draw() -> None:
-        with suppress(OSError):  # the terminal is gone, and SIGHUP is on its way
-            while True:
-                status = look()
-                line = status_line(status, rate.of(status, loop.time()), displayed.width)
-                live.update(Text(line, "bold" if status.state == "connected" else "bold red"), refresh=True)
-                await asyncio.sleep(_EVERY)
-
-    with cleanup(displayed.show_cursor), live:
-        drawing = asyncio.create_task(draw())
-        try:
-            yield show
-        finally:
-            drawing.cancel()
-            with suppress(asyncio.CancelledError):
-                await drawing
+    async with staying_line(line) as show:
+        yield lambda notice: show(text_of(notice), "")

@@ -55,7 +55,7 @@ async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Sto
             {board: exchange.seconds[board] - begun for board, failure in failures.items() if failure is None},
             {board: str(failure) for board, failure in failures.items() if failure is not None},
             tuple(missing),
-            tuple(board for board in offline if board not in failures),
+            tuple(board for board in offline if board not in failures and board not in missing),
         )
 
 
