@@ -263,7 +263,7 @@ def test_without_limits_only_the_list_of_macros_is_read() -> None:
         await board.run_macro(1)
         await board.request(ExecuteMacroRequest(2))
         await board.send(ExecuteActionRequest(WAVE.steps))
-        with pytest.raises(NotFound, match="the board has no macro 99; there is macro 1 'dance', macro 7 'lacking'"):
+        with pytest.raises(NotFound, match="the board has no macro 99; there is macro 1 'dance', macro 2 'slowly'"):
             await board.run_macro(99)
 
     packets = [packet for _, packet in sent_on_fake(use).sent]
