@@ -7,6 +7,7 @@ prints `ready`; then each line that it reads is answered by CPU seconds and memo
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import resource
 import socket
@@ -49,7 +50,12 @@ async def _boards(url: str, first: int, count: int, hz: float) -> None:
             here.append(Here(name, name))
         policies = FleetFile(BoardPolicy(allow="edit"))
         fleet = Fleet(broker_access(url), Topics(), policies, hz=hz)
-        joined = asyncio.create_task(fleet.join(here, lambda: _say("ready")))
+
+        def ready() -> None:
+            gc.freeze()  # as `servolink fleet join` does
+            _say("ready")
+
+        joined = asyncio.create_task(fleet.join(here, ready))
         answering = asyncio.create_task(_answer())
         await asyncio.wait((joined, answering), return_when=asyncio.FIRST_COMPLETED)
         joined.cancel()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import gc
 import os
 from contextlib import AsyncExitStack
 from pathlib import Path
@@ -114,9 +115,12 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
             fleet.on_line = lambda level, text: show(text, "" if level == "info" else "yellow")
         else:
             fleet.on_line = lambda level, text: None if level == "info" else print_error(f"servolink: {text}")
-        await fleet.join(
-            here, lambda: _print_joined(fleet, here, str(access.address), topics.prefix, as_json=args.json)
-        )
+
+        def joined() -> None:
+            _print_joined(fleet, here, str(access.address), topics.prefix, as_json=args.json)
+            gc.freeze()  # what is there stays: to look through it takes longer than to start the boards of a machine
+
+        await fleet.join(here, joined)
     return OK
 
 
