@@ -86,7 +86,7 @@ def test_info(board: Board) -> None:
     }
     assert 0 < described["memory"]["size_bytes"] < described["memory"]["total_size_bytes"]
     assert 0 < described["battery_percent"] <= 100
-    assert 0 < described["round_trip_seconds"] < 1
+    assert 0 < described["round_trip_seconds"] < 3, "the time for which it waits"
 
 
 def test_no_project_id_is_called_none(capsys: pytest.CaptureFixture[str]) -> None:

@@ -108,7 +108,7 @@ class Robot:
         """Ask the board until something is so of its servo 1."""
 
         async def ask() -> None:
-            async with connect("share://rex") as board:
+            async with connect("share://rex", patience=50) as board:  # the machine may be busy
                 while not is_so(await board.servo(1)):
                     await asyncio.sleep(_LOOK)
 

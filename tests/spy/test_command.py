@@ -39,9 +39,18 @@ def until(holds: Callable[[], object]) -> None:
 def exchange(program: int, board: int) -> None:
     """Have the program ask and the board answer, as raw bytes, and something unknown and hostile besides."""
     os.write(program, ASKED)
-    assert os.read(board, 100) == ASKED
-    os.write(board, SAID + encode_frame(50021, b"\x1b[2J", "big"))
-    assert os.read(program, 100) == SAID + encode_frame(50021, b"\x1b[2J", "big")
+    assert read(board, len(ASKED)) == ASKED
+    said = SAID + encode_frame(50021, b"\x1b[2J", "big")
+    os.write(board, said)
+    assert read(program, len(said)) == said
+
+
+def read(port: int, count: int) -> bytes:
+    """Read so many bytes, in however many pieces they come."""
+    data = b""
+    while len(data) < count:
+        data += os.read(port, count - len(data))
+    return data
 
 
 @contextmanager
@@ -109,9 +118,11 @@ def test_it_shows_records_and_says_what_it_learnt(tmp_path: Path, capsys: pytest
 
 
 def test_objects_for_programs_over_tcp(capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        host, number = free.getsockname()
-        place = f"{host}:{number}"
+    reserved = socket.socket()  # not listening: it keeps the port from anybody else but who reuses addresses, as spy
+    reserved.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    reserved.bind(("127.0.0.1", 0))
+    host, number = reserved.getsockname()
+    place = f"{host}:{number}"
 
     def use(board: int) -> None:
         connected: list[socket.socket] = []
@@ -127,7 +138,7 @@ def test_objects_for_programs_over_tcp(capsys: pytest.CaptureFixture[str]) -> No
         with connected[0] as connection:
             exchange(connection.fileno(), board)
 
-    with board_that_vanishes(use) as port:
+    with reserved, board_that_vanishes(use) as port:
         said = call(capsys, "spy", port, "--tcp", place, "--json", "--baudrate", "57600")
     listening, asked, answered, unknown, last = said.objects
     assert listening == {"listening": f"tcp://{place}"}

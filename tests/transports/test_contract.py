@@ -15,7 +15,7 @@ from servolink.errors import ConnectionLost, OpenError
 from servolink.transports import lifecycle, stream, threaded
 from servolink.transports.base import Transport
 from servolink.transports.registry import create
-from tests.transports.wires import FLOOD, WIRES, Ear, Wire, on_loop
+from tests.transports.wires import FLOOD, LIMIT, WIRES, Ear, Wire, on_loop
 
 FRAME = bytes.fromhex("134c051d2f2700009e")
 CONNECTIONS = 25  # enough to see a leak
@@ -289,7 +289,7 @@ async def test_nothing_is_left_after_many_connections(make: Callable[[], Wire]) 
     assert _open_files() <= files
     for thread in threading.enumerate():
         if thread not in threads and not thread.name.startswith("asyncio_"):  # those of the loop's own pool stay
-            thread.join(10)
+            thread.join(LIMIT)
             assert not thread.is_alive()
     assert asyncio.all_tasks() == {asyncio.current_task()}
 

@@ -162,7 +162,7 @@ def opening_when_told(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
     go, really_open = threading.Event(), serial.Serial.open
 
     def open_when_told(port: serial.Serial) -> None:
-        assert go.wait(10)
+        assert go.wait(LIMIT)
         really_open(port)
 
     monkeypatch.setattr(serial.Serial, "open", open_when_told)
@@ -192,7 +192,7 @@ async def test_an_opening_that_is_cancelled_leaves_nothing_open(monkeypatch: pyt
     go, opened, really_open = threading.Event(), threading.Event(), serial.Serial.open
 
     def open_slowly(port: serial.Serial) -> None:
-        assert go.wait(10)
+        assert go.wait(LIMIT)
         really_open(port)
         opened.set()
 
@@ -226,7 +226,7 @@ async def test_a_cancelled_opening_that_fails_later_is_forgotten(
     go, failed = threading.Event(), threading.Event()
 
     def fail_slowly(_: serial.Serial) -> None:
-        assert go.wait(10)
+        assert go.wait(LIMIT)
         failed.set()
         raise serial.SerialException(errno.ENOENT, "gone")
 
