@@ -6,6 +6,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import weakref
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -30,7 +31,11 @@ class Broker:
 
     def __init__(self, folder: Path, lines: Iterable[str] = OPEN, listener: Iterable[str] = ()) -> None:
         """Have it configured with `lines`; `listener` configures its port."""
-        self.port = _free_port()
+        reserved = socket.socket()  # keeps the port, also while the broker is away, from anybody who does not reuse it
+        reserved.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        reserved.bind(("127.0.0.1", 0))
+        weakref.finalize(self, reserved.close)
+        self.port: int = reserved.getsockname()[1]
         self._config = folder / "mosquitto.conf"
         self._log = folder / "mosquitto.log"
         # As root, or it would change to a user that cannot read the files of the test.
@@ -67,10 +72,3 @@ class Broker:
     def log(self) -> str:
         """Return what it has logged."""
         return self._log.read_text(encoding="utf-8")
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
