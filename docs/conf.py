@@ -12,7 +12,9 @@ sys.path.insert(0, str(ROOT))  # what is documented is what lies here, installed
 
 import servolink  # noqa: E402
 from servolink.client import board, connect  # noqa: E402
+from servolink.client.alarms import Alarm  # noqa: E402
 from servolink.profiles.profile import BoardProfile, ProfileInUse  # noqa: E402
+from servolink.project.model import Project  # noqa: E402
 from servolink.project.transfer import results  # noqa: E402
 
 if TYPE_CHECKING:
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 
 # Sphinx evaluates signatures, and these are imported for type checkers only.
 for module in (board, connect, results):
-    vars(module).update(Path=Path, BoardProfile=BoardProfile, ProfileInUse=ProfileInUse)
+    vars(module).update(Path=Path, BoardProfile=BoardProfile, ProfileInUse=ProfileInUse, Alarm=Alarm, Project=Project)
 
 project = "servolink"
 author = "The servolink authors"

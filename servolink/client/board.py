@@ -6,23 +6,17 @@ from collections.abc import AsyncIterator, Iterable
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
-from servolink.client.alarms import Alarm
-from servolink.client.events import ButtonEvents, ButtonSubscription
 from servolink.client.names import Targets
-from servolink.client.projects import ProjectTransfers
 from servolink.client.raw_packets import RawPackets
 from servolink.client.reconnect import ConnectionState
-from servolink.client.records import RecordStore
 from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
-from servolink.client.watch import ServoReadings, ServoWatch
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
 from servolink.escaping import escape
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
-from servolink.project.model import Project
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Packet, Request, Response
@@ -44,12 +38,18 @@ from servolink.protocol.settings import (
     SendDummyDataRequest,
 )
 
-if TYPE_CHECKING:  # imported late: loading them takes longer than loading all packets
+if TYPE_CHECKING:  # imported when they are first used, which most of them are in few programs
     from pathlib import Path
 
+    from servolink.client.alarms import Alarm
+    from servolink.client.events import ButtonEvents, ButtonSubscription
     from servolink.client.playing import Playback, Playing
+    from servolink.client.projects import ProjectTransfers
+    from servolink.client.records import RecordStore
     from servolink.client.stored_runs import StoredRuns
+    from servolink.client.watch import ServoReadings, ServoWatch
     from servolink.profiles.profile import ProfileInUse
+    from servolink.project.model import Project
 
 R = TypeVar("R", bound=Response)
 
@@ -97,12 +97,32 @@ class Board:
         self._session = session
         self._limits = limits
         self._servos = ServoController(session, angle_unit, limits, interval_unit)
-        self._records = RecordStore(session)
         self._interval_unit = interval_unit
         self._packets = RawPackets(session, self._servos, lambda: self._runs, limits)
-        self._buttons = ButtonSubscription(session)
-        self._watch = ServoWatch(session, self._servos)
-        self._projects = ProjectTransfers(session)
+
+    @cached_property
+    def _records(self) -> RecordStore:
+        from servolink.client.records import RecordStore
+
+        return RecordStore(self._session)
+
+    @cached_property
+    def _buttons(self) -> ButtonSubscription:
+        from servolink.client.events import ButtonSubscription
+
+        return ButtonSubscription(self._session)
+
+    @cached_property
+    def _watch(self) -> ServoWatch:
+        from servolink.client.watch import ServoWatch
+
+        return ServoWatch(self._session, self._servos)
+
+    @cached_property
+    def _projects(self) -> ProjectTransfers:
+        from servolink.client.projects import ProjectTransfers
+
+        return ProjectTransfers(self._session)
 
     @cached_property
     def _runs(self) -> StoredRuns:
@@ -201,8 +221,11 @@ class Board:
         try:
             if at_home:  # otherwise the tasks that would be awaited here have ended with their loop
                 await self._session.stop_reconnecting()
-                await self._watch.close()
-                await self._buttons.close()
+                used = vars(self)
+                if "_watch" in used:
+                    await self._watch.close()
+                if "_buttons" in used:
+                    await self._buttons.close()
         finally:
             await self._session.close()
 
@@ -257,6 +280,8 @@ class Board:
         a board share what is read. A reading has `seconds`, `servos`, `missed` and `alarms` (see `ServoReading`): which
         of the given alarms were raised. An alarm with `stops` stops all servos at once.
         """
+        from servolink.client.watch import ServoReadings
+
         return ServoReadings(self._watch, hz, alarms)
 
     async def servo(self, servo_id: int | str) -> Servo:
@@ -460,6 +485,8 @@ class Board:
 
         Up to `limit` unread events are kept; the oldest are dropped and counted.
         """
+        from servolink.client.events import ButtonEvents
+
         return ButtonEvents(self._buttons, limit)
 
     # --- 4 projects: everything stored on the board at once --------------------------------------------------------

@@ -48,7 +48,9 @@ class Session:
         self._restorers: list[Callable[[Connection], Awaitable[None]]] = []
         self._mode: int | None = None  # the transmission mode set by this session; None if it was left alone
         self._states = ConnectionStates()
-        self._loop = asyncio.get_running_loop()
+        self.loop = asyncio.get_running_loop()
+        """The event loop that connected."""
+        self._ended: ConnectionLost | None = None
         self._reconnector: Reconnector | None = None
         if reopen is not None:
             self._reconnector = Reconnector(lambda: self._open_again(reopen), self._resume)
@@ -84,8 +86,10 @@ class Session:
         self._restorers.append(restore)
 
     def end_with(self, end: Callable[[ConnectionLost], None]) -> None:
-        """Call `end` when the connection is lost and will not be replaced, or closed."""
+        """Call `end` when the connection is lost and will not be replaced, or closed; at once if it was."""
         self._enders.append(end)
+        if self._ended is not None:
+            end(self._ended)
 
     # --- requests -----------------------------------------------------------------------------------------------
 
@@ -140,7 +144,7 @@ class Session:
     async def _clear_all_data(self) -> None:
         with self.identity.changing(self.connection, 0):
             await self.command(ClearAllDataRequest(), "its data was not deleted")
-        self.identity.changes_now(self._loop.time())
+        self.identity.changes_now(self.loop.time())
         self.identity.add(0)  # some boards keep the project id, others reset it to 0
         if self._reconnector is not None:
             # Only to recognise the board later; the data is deleted, so a failure here is not a failure of the call.
@@ -158,7 +162,7 @@ class Session:
         """Write the project id (3.3.12). Raise Rejected if the board refuses."""
         with self.identity.changing(self.connection, project_id):
             await self.command(WriteProjectIDRequest(project_id), "it was not written")
-        self.identity.changes_now(self._loop.time())
+        self.identity.changes_now(self.loop.time())
         self.identity.set(project_id)
         if self._reconnector is not None:
             # Only to recognise the board later: it may keep less of the id than it was given.
@@ -172,7 +176,7 @@ class Session:
 
         Raise RuntimeError if it has not: tasks of one loop cannot be awaited in another.
         """
-        here, home = asyncio.get_running_loop(), self._loop
+        here, home = asyncio.get_running_loop(), self.loop
         if here is not home and not home.is_closed():
             raise RuntimeError(
                 f"{escape(self.url)} was connected in {home!r} and cannot be closed in {here!r}: close it in the first "
@@ -195,7 +199,7 @@ class Session:
             self._states.change("closed")
 
     def _connection_ended(self, error: ConnectionLost) -> None:
-        self.identity.lost(self._loop.time())
+        self.identity.lost(self.loop.time())
         self._states.change("lost")
         if self._reconnector is None or not self._reconnector.start():
             self._end(error)
@@ -213,6 +217,7 @@ class Session:
             self._states.change("lost" if has_lost_board else "connected")
 
     def _end(self, error: ConnectionLost) -> None:
+        self._ended = error
         for end in self._enders:
             end(error)
 

@@ -81,7 +81,7 @@ class ServoWatch(Source[_RatedReader]):
         """Start without readers."""
         self._session = session
         self._servos = servos
-        self._loop = asyncio.get_running_loop()
+        self._loop = session.loop
         self._readers: set[_RatedReader] = set()
         self._queries: set[asyncio.Task[None]] = set()
         self._resuming: asyncio.Task[None] | None = None

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import unicodedata
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from servolink.escaping import escape
 
-_ID = re.compile(r"[0-9]{1,10}", re.ASCII)
+_LONGEST_ID = 10  # digits
 _PREFIX = "name:"
 _MOST_LISTED = 5
 _COMPARED = 64  # characters; a caption has at most 32 bytes, and what is typed may be endless
@@ -34,7 +33,8 @@ def id_or_caption(text: str) -> int | str:
 
     `name:3` is the caption `3`, and `name:name:3` the caption `name:3`.
     """
-    return int(text) if _ID.fullmatch(text) else text.removeprefix(_PREFIX)
+    is_id = text.isascii() and text.isdigit() and len(text) <= _LONGEST_ID
+    return int(text) if is_id else text.removeprefix(_PREFIX)
 
 
 def captioned(things: Iterable[Named], caption: str) -> list[Named]:

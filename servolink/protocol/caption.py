@@ -13,7 +13,7 @@ from servolink.protocol.frame import MAGIC
 
 CAPTION_SIZE = 32
 _BYTES_AS_CODE_POINTS = "servolink.bytes"
-_KEPT_BYTES = re.compile("([\udc00-\udcff]+)")
+_KEPT_BYTES = "([\udc00-\udcff]+)"  # compiled when it is first used, as few captions have any
 
 
 def _keep_bytes(error: UnicodeError) -> tuple[str, int]:
@@ -31,7 +31,7 @@ codecs.register_error(_BYTES_AS_CODE_POINTS, _keep_bytes)
 
 def _encode_kept(text: str, encoding: str) -> bytes:
     """Encode `text`, turning kept bytes back into what they were."""
-    texts_and_bytes = enumerate(_KEPT_BYTES.split(text))
+    texts_and_bytes = enumerate(re.split(_KEPT_BYTES, text))
     return b"".join(
         bytes(ord(kept) - 0xDC00 for kept in part) if at % 2 else part.encode(encoding) for at, part in texts_and_bytes
     )

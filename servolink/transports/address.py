@@ -9,14 +9,14 @@ from collections.abc import Mapping, Sequence
 
 from servolink.errors import InvalidAddress
 
-_BARE_DEVICE = re.compile(r"/|\\\\\.\\|com\d+(\?|$)", re.IGNORECASE | re.ASCII)
-_COM_PORT = re.compile(r"(?:\\\\\.\\)?(com\d+)", re.IGNORECASE | re.ASCII)
-_SCHEME = re.compile(r"[a-z][a-z0-9+.-]*", re.ASCII)
-_AUTHORITY = re.compile(r"(?:\[(?P<v6>[^\[\]]*)\]|(?P<host>[^\[\]:]*))(?::(?P<port>[^:\[\]]*))?")
-_BAD_ESCAPE = re.compile(r"%(?![0-9a-f]{2})", re.IGNORECASE)
-_CONTROL = re.compile(r"[\x00-\x1f\x7f]")
-_INTEGER = re.compile(r"[+-]?[0-9]{1,18}", re.ASCII)
-# Compiled when they are first used, which few addresses need and takes a while.
+# Compiled when they are first used: that takes a while, and no address needs all of them.
+_BARE_DEVICE = r"(?ai)/|\\\\\.\\|com\d+(\?|$)"
+_COM_PORT = r"(?ai)(?:\\\\\.\\)?(com\d+)"
+_SCHEME = r"(?a)[a-z][a-z0-9+.-]*"
+_AUTHORITY = r"(?:\[(?P<v6>[^\[\]]*)\]|(?P<host>[^\[\]:]*))(?::(?P<port>[^:\[\]]*))?"
+_BAD_ESCAPE = r"(?i)%(?![0-9a-f]{2})"
+_CONTROL = r"[\x00-\x1f\x7f]"
+_INTEGER = r"[+-]?[0-9]{1,18}"
 _HEXADECIMAL = r"(?ai)0x[0-9a-f]{1,15}"
 _NUMBER = r"(?ai)[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?"
 _FORMS = "write it as serial:///dev/ttyACM0, serial://COM3, tcp://host:port or virtual://"
@@ -53,17 +53,17 @@ class Address:
     @classmethod
     def parse(cls, url: str) -> Address:
         """Parse any text; InvalidAddress says what to write instead."""
-        if _CONTROL.search(url):
+        if re.search(_CONTROL, url):
             raise refusal(url, f"holds a control character; {_FORMS}")
-        if _BARE_DEVICE.match(url):  # taken literally, so that no file name needs escapes
+        if re.match(_BARE_DEVICE, url):  # taken literally, so that no file name needs escapes
             path, _, query = url.partition("?")
             return cls(url, "serial", path=path, options=_options(url, query))
         scheme, separator, rest = url.partition("://")
-        if not separator or not _SCHEME.fullmatch(scheme.lower()):
+        if not separator or not re.fullmatch(_SCHEME, scheme.lower()):
             raise refusal(url, f"is not an address; {_FORMS}")
         place, _, query = rest.partition("?")
         authority, slash, path = place.partition("/")
-        parts = _AUTHORITY.fullmatch(authority)
+        parts = re.fullmatch(_AUTHORITY, authority)
         if parts is None:
             raise refusal(url, "is not an address: an IPv6 host must be in brackets, as in tcp://[::1]:9000")
         host, port = parts["v6"] or parts["host"] or "", parts["port"] or ""
@@ -84,12 +84,12 @@ class Address:
         device = self.host + self.path
         if "/" in device:  # such as a link in /dev/serial/by-id
             return os.path.realpath(device)
-        port = _COM_PORT.fullmatch(device)
+        port = re.fullmatch(_COM_PORT, device)
         return port[1].upper() if port else device
 
     def port_number(self) -> int:
         """Return the port, 1 to 65535."""
-        if not _INTEGER.fullmatch(self.port) or not 1 <= int(self.port) <= 65535:
+        if not re.fullmatch(_INTEGER, self.port) or not 1 <= int(self.port) <= 65535:
             raise self.refusal(f"needs a port from 1 to 65535: {self.scheme}://host:port")
         return int(self.port)
 
@@ -101,7 +101,9 @@ class Address:
         text = self._option(name)
         if text is None:
             return default
-        value = int(text, 16) if re.fullmatch(_HEXADECIMAL, text) else int(text) if _INTEGER.fullmatch(text) else None
+        value = (
+            int(text, 16) if re.fullmatch(_HEXADECIMAL, text) else int(text) if re.fullmatch(_INTEGER, text) else None
+        )
         if value is None or not low <= value <= high:
             raise self._bad(name, text, f"an integer from {low} to {high}")
         return value
@@ -180,13 +182,13 @@ def _options(url: str, query: str) -> dict[str, str]:
 
 
 def _unescaped(url: str, text: str) -> str:
-    if bad := _BAD_ESCAPE.search(text):
+    if bad := re.search(_BAD_ESCAPE, text):
         raise refusal(url, f"bad escape {text[bad.start() :][:3]!r}; write a percent sign as %25")
     plain = text
     if "%" in text:
         from urllib.parse import unquote  # most programs start without it
 
         plain = unquote(text, errors="surrogateescape")
-    if _CONTROL.search(plain):
+    if re.search(_CONTROL, plain):
         raise refusal(url, f"holds a control character; {_FORMS}")
     return plain
