@@ -51,7 +51,7 @@ class Lane:
         self.response_size = size if size > known or known == UNKNOWN_SIZE else known - (known - size) // 8
 
     def hand_down(self, call: Call) -> Call:
-        """Give the oldest open slot to `call`, all of whose slots are over, and return whose turn it is to send.
+        """Give the oldest awaited slot to `call`, all of whose slots are over, and return whose turn it is to send.
 
         That is who had the youngest slot: each caller who loses a slot gets the next one. The oldest slot is answered
         first, so a call that repeats behind all others would again be the one whose response is missing. An open slot
@@ -60,7 +60,7 @@ class Lane:
         if self.equal and not self.stopped and self.slots and self.slots[0].request == call.packet:
             for slot in self.slots:
                 owner = slot.call
-                if owner is None or slot.is_fence:
+                if owner is None or slot.is_fence or slot.overdue:  # an overdue one wakes nobody any more
                     continue
                 slot.call, call.latest = call, slot
                 call.open_slots += 1

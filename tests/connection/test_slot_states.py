@@ -272,3 +272,11 @@ def test_on_a_lane_that_was_stopped_nothing_is_handed_down() -> None:
     slots.open_stop(Slot(STOP, slot.lane, None))
     assert slot.lane.hand_down(lost) is lost
     assert slot.call is mover
+
+
+def test_a_slot_that_is_overdue_is_not_handed_down_as_it_wakes_nobody() -> None:
+    slots, lost, callers = Slots(), caller(), [caller(), caller()]
+    late, awaited = (opened(slots, each) for each in callers)
+    slots.expire(late)
+    assert late.lane.hand_down(lost) is callers[1]
+    assert (late.call, awaited.call, lost.latest) == (callers[0], lost, awaited)
