@@ -9,7 +9,15 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from servolink.cli.output import flush_stdout, logged, lost_output, open_missing_stderr, print_error, silence
+from servolink.cli.output import (
+    flush_stderr,
+    flush_stdout,
+    logged,
+    lost_output,
+    open_missing_stderr,
+    print_error,
+    silence,
+)
 from servolink.cli.parser import build_parser
 from servolink.errors import ServolinkError
 from servolink.escaping import escape
@@ -34,6 +42,7 @@ def run(argv: Sequence[str] | None = None) -> int:
             with logged(verbosity):
                 return int(args.run(args))
         finally:
+            flush_stderr()
             flush_stdout()
     except BrokenPipeError:  # the reader of our output has gone, as in `| head`
         silence(1)

@@ -39,6 +39,14 @@ def flush_stdout() -> None:
         sys.stdout.flush()
 
 
+def flush_stderr() -> None:
+    """Write what standard error still buffers, if it can be written: argparse prints without a look at the result."""
+    try:
+        sys.stderr.flush()
+    except OSError:
+        silence(2)
+
+
 def print_error(text: str) -> None:
     """Print a line on standard error, if it can be written."""
     try:
