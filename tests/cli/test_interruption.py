@@ -104,11 +104,11 @@ def test_the_cursor_is_shown_again(by: str | signal.Signals) -> None:
 
 
 STUBBORN = """
-import asyncio, sys, threading
+import asyncio, os, sys, threading
 from servolink.cli import session, terminal
 session._PATIENCE = 1e9
 async def main(interruption):
-    with terminal.cleanup(lambda: print("restored", flush=True)):
+    with terminal.cleanup(lambda: os.write(1, b"restored\\n")):  # print may have been interrupted itself
         while True:
             print("working", flush=True)
             try:
