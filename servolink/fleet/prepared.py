@@ -9,7 +9,7 @@ import msgspec
 from servolink.errors import MotionRefused, NotFound
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.topics import Prepare
-from servolink.hub.control.messages import Done, Ran, RunStarted
+from servolink.hub.control.messages import Done, Ran, RunStart, RunStarted
 
 
 class PreparedRun:
@@ -39,15 +39,18 @@ class PreparedRun:
         """Return whether the message with this id starts what is prepared."""
         return self._prepared is not None and self._prepared.start == start
 
-    async def start(self) -> RunStarted:
-        """Begin what is prepared, once. Raise MotionRefused if that is too late, or the error of the hub."""
+    async def start(self, at: float) -> RunStarted:
+        """Begin what is prepared, once, at this time of the loop. Raise MotionRefused if that is too late.
+
+        An error of the hub is raised as well.
+        """
         prepared, until = self._prepared, self._until
         self._drop()
         if prepared is None or asyncio.get_running_loop().time() > until:
             self.is_none.set()
             raise MotionRefused("what was prepared has expired; nothing was moved")
         try:
-            return msgspec.json.decode(result_of(await self._hub.ask("run.start", {})), type=RunStarted)
+            return msgspec.json.decode(result_of(await self._hub.ask("run.start", RunStart(at))), type=RunStarted)
         finally:
             self.is_none.set()
 

@@ -25,6 +25,8 @@ from servolink.fleet.stop_desk import read_stop
 from servolink.fleet.topics import Command, Echo, Echoed, Press, Start, Started, Topics
 
 _PRESS_SECONDS = 5
+_LEAD = 0.1
+"""Seconds from the message that starts several boards to their start. Until then all their hubs have got ready."""
 
 
 class Urgent:
@@ -115,7 +117,7 @@ class Urgent:
     async def _begin_prepared(self, bridge: Bridge, start: Start, sender: Sender, received: float) -> None:
         answers = self._answers[bridge.board]
         try:
-            moment = (await bridge.prepared.start()).monotonic
+            moment = (await bridge.prepared.start(received + _LEAD)).monotonic
         except Exception as error:  # noqa: BLE001 - whatever prevents it is an answer
             answers.refuse(start.id, sender, error)
         else:

@@ -57,6 +57,29 @@ def test_a_prepared_run_is_started_once(kind: str, name: int | str, seconds: flo
     run(main())
 
 
+def test_a_prepared_run_begins_at_the_moment_that_was_said_unless_a_stop_comes_first() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program() as studio, here.program("tablet") as tablet:
+            await stored(here)
+            clock = asyncio.get_running_loop().time
+            await studio.call("run.prepare", type="action", id=1)
+            at = clock() + 0.25
+            assert await studio.call("run.start", at=at) == {"monotonic": at}
+            await studio.call("run.prepare", type="action", id=1)
+            over = clock()
+            assert await studio.call("run.start", at=over - 5) == {"monotonic": over}
+            await studio.call("stop")
+            await here.hub.board.set_servo("all", start=True, hold=True)
+            await studio.call("run.prepare", type="action", id=1)
+            assert "at most 1 s ahead, not 2 s" in await refusal(studio, "run.start", at=clock() + 2)
+            late = asyncio.create_task(refusal(studio, "run.start", at=clock() + 0.25))
+            await asyncio.sleep(0.1)
+            await tablet.call("stop")
+            assert "the board was stopped since this was prepared" in await late
+
+    run(main())
+
+
 def test_what_a_macro_runs_must_be_there_before_it_is_started() -> None:
     async def main() -> None:
         async with shared() as here, here.program() as studio:

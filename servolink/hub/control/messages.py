@@ -263,6 +263,15 @@ class Ran(Struct, frozen=True):
     seconds: float | None
 
 
+class RunStart(Struct, forbid_unknown_fields=True):
+    """When to begin."""
+
+    at: Annotated[
+        float | None,
+        about("seconds, by the clock that `monotonic` tells; at most 1 s ahead; at once if it is over or null"),
+    ] = None
+
+
 class RunStarted(Struct, frozen=True):
     """The start of a run."""
 

@@ -6,11 +6,13 @@ import asyncio
 
 from servolink.errors import MotionRefused
 from servolink.hub.control.context import PreparedRun
-from servolink.hub.control.messages import NoParams, Ran, Runnable, RunStarted
+from servolink.hub.control.messages import Ran, Runnable, RunStart, RunStarted
 from servolink.hub.control.methods import METHODS, Caller
 from servolink.hub.roles import Role
 from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.servos import ExecuteActionExRequest
+
+_LONGEST_LEAD = 1.0
 
 
 @METHODS.add("run.prepare", Role.RUN, in_order=True)
@@ -37,13 +39,19 @@ async def run_prepare(caller: Caller, params: Runnable) -> Ran:
 
 
 @METHODS.add("run.start", Role.RUN, is_urgent=True)
-async def run_start(caller: Caller, params: NoParams) -> RunStarted:
-    """Begin what `run.prepare` has prepared, once, and before all that waits.
+async def run_start(caller: Caller, params: RunStart) -> RunStarted:
+    """Begin what `run.prepare` has prepared, once, and before all that waits; in a moment, if `at` says so.
 
-    With limits, it is compared again with the present pose, as by `run`, and takes as long. MotionRefused if nothing is
-    prepared, if the board was stopped or connected again since, or if another program has the lease.
+    Programs that begin at the same moment begin closer together than their messages come. With limits, the run is
+    compared again with the present pose, as by `run`, and takes as long. MotionRefused if nothing is prepared, if the
+    board was stopped or connected again since, or if another program has the lease.
     """
-    control = caller.control
+    control, clock = caller.control, asyncio.get_running_loop().time
+    if params.at is not None:
+        lead = params.at - clock()
+        if lead > _LONGEST_LEAD:
+            raise ValueError(f"at must be at most {_LONGEST_LEAD:g} s ahead, not {lead:g} s")
+        await asyncio.sleep(lead)
     prepared, control.prepared = control.prepared, None
     if prepared is None:
         raise MotionRefused("nothing was moved: nothing is prepared; call run.prepare first")
@@ -54,13 +62,13 @@ async def run_start(caller: Caller, params: NoParams) -> RunStarted:
     if control.holder is not None:
         raise MotionRefused("nothing was moved: another program has the board alone")
     board = await control.board()
-    packet, now = prepared.packet, asyncio.get_running_loop().time
+    packet = prepared.packet
     if not board.limits:
-        sent = now()
+        sent = clock()
         await control.hub.run(control.session, packet, prepared.stops)
         return RunStarted(sent)
     if isinstance(packet, ExecuteMacroRequest):
         await board.run_macro(packet.macro_id)
     else:
         await board.run_action(packet.action_id)
-    return RunStarted(now())
+    return RunStarted(clock())
