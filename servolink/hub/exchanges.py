@@ -59,6 +59,8 @@ class Exchange(Struct, eq=False):
     """How many stops there had been when it came; a motion is not sent after a later one."""
     asked_at: float = 0.0
     """When it came, on the clock of the event loop."""
+    seconds: float | None = None
+    """How long the motion lasts, if that was computed beforehand."""
     refused: str = ""
     """Why it was not sent to the board; empty if it was, or will be."""
     frame: bytes | None = None

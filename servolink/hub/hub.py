@@ -67,10 +67,12 @@ class Hub:
         self.doors: tuple[str, ...] = ()
         """The addresses at which it is served, for its status."""
         self._buttons = ButtonRelay(board, self._deliver)
-        motions, units = Motions(board), UnitSwitch(board)
+        units = UnitSwitch(board)
+        self.motions = Motions(board)
+        """How motions are sent to the board, and how long they last."""
         self._keeper = LeaseKeeper(
             name,
-            motions,
+            self.motions,
             units,
             lease_seconds,
             who_of=self._who_of,
@@ -78,7 +80,7 @@ class Hub:
             stop_board=self._stop_for,
             begin=self._begin,
         )
-        sender = PacketSender(board, motions, self._keeper, units, self._buttons, self._alone, self._refused)
+        sender = PacketSender(board, self.motions, self._keeper, units, self._buttons, self._alone, self._refused)
         self._upstream = Upstream(board, sender)
         self._now = asyncio.get_running_loop().time
         self._began_at = self._now()
@@ -193,16 +195,22 @@ class Hub:
         """How many times all servos were stopped."""
         return self._upstream.stops
 
-    async def run(self, session_id: str, packet: ExecuteActionExRequest | ExecuteMacroRequest, stops: int) -> None:
+    async def run(
+        self,
+        session_id: str,
+        packet: ExecuteActionExRequest | ExecuteMacroRequest,
+        stops: int,
+        seconds: float | None,
+    ) -> None:
         """Run a stored record for a program, before all that waits; it is not checked against limits of the program.
 
-        Raise MotionRefused if that must not be: without the lease, or if there were more than `stops` stops. Raise
-        Rejected if the board refuses.
+        `seconds` is how long it lasts, if that is known. Raise MotionRefused if that must not be: without the lease, or
+        if there were more than `stops` stops. Raise Rejected if the board refuses.
         """
         program = self.programs.get(session_id)
         if program is None:
             raise ConnectionLost("the session has ended; connect again")
-        exchange = Exchange(program, packet, stops, asked_at=self._now())
+        exchange = Exchange(program, packet, stops, asked_at=self._now(), seconds=seconds)
         response = await self._upstream.begin(exchange)
         if exchange.refused:
             raise MotionRefused(f"nothing was moved: {exchange.refused}")

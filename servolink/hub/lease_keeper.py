@@ -80,6 +80,9 @@ class LeaseKeeper:
         if isinstance(packet, ExecuteActionRequest):
             self._count(session, sent_at + self._motions.seconds_of_steps(packet))
             return
+        if exchange.seconds is not None:
+            self._count_run(exchange, sent_at + exchange.seconds)
+            return
         if isinstance(packet, ExecuteMacroRequest):  # whose end is known a little later
             self._units.keep_for(exchange.program.state, math.inf)
         self._begin(self._count_later(exchange, sent_at))
@@ -123,9 +126,16 @@ class LeaseKeeper:
         seconds = await self._motions.seconds_of(packet)
         if stops != self._stops:
             return
-        if seconds is not None and isinstance(packet, ExecuteMacroRequest):
-            self._units.keep_for(exchange.program.state, sent_at + seconds)
-        self._count(exchange.program.session_id, None if seconds is None else sent_at + seconds)
+        if seconds is None:
+            self._count(exchange.program.session_id, None)
+        else:
+            self._count_run(exchange, sent_at + seconds)
+
+    def _count_run(self, exchange: Exchange, ends_at: float) -> None:
+        """Count a stored record that runs until `ends_at`."""
+        if isinstance(exchange.packet, ExecuteMacroRequest):
+            self._units.keep_for(exchange.program.state, ends_at)
+        self._count(exchange.program.session_id, ends_at)
 
     def _count(self, session: str, ends_at: float | None) -> None:
         self._report(self._lease.moved(session, ends_at, self._loop.time()))

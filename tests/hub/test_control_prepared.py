@@ -80,6 +80,24 @@ def test_a_prepared_run_begins_at_the_moment_that_was_said_unless_a_stop_comes_f
     run(main())
 
 
+@pytest.mark.parametrize("kind", ["action", "macro"])
+def test_a_start_asks_the_board_for_nothing_and_keeps_the_lease_until_the_end(kind: str) -> None:
+    async def main() -> None:
+        async with shared() as here, here.program() as studio:
+            await stored(here)
+            await studio.call("run", type=kind, id=1, wait=True)  # sets the unit of angles for this program
+            await studio.call("run.prepare", type=kind, id=1)
+            sent = here.hub.board.stats.frames_sent
+            await studio.call("run.start")
+            await asyncio.sleep(0.4)  # of 0.5
+            assert here.hub.board.stats.frames_sent == sent + 1
+            assert here.hub.lease is not None
+            await asyncio.sleep(60)
+            assert here.hub.lease is None
+
+    run(main())
+
+
 def test_what_a_macro_runs_must_be_there_before_it_is_started() -> None:
     async def main() -> None:
         async with shared() as here, here.program() as studio:

@@ -41,6 +41,8 @@ class PreparedRun(NamedTuple):
     """Of the hub with the board, when it was checked."""
     stops: int
     """How often all servos had been stopped before it was checked."""
+    seconds: float | None
+    """How long it lasts; None if that cannot be computed."""
 
 
 class Readings:

@@ -34,7 +34,8 @@ async def run_prepare(caller: Caller, params: Runnable) -> Ran:
         packet = ExecuteMacroRequest((await board.macro(params.id)).macro_id)
         await board.run_macro(packet.macro_id, dry_run=True)
     control.take_lease()
-    control.prepared = PreparedRun(packet, connection, stops)
+    lasts = await control.hub.motions.seconds_of(packet)
+    control.prepared = PreparedRun(packet, connection, stops, lasts)
     return Ran(seconds)
 
 
@@ -65,7 +66,7 @@ async def run_start(caller: Caller, params: RunStart) -> RunStarted:
     packet = prepared.packet
     if not board.limits:
         sent = clock()
-        await control.hub.run(control.session, packet, prepared.stops)
+        await control.hub.run(control.session, packet, prepared.stops, prepared.seconds)
         return RunStarted(sent)
     if isinstance(packet, ExecuteMacroRequest):
         await board.run_macro(packet.macro_id)
