@@ -54,26 +54,27 @@ async def boards_here(names: Sequence[str], name: str | None = None, **options: 
         )
     async with AsyncExitStack() as stack:
         here = []
-        for address in addresses:
+        for address, given in addresses.items():
             if address.startswith(_SHARED):
                 hub = address.removeprefix(_SHARED).partition("?")[0]
-            else:
-                hub = (await stack.enter_async_context(serve_board(address, **options)))[0].name
+            else:  # under the name that was given, if it is one
+                hub = (await stack.enter_async_context(serve_board(given, **options)))[0].name
             here.append(Here(hub, name or hub))
         yield here
 
 
-async def _named(names: Sequence[str]) -> list[str]:
-    return list(dict.fromkeys([(await resolve_board(name)).url for name in names]))
+async def _named(names: Sequence[str]) -> dict[str, str]:
+    """Return the names by their addresses."""
+    return {(await resolve_board(name)).url: name for name in names}
 
 
-async def _found() -> list[str]:
+async def _found() -> dict[str, str]:
     found = boards(await asyncio.to_thread(search))
     usable = [board.url for board in found if not board.problem]
     if not usable:
         problems = "; ".join(f"{board.url}: {board.problem}" for board in found)
         raise OpenError(problems or NONE_HERE)
-    return usable
+    return dict(zip(usable, usable, strict=True))
 
 
 class Fleet:

@@ -8,7 +8,9 @@ import json
 import msgspec
 import pytest
 
+from servolink.discovery.names import Alias, save_alias
 from servolink.errors import OpenError
+from servolink.fleet.join import Here, boards_here
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.topics import BoardNow, EventNow, ServosNow
 from servolink.hub.serving import serve_board
@@ -192,6 +194,18 @@ def test_a_lost_hub_is_told_and_waited_for(broker: Broker) -> None:
                 await far.state(lambda state: state["connection"] == "connected")
                 await far.call("battery")
                 await joining.__aexit__(None, None, None)
+
+    run(main())
+
+
+def test_a_board_joins_under_the_name_that_it_is_given_by() -> None:
+    async def main() -> None:
+        save_alias("rex", Alias("virtual://?servos=1"))
+        async with serve_board("virtual://?servos=2", name="fido"):
+            async with boards_here(["rex", "fido"]) as here:
+                assert here == [Here("rex", "rex"), Here("fido", "fido")]
+            async with boards_here(["rex"], "max") as here:
+                assert here == [Here("rex", "max")]
 
     run(main())
 
