@@ -45,7 +45,8 @@ class Fleet:
 
     def boards(self, on: On = ALL) -> tuple[str, ...]:
         """Return the names of the boards that `on` means. Raise NotFound for what is neither a board nor a group."""
-        return chosen_boards(on, self.controller.roster.online, self.groups)
+        roster = self.controller.roster
+        return chosen_boards(on, roster.online, self.groups, (board.name for board in roster))
 
     async def list(self) -> tuple[BoardSeen, ...]:
         """Return what is known of every board, those that are away too."""

@@ -62,14 +62,16 @@ def _groups(text: str, values: Mapping[str, Any]) -> Groups:
     return {name: tuple(dict.fromkeys(boards)) for name, boards in tables.items()}
 
 
-def chosen_boards(words: str | Iterable[str], there: Sequence[str], groups: Groups) -> tuple[str, ...]:
+def chosen_boards(
+    words: str | Iterable[str], there: Sequence[str], groups: Groups, away: Iterable[str] = ()
+) -> tuple[str, ...]:
     """Return the names of the boards that `words` mean, each once: names, groups and `all`, separated by commas.
 
-    `there` are the boards that `all` means. A name of a board may be one that is not there. Raise NotFound for `all`
-    if no board is there, and for words that are neither a group nor one of `there` nor in any group.
+    `there` are the boards that `all` means. Those that are `away` or in a group may be named as well. Raise NotFound
+    for `all` if no board is there, and for words that are neither a board nor a group.
     """
     parts = [part.strip() for word in ([words] if isinstance(words, str) else words) for part in word.split(",")]
-    known = {*there, *(board for boards in groups.values() for board in boards)}
+    known = {*there, *away, *(board for boards in groups.values() for board in boards)}
     found: dict[str, None] = {}
     for part in filter(None, parts):
         if part == ALL:

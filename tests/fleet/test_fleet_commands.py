@@ -106,6 +106,18 @@ def test_boards_that_left_are_listed_as_offline(broker: Broker, said: Callable[.
     assert found.out.splitlines()[1].split()[:2] == ["rex", "offline"]
 
 
+def test_a_board_that_left_is_named_as_the_reason_why_nobody_starts(broker: Broker, said: Callable[..., Said]) -> None:
+    with boards(broker, "rex", "fido") as (rex, fido):
+        asyncio.run_coroutine_threadsafe(
+            rex._client.publish("servolink/rex/available", "offline", 1, retain=True), _loop_of(rex)
+        ).result(120)
+        fido.answers["prepare"] = lambda params: {"seconds": 2.0}
+        ran = said("run", "Wave", "--on", "rex,fido")
+    assert ran.code == FAILED
+    assert "rex is not connected: start `servolink fleet join` on its machine" in ran.err
+    assert "no board was started" in ran.err
+
+
 def _loop_of(board: StandIn) -> asyncio.AbstractEventLoop:
     return board._client._loop
 

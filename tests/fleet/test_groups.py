@@ -62,6 +62,11 @@ def test_boards_are_chosen_by_name_and_group(words: str | list[str], chosen: tup
     assert chosen_boards(words, ("rex", "tom"), GROUPS) == chosen
 
 
+def test_a_board_that_is_away_may_be_named_and_all_are_those_that_are_there() -> None:
+    assert chosen_boards("tom", ("rex",), GROUPS, ["rex", "tom"]) == ("tom",)
+    assert chosen_boards("all", ("rex",), GROUPS, ["rex", "tom"]) == ("rex",)
+
+
 def test_what_is_neither_board_nor_group_is_refused() -> None:
     with pytest.raises(NotFound, match="'rax' is neither a board nor a group; boards: rex; groups: front, back"):
         chosen_boards("rax", ("rex",), GROUPS)
