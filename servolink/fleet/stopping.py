@@ -25,7 +25,7 @@ class Stopped(Struct, frozen=True):
     failed: dict[str, str]
     """Why a board could not confirm that it is stopped."""
     silent: tuple[str, ...]
-    """Boards that are connected with the broker and did not answer."""
+    """Boards that were connected with the broker and did not answer."""
     offline: tuple[str, ...]
     """Boards that are not connected with the broker, so that nothing can be sent to them."""
 
@@ -40,11 +40,15 @@ async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Sto
     loop = asyncio.get_running_loop()
     begun, stop = loop.time(), Stop(new_id(), controller.who)
     with controller.exchange(stop.id) as exchange:
+        # A board that was there and is lost meanwhile may still move.
+        seen = dict.fromkeys(controller.roster.online)
         sending = asyncio.create_task(_send(controller, exchange, stop, begun + patience))
         try:
             await controller.settle()  # meanwhile the stop is under way
-            while missing := exchange.missing(controller.roster.online):
-                if not await exchange.wait(begun + patience):
+            while True:
+                seen |= dict.fromkeys(controller.roster.online)
+                missing = exchange.missing(seen)
+                if not missing or not await exchange.wait(begun + patience):
                     break
         finally:
             sending.cancel()

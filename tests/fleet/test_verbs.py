@@ -78,20 +78,6 @@ def test_a_stop_names_who_is_away(broker: Broker) -> None:
     asyncio.run(main())
 
 
-def test_a_board_that_is_lost_during_a_stop_may_still_move(broker: Broker) -> None:
-    async def main() -> None:
-        async with stand_ins(broker, "rex") as (rex,), fleet_of(broker) as fleet:
-            rex.is_silent = True
-            stopping = asyncio.create_task(fleet.stop(patience=1.0))
-            while not rex.stops:
-                await asyncio.sleep(0.01)
-            await rex._client.publish("servolink/rex/available", "offline", 1, retain=True)
-            stopped = await stopping
-            assert (stopped.silent, stopped.offline) == (("rex",), ())
-
-    asyncio.run(main())
-
-
 # --- run --------------------------------------------------------------------------------------------------------------
 
 

@@ -1,0 +1,78 @@
+"""Which boards a stop of a whole fleet waits for, and what it says of those that are lost meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, cast
+
+from servolink.fleet.controller import Controller
+from servolink.fleet.exchange import Exchange
+from servolink.fleet.roster import Roster
+from servolink.fleet.stopping import refusal_of, stop_all
+from servolink.fleet.topics import Result, Topics
+from tests.virtual_time import run
+
+
+class Network:
+    """Stands for a controller: what is sent goes nowhere, and boards come, go and answer when the test says so."""
+
+    who = "test"
+    topics = Topics()
+
+    def __init__(self, *boards: str) -> None:
+        self.roster = Roster()
+        self.sent: list[str] = []
+        for board in boards:
+            self.tell(board, "online")
+
+    def tell(self, board: str, available: str) -> None:
+        self.roster.take(board, "available", available.encode(), 0.0)
+
+    def answer(self, board: str) -> None:
+        self._exchange.take(Result(id=self._exchange.id, board=board, ok=True))
+
+    @contextmanager
+    def exchange(self, message_id: str) -> Iterator[Exchange]:
+        self._exchange = Exchange(message_id)
+        yield self._exchange
+
+    async def settle(self) -> None:
+        await asyncio.sleep(0.2)
+
+    async def publish(self, topic: str, *_: Any, **__: Any) -> None:
+        self.sent.append(topic)
+
+
+def test_a_board_that_is_lost_during_a_stop_may_still_move() -> None:
+    async def main() -> None:
+        network = Network("rex", "fido", "bob")
+        stopping = asyncio.create_task(stop_all(cast("Controller", network), patience=2.0))
+        await asyncio.sleep(0.1)
+        network.tell("rex", "offline")  # while nothing has settled yet
+        await asyncio.sleep(0.4)
+        network.tell("bob", "offline")
+        network.answer("fido")
+        stopped = await stopping
+        assert list(stopped.stopped) == ["fido"]
+        assert (sorted(stopped.silent), stopped.offline) == (["bob", "rex"], ())
+        assert "rex has not answered" in str(refusal_of(stopped))
+
+    run(main())
+
+
+def test_it_ends_when_all_have_answered_who_are_there_and_names_who_was_away() -> None:
+    async def main() -> None:
+        network = Network("rex", "fido")
+        network.tell("fido", "offline")
+        began = asyncio.get_running_loop().time()
+        stopping = asyncio.create_task(stop_all(cast("Controller", network), patience=60.0))
+        await asyncio.sleep(0.5)
+        network.answer("rex")
+        stopped = await stopping
+        assert asyncio.get_running_loop().time() - began < 1
+        assert (list(stopped.stopped), stopped.offline) == (["rex"], ("fido",))
+        assert stopped.is_complete
+
+    run(main())
