@@ -279,7 +279,7 @@ class _Client(aiomqtt.Client):
 
 
 async def retained(access: BrokerAccess, filters: Sequence[str]) -> dict[str, bytes]:
-    """Return what the broker keeps at topics, by topic. Raise OpenError if it cannot be asked."""
+    """Return what the broker keeps at topics, of which there is one at least. Raise OpenError if it cannot be asked."""
     found: dict[str, bytes] = {}
     heard = asyncio.Event()
 
@@ -289,14 +289,16 @@ async def retained(access: BrokerAccess, filters: Sequence[str]) -> dict[str, by
 
     wire = Wire(access, WireOptions(f"servolink-look-{secrets.token_hex(8)}"))
     wire.on_message = take
-    wire.subscriptions = [(each, 1) for each in filters]
+    # A broker answers in order: when it confirms the first one again, it has sent what it keeps at all of them. With
+    # QoS 1 it would wait for acknowledgements in between.
+    wire.subscriptions = [(each, 0) for each in (*filters, filters[0])]
     connection = asyncio.create_task(wire.run())
     connected = asyncio.create_task(wire.until_connected())
     try:
         await asyncio.wait((connection, connected), return_when=asyncio.FIRST_COMPLETED)
         if connection.done():
             await connection
-        with suppress(TimeoutError):  # no message says that there are no more
+        with suppress(TimeoutError):  # brokers of several machines may answer in another order
             while True:
                 heard.clear()
                 async with asyncio.timeout(_QUIET):

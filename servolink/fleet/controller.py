@@ -203,12 +203,16 @@ class Controller:
         while (quiet_at := self._heard + _QUIET) > loop.time() and loop.time() < deadline:  # noqa: ASYNC110
             await asyncio.sleep(quiet_at - loop.time())
 
+    def wake(self) -> None:
+        """Have whoever waits for results look again: at the connection, and at the time."""
+        for exchange in self._exchanges.values():
+            exchange.wake()
+
     # --- called by the connection -------------------------------------------------------------------------------
 
     async def _connected_again(self) -> None:
         self.connections += 1
-        for exchange in self._exchanges.values():
-            exchange.wake()
+        self.wake()
 
     def _receive(self, message: Received) -> None:
         if message.topic == self._reply_to:

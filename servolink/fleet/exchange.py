@@ -27,13 +27,14 @@ class Exchange:
         """When each came, in seconds of the clock of the event loop."""
         self.heard = asyncio.get_running_loop().time()
         """When anything came last."""
-        self._board = board
+        self.board = board
+        """From which it takes results; None for all."""
         self._on_step = on_step
         self._changed = asyncio.Event()
 
     def take(self, result: Result) -> None:
         """Take a result or a step."""
-        if self._board not in {None, result.board}:
+        if self.board not in {None, result.board}:
             return
         self.heard = asyncio.get_running_loop().time()
         if result.progress is not UNSET:

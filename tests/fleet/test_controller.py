@@ -10,13 +10,16 @@ from servolink.errors import MotionRefused, OpenError, OutcomeUnknown, RequestTi
 from servolink.fleet.access import broker_access
 from servolink.fleet.controller import Controller
 from tests.fleet.mosquitto import Broker, needs_broker
+from tests.fleet.patience import LIMIT, patience_ends
 from tests.fleet.stand_in import TOPICS, Refused, stand_ins
 
 pytestmark = needs_broker
 
 
 def controller_of(broker: Broker, *, with_servos: bool = False) -> Controller:
-    return Controller(broker_access(broker.url), TOPICS, with_servos=with_servos)
+    controller = Controller(broker_access(broker.url), TOPICS, with_servos=with_servos)
+    controller.patience = LIMIT
+    return controller
 
 
 def test_everybody_who_is_there_is_known(broker: Broker) -> None:
@@ -53,14 +56,16 @@ def test_an_error_of_a_board_is_raised_with_its_name(broker: Broker) -> None:
     asyncio.run(main())
 
 
-def test_silence_says_whether_something_may_have_been_done(broker: Broker) -> None:
+def test_silence_says_whether_something_may_have_been_done(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    patience_ends(monkeypatch, lambda exchange: exchange.board == "rex")
+
     async def main() -> None:
         async with stand_ins(broker, "rex") as (rex,), controller_of(broker) as controller:
             rex.is_silent = True
             with pytest.raises(OutcomeUnknown, match="rex has not answered move within"):
-                await controller.call("rex", "move", {"targets": {"1": 5}}, patience=0.05)
+                await controller.call("rex", "move", {"targets": {"1": 5}}, patience=LIMIT)
             with pytest.raises(RequestTimeout, match="rex has not answered battery"):
-                await controller.call("rex", "battery", patience=0.05)
+                await controller.call("rex", "battery", patience=LIMIT)
 
     asyncio.run(main())
 

@@ -21,6 +21,7 @@ from servolink.fleet.topics import BoardNow
 from servolink.project.project_file import project_to_form, save_project
 from tests.cli.programs import Said, call, in_terminal
 from tests.fleet.mosquitto import Broker, needs_broker
+from tests.fleet.patience import LIMIT, have_answered, patience_ends
 from tests.fleet.stand_in import Refused, StandIn, stand_ins
 from tests.project.projects import HUMANOID
 
@@ -122,14 +123,14 @@ def _loop_of(board: StandIn) -> asyncio.AbstractEventLoop:
     return board._client._loop
 
 
-@pytest.mark.slow
-def test_a_stop_names_who_is_silent(broker: Broker, said: Callable[..., Said]) -> None:
+def test_a_stop_names_who_is_silent(broker: Broker, said: Callable[..., Said], monkeypatch: pytest.MonkeyPatch) -> None:
     with boards(broker, "rex", "fido") as (rex, fido):
-        found = said("stop")
+        found = said("stop", "--within", f"{LIMIT}")
         assert found.code == OK
         assert "stopped 2 boards within" in found.out
         fido.is_silent = True
-        found = said("stop", "--within", "1", "--json")
+        patience_ends(monkeypatch, have_answered("rex"))
+        found = said("stop", "--within", f"{LIMIT}", "--json")
         assert found.code == FAILED
         assert list(found.json["stopped"]) == ["rex"]
         assert found.json["silent"] == ["fido"]

@@ -10,10 +10,13 @@ from typing import Any
 import pytest
 
 from servolink.errors import NotFound
+from servolink.fleet import checks, stopping, together
 from servolink.fleet.client import Fleet, connect
+from servolink.fleet.exchange import Exchange
 from servolink.fleet.topics import Stored
 from servolink.project.project_file import load_project, project_to_form
 from tests.fleet.mosquitto import Broker, needs_broker
+from tests.fleet.patience import LIMIT, have_answered, patience_ends
 from tests.fleet.stand_in import Refused, StandIn, stand_ins
 from tests.project.projects import HUMANOID
 
@@ -23,7 +26,9 @@ STARTED = {"host": "here", "after": 0.001, "monotonic": 5.0}
 
 
 def fleet_of(broker: Broker, **groups: tuple[str, ...]) -> Fleet:
-    return connect(broker.url, groups=groups)
+    fleet = connect(broker.url, groups=groups)
+    fleet.controller.patience = LIMIT
+    return fleet
 
 
 def ready_to_run(board: StandIn, monotonic: float, host: str = "here") -> None:
@@ -49,17 +54,20 @@ def refuse(kind: str, text: str) -> Any:
 # --- stop -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-def test_a_stop_names_who_is_silent_and_waits_for_nobody_else(broker: Broker) -> None:
+def test_a_stop_names_who_is_silent_and_waits_for_nobody_else(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stopping, "_AGAIN", 0.01)
+
     async def main() -> None:
         async with stand_ins(broker, "rex", "fido", "bob") as (rex, fido, _), fleet_of(broker) as fleet:
             fido.is_silent = True
             rex.answers["stop"] = refuse("OutcomeUnknown", "servo 3 still moves")
-            stopped = await fleet.stop(patience=1.3)
+            answered = have_answered("rex", "bob")
+            patience_ends(monkeypatch, lambda exchange: answered(exchange) and fido.stops > 1)
+            stopped = await fleet.stop(patience=LIMIT)
             assert list(stopped.stopped) == ["bob"]
             assert stopped.failed == {"rex": "rex: servo 3 still moves"}
             assert stopped.silent == ("fido",)
-            assert fido.stops == 2, "it is sent again"
+            assert fido.stops > 1, "it is sent again"
             assert not stopped.is_complete
 
     asyncio.run(main())
@@ -71,7 +79,7 @@ def test_a_stop_names_who_is_away(broker: Broker) -> None:
             topic = f"servolink/{rex.name}-old/available"
             await rex._client.publish(topic, "offline", 1, retain=True)
             async with fleet_of(broker) as fleet:
-                stopped = await fleet.stop()
+                stopped = await fleet.stop(patience=LIMIT)
                 assert stopped.offline == ("rex-old",)
                 assert stopped.is_complete
 
@@ -96,7 +104,9 @@ def test_boards_start_together(broker: Broker) -> None:
     asyncio.run(main())
 
 
-def test_the_spread_over_several_machines_is_estimated_by_echo(broker: Broker) -> None:
+def test_the_spread_over_several_machines_is_estimated_by_echo(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(together, "_ECHO_LIMIT", LIMIT)
+
     async def main() -> None:
         async with stand_ins(broker, "rex", "fido") as (rex, fido), fleet_of(broker) as fleet:
             ready_to_run(rex, 5.0, "a")
@@ -125,18 +135,24 @@ def test_one_that_cannot_prepare_keeps_all_from_starting(broker: Broker, anyway:
     asyncio.run(main())
 
 
-def test_a_board_that_does_not_confirm_its_start_is_named(broker: Broker) -> None:
+def test_a_board_that_does_not_confirm_its_start_is_named(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
     async def main() -> None:
         async with stand_ins(broker, "rex", "fido") as (rex, fido), fleet_of(broker) as fleet:
             ready_to_run(rex, 5.0)
             ready_to_run(fido, 5.0)
             del fido.answers["start"]
-            fleet.controller.patience = 0.2
+            patience_ends(monkeypatch, lambda exchange: _said(exchange, "rex", "after"))
             ran = await fleet.run("Wave")
             assert ran.started == ("rex",)
             assert "fido was prepared, and has not said whether it started" in ran.failed["fido"]
 
     asyncio.run(main())
+
+
+def _said(exchange: Exchange, board: str, what: str) -> bool:
+    """Return whether a board has answered with a result that has the field `what`."""
+    result = exchange.results.get(board)
+    return result is not None and what in result.result
 
 
 def test_what_a_board_does_not_have_is_not_run(broker: Broker) -> None:
@@ -211,7 +227,12 @@ def test_contents_are_written_to_files(broker: Broker, tmp_path: Path) -> None:
 # --- doctor -----------------------------------------------------------------------------------------------------------
 
 
-def test_the_doctor_finds_what_is_wrong(broker: Broker) -> None:
+def test_the_doctor_finds_what_is_wrong(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checks, "_PATIENCE", LIMIT)
+    monkeypatch.setattr(checks, "_SLOW", LIMIT)
+    answered = have_answered("rex", "bob")
+    patience_ends(monkeypatch, lambda exchange: exchange.board == "fido" or answered(exchange))
+
     async def main() -> None:
         async with stand_ins(broker, "rex", "fido", "bob") as (rex, fido, bob):
             for board in (rex, bob):
@@ -219,7 +240,6 @@ def test_the_doctor_finds_what_is_wrong(broker: Broker) -> None:
             fido.is_silent = True
             await bob._client.publish("servolink/bob/state", b"{", 1, retain=True)
             async with fleet_of(broker) as fleet:
-                fleet.controller.patience = 0.1
                 found = {(one.about, one.observation) for one in await fleet.doctor()}
         assert ("rex", "") not in found
         assert any(about == "fido" and "does not answer" in text for about, text in found)
