@@ -27,6 +27,7 @@ _STATES = {
     "lost": "the connection to the board is lost; trying to get it back",
     "closed": "the board is closed",
 }
+_ANOTHER = "plug the right one in again, or end this program and start it again to use the other one"
 
 
 def text_of(notice: Notice) -> str:
@@ -37,7 +38,7 @@ def text_of(notice: Notice) -> str:
         case ProgramLeft():
             return f"{notice.who} left"
         case ConnectionChanged():
-            return _STATES[notice.state]
+            return f"{notice.another}; {_ANOTHER}" if notice.another else _STATES[notice.state]
         case LeaseChanged():
             return _lease_text(notice)
         case HoldChanged():
@@ -104,6 +105,7 @@ def facts(status: HubStatus) -> Table:
         [
             ("hub", f"share://{status.name}"),
             ("board", f"{status.url} ({status.state})"),
+            *([("in its place", status.another)] if status.another else []),
             ("shared for", _duration(status.since)),
             *(("door", url) for url in status.doors[1:]),
             ("lease", _lease(status.lease)),

@@ -52,6 +52,7 @@ class _Upstream(Struct):
     """What a notification `connection` says, and `board.state` too."""
 
     state: ConnectionState = "connected"
+    another: str = ""
 
 
 class _Refused(Struct):
@@ -177,6 +178,8 @@ class HubLink:
     def _learn_upstream(self, upstream: _Upstream) -> None:
         self.has_lost_board = upstream.state == "lost"
         lost = f"the hub {self._welcome.name} has lost its board and tries to get it back"
+        if upstream.another:
+            lost += f" ({upstream.another})"
         self._connection.explain_silence(lost if self.has_lost_board else "")
         self.on_board(self.has_lost_board)
 

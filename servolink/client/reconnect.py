@@ -54,11 +54,18 @@ class Reconnector:
     """Reopens a board in the background, in growing intervals, until that succeeds."""
 
     def __init__(
-        self, open_connection: Callable[[], Awaitable[Connection]], resume: Callable[[Connection], Awaitable[None]]
+        self,
+        open_connection: Callable[[], Awaitable[Connection]],
+        resume: Callable[[Connection], Awaitable[None]],
+        on_another: Callable[[str], None],
     ) -> None:
-        """Connect with `open_connection`; `resume` then restores the session, or raises if that is impossible."""
+        """Connect with `open_connection`; `resume` then restores the session, or raises if that is impossible.
+
+        `on_another` is called when another board answers, with who does, and with no text when it does no longer.
+        """
         self._open_connection = open_connection
         self._resume = resume
+        self._on_another = on_another
         self._task: asyncio.Task[None] | None = None
         self._stopped = False
 
@@ -87,9 +94,13 @@ class Reconnector:
                 if str(error) != told:
                     told = str(error)
                     _logger.warning("%s; the board that was lost is still waited for", error)
+                    self._on_another(told)
             except ServolinkError as error:
                 # Not plugged in yet, or still busy: expected, so only a trace in the log.
                 _logger.debug("cannot reconnect yet, next attempt in %g s: %s", pause, error)
+                if told:
+                    told = ""
+                    self._on_another(told)
             except Exception:
                 # A defect of ours or of a third-party transport. A board on a robot should come back all the same.
                 _logger.exception("unexpected error while reconnecting; next attempt in %g s", pause)

@@ -53,7 +53,7 @@ class Session:
         self._ended: ConnectionLost | None = None
         self._reconnector: Reconnector | None = None
         if reopen is not None:
-            self._reconnector = Reconnector(lambda: self._open_again(reopen), self._resume)
+            self._reconnector = Reconnector(lambda: self._open_again(reopen), self._resume, self._found_another)
         connection.answers.on_end = self._connection_ended
         self._follow_state(connection)
 
@@ -203,6 +203,9 @@ class Session:
         self._states.change("lost")
         if self._reconnector is None or not self._reconnector.start():
             self._end(error)
+
+    def _found_another(self, text: str) -> None:
+        self.connection.on_another(text)
 
     def _follow_state(self, connection: Connection) -> None:
         """Pass on that there is a connection; of a shared board, whether its hub has one."""

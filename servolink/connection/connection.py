@@ -74,6 +74,8 @@ class Connection:
         """Awaited before each packet except queries; it raises for one that must not reach this board."""
         self.hub: HubLink | None = None
         """What ties the connection to the hub of a shared board; None for a board that is not shared."""
+        self.on_another: Callable[[str], None] = lambda text: None
+        """Called when it is lost and another board answers in its place, with who does; empty: none does any more."""
         self._wake = wake
         self._unsupported = unsupported
         # A recorded session can be played again only if it begins with the same handshake.

@@ -88,6 +88,7 @@ class Hub:
         self._listeners: list[Callable[[Notice], None]] = []
         self._followers: tuple[RequestFollower, ...] = ()
         self._state: ConnectionState = "connected"
+        self._another = ""
         self._hold: HoldStatus | None = None
         self._responses_to_left = 0
         self._tasks = set[asyncio.Task[None]]()
@@ -101,6 +102,11 @@ class Hub:
     def state(self) -> ConnectionState:
         """The state of the connection to the board."""
         return self._state
+
+    @property
+    def another(self) -> str:
+        """Who answers in place of a board that is lost, and who is expected; empty if nobody does."""
+        return self._another
 
     def start(self) -> None:
         """Begin to serve programs."""
@@ -270,8 +276,15 @@ class Hub:
     async def _follow_connection(self) -> None:
         async for state in self.board.states():
             if state != self._state:
-                self._state = state
+                self._state, self._another = state, ""
+                if state == "lost":
+                    self.board.connection.on_another = self._found_another
                 self.tell(ConnectionChanged(state))
+
+    def _found_another(self, text: str) -> None:
+        """Tell that another board answers in place of the one that is lost, or, without `text`, does no longer."""
+        self._another = text
+        self.tell(ConnectionChanged(self._state, text))
 
     def _begin(self, doing: Coroutine[Any, Any, None]) -> None:
         """Run a task that ends with the hub at the latest."""
@@ -401,6 +414,7 @@ class Hub:
             self._responses_to_left + sum(program.counters.responses for program in self.programs.values()),
             sum(stats.skipped.values()),
             self.doors,
+            self._another,
         )
 
     def _status_of(self, program: Program, now: float) -> ProgramStatus:

@@ -34,9 +34,11 @@ class ProgramRenamed(Struct, frozen=True, tag="program_renamed"):
 
 
 class ConnectionChanged(Struct, frozen=True, tag="connection_changed"):
-    """The connection to the board was lost, restored or closed."""
+    """The connection to the board was lost, restored or closed, or another board answers while it is lost."""
 
     state: ConnectionState
+    another: str = ""
+    """Who answers in place of a board that is lost, and who is expected; empty if nobody does."""
 
 
 class LeaseStatus(Struct, frozen=True):
@@ -163,3 +165,5 @@ class HubStatus(Struct, frozen=True):
     """Bytes from the board that belong to no frame."""
     doors: tuple[str, ...] = ()
     """The addresses at which programs reach it."""
+    another: str = ""
+    """Who answers in place of a board that is lost, and who is expected; empty if nobody does."""

@@ -76,7 +76,7 @@ def message_of(notice: Notice) -> Message | None:
         case ProgramRenamed():
             return Event("program", "renamed", notice.who, notice.session)
         case ConnectionChanged():
-            return Event("connection", notice.state)
+            return Event("connection", notice.state, text=notice.another)
         case LeaseChanged():
             holder = notice.holder
             return Event("lease", notice.event, holder.who if holder else "", holder.session if holder else "")

@@ -181,6 +181,10 @@ def test_on_a_terminal_a_line_stays() -> None:
         (ProgramJoined("s", "ann", "tcp", "edit"), "ann joined (tcp)"),
         (ProgramLeft("s", "ann"), "ann left"),
         (ConnectionChanged("lost"), "the connection to the board is lost; trying to get it back"),
+        (
+            ConnectionChanged("lost", "another one"),
+            "another one; plug the right one in again, or end this program and start it again to use the other one",
+        ),
         (LeaseChanged("taken", None, LEASE, "s1"), "servolink move (pid 7) has the lease now (taken)"),
         (LeaseChanged("over", "s1", None, None), "nobody has the lease now (over)"),
         (LeaseChanged("asked for", "s1", LEASE, "s2"), "a program asks for the lease"),

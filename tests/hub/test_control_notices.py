@@ -7,12 +7,16 @@ from contextlib import AsyncExitStack
 
 import pytest
 
+from servolink.client import connect as connecting
 from servolink.client.connect import connect
+from servolink.hub.hub import share
 from servolink.hub.local import LocalTransport
 from servolink.hub.notices import Problem
 from servolink.hub.roles import Role
+from servolink.virtual.board import VirtualBoard
 from tests.client.fake_board import now
-from tests.hub.control_program import RpcFailed, shared
+from tests.client.sockets import Socket
+from tests.hub.control_program import RpcFailed, Shared, shared
 from tests.virtual_time import run
 
 
@@ -189,7 +193,8 @@ def test_a_packet_that_the_hub_refuses_is_reported_to_its_program_alone() -> Non
 def test_who_did_not_ask_for_programs_is_not_told_of_them() -> None:
     async def main() -> None:
         async with shared() as here, here.program("script") as script:
-            assert await script.call("board.state") == {"state": "connected", "lease": None, "hold": None}
+            nobody = {"state": "connected", "lease": None, "hold": None, "another": ""}
+            assert await script.call("board.state") == nobody
             async with here.program("studio") as studio:
                 await studio.call("lease.take")
             assert script.of("program") == []
@@ -204,5 +209,34 @@ def test_the_connection_to_the_board_is_reported() -> None:
             await page.call("status")
             here.hub.board.connection.transport.unplug()  # type: ignore[attr-defined]
             assert (await page.until("connection"))["state"] == "lost"
+
+    run(main())
+
+
+def test_another_board_in_place_of_the_one_that_was_lost_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        ours, other = VirtualBoard(), VirtualBoard()
+        ours.storage.project_id, other.storage.project_id = 5, 77
+        socket = Socket(ours)
+        monkeypatch.setattr(connecting, "create", socket.transport)
+        async with (
+            connect("virtual://", reconnect=True, angle_unit=None) as board,
+            share(board, name="rex") as hub,
+            Shared(hub, ours).program("page") as page,
+        ):
+            await page.call("status")
+            said = "the board at virtual:// has project id 77, not 5, so it is another one"
+            socket.pull()
+            socket.plug(other)
+            assert await page.until("connection", 2) == {"state": "lost", "another": said}
+            assert (await page.call("status"))["another"] == (await page.call("board.state"))["another"] == said
+            socket.board = None
+            assert await page.until("connection", 3) == {"state": "lost", "another": ""}
+            socket.plug(other)
+            assert await page.until("connection", 4) == {"state": "lost", "another": said}
+            socket.plug(ours)
+            assert await page.until("connection", 5) == {"state": "connected", "another": ""}
+            assert (await page.call("status"))["another"] == ""
+            assert len(page.of("connection")) == 5
 
     run(main())

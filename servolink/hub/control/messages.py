@@ -88,6 +88,7 @@ class BoardState(Struct, frozen=True):
     state: Annotated[ConnectionState, about("the hub's connection to the board")]
     lease: LeaseStatus | None
     hold: HoldStatus | None
+    another: Annotated[str, about("who answers in place of the lost board, and who is expected; empty: nobody")]
 
 
 # --- servos -----------------------------------------------------------------------------------------------------------

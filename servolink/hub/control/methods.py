@@ -75,7 +75,7 @@ def rename(caller: Caller, params: Rename) -> Done:
 def board_state(caller: Caller, params: NoParams) -> BoardState:
     """Return who holds the lease and the board, and whether the board is connected."""
     hub = caller.control.hub
-    return BoardState(hub.state, hub.lease, hub.held_by)
+    return BoardState(hub.state, hub.lease, hub.held_by, hub.another)
 
 
 # --- the lease and the hold -------------------------------------------------------------------------------------------

@@ -30,9 +30,10 @@ class ButtonPressed(Struct, frozen=True):
 
 
 class ConnectionNow(Struct, frozen=True):
-    """The hub's connection to the board has changed."""
+    """The hub's connection to the board has changed, or another board answers while it is lost."""
 
     state: ConnectionState
+    another: Annotated[str, about("who answers in place of the lost board, and who is expected; empty: nobody")] = ""
 
 
 class LeaseNotice(Struct, frozen=True):

@@ -130,7 +130,7 @@ class ControlSession:
                 if self.control.wants_programs:
                     self._notify("program", _program_notice(notice))
             case ConnectionChanged():
-                self._notify("connection", ConnectionNow(notice.state))
+                self._notify("connection", ConnectionNow(notice.state, notice.another))
             case LeaseChanged():
                 by = None if notice.by is None else self._name_of(notice.by)
                 self._notify("lease", LeaseNotice(notice.event, by, notice.holder))

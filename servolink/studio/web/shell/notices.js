@@ -5,7 +5,7 @@ import { Icon } from "../parts/icon.js";
 import { Note } from "../parts/note.js";
 import { safeText } from "../parts/safe-text.js";
 import { toast } from "../parts/toasts.js";
-import { boardState, hold, isLive, isOthers, lease, linkReason, linkState, mayMove, problem, welcome } from "../state/robot.js";
+import { another, boardState, hold, isLive, isOthers, lease, linkReason, linkState, mayMove, problem, welcome } from "../state/robot.js";
 import { isAllStopped, stoppedCount } from "../state/stopped.js";
 import { t } from "../texts/text.js";
 
@@ -41,6 +41,10 @@ function present() {
     return { kind: "bad", urgent: true, title: t("note.studio_lost"), detail: reason || t("note.studio_lost_detail") };
   }
   if (linkState.value === "connecting") return null;
+  if (boardState.value !== "connected" && another.value !== "") {
+    const name = safeText(welcome.value?.name ?? "");
+    return { kind: "bad", urgent: true, ...both("note.another", { name, another: safeText(another.value) }) };
+  }
   if (boardState.value !== "connected") return { kind: "bad", urgent: true, ...both("note.board_lost") };
   if (hold.value !== null && hold.value.session !== welcome.value?.session) {
     const { who, reason } = hold.value;
@@ -52,7 +56,7 @@ function present() {
 }
 
 /**
- * @param {"note.refused" | "note.board_lost" | "note.held" | "note.watching" | "note.others"} key
+ * @param {"note.refused" | "note.board_lost" | "note.another" | "note.held" | "note.watching" | "note.others"} key
  * @param {Record<string, string>} [values]
  */
-const both = (key, values = {}) => ({ title: t(key, values), detail: t(`${key}_detail`) });
+const both = (key, values = {}) => ({ title: t(key, values), detail: t(`${key}_detail`, values) });

@@ -20,6 +20,8 @@ export const linkReason = signal("");
 export const welcome = signal(/** @type {Welcome | null} */ (null));
 /** Whether the hub has the board. */
 export const boardState = signal(/** @type {"connected" | "lost" | "closed"} */ ("connected"));
+/** Who answers in place of a board that is lost; empty if nobody does. */
+export const another = signal("");
 export const lease = signal(/** @type {Lease | null} */ (null));
 export const hold = signal(/** @type {Hold | null} */ (null));
 /** What the hub found wrong last, until it is put away. */
@@ -60,9 +62,12 @@ export function follow(link, onLease) {
     take(frame);
     link.tell("servos.ack", { number: frame.number });
   });
-  link.on("connection", ({ state }) => {
-    boardState.value = state;
-    if (state === "connected") watchBattery(link); // it could not be asked meanwhile
+  link.on("connection", (now) => {
+    batch(() => {
+      boardState.value = now.state;
+      another.value = now.another;
+    });
+    if (now.state === "connected") watchBattery(link); // it could not be asked meanwhile
   });
   link.on("lease", (notice) => {
     const wasMine = isMine.value;
@@ -120,6 +125,7 @@ async function refresh(link) {
   if (status === null) return; // the connection was lost, and begins again
   batch(() => {
     boardState.value = status.state;
+    another.value = status.another ?? ""; // not told by the hub of an earlier version
     lease.value = status.lease;
     hold.value = status.hold;
     programs.value = status.programs;

@@ -101,6 +101,8 @@ export const en = {
   "note.studio_lost_detail": "A page that loses its connection while it moves the robot stops it; a studio that was killed cannot. Is the program in the terminal still running?",
   "note.board_lost": "The board is gone. The robot may still be moving.",
   "note.board_lost_detail": "Check the cable and the power switch. The studio tries again by itself, and takes no other board for this one.",
+  "note.another": "Another robot is plugged in, not {name}.",
+  "note.another_detail": "{name} may still be moving. Plug {name} in again: the studio goes on by itself. To use the other one, end the studio in the terminal and start it again. ({another})",
   "note.refused": "This address has expired.",
   "note.refused_detail": "Open the address that the studio prints in its terminal.",
   "note.held": "{who} has the board alone: {reason}",

@@ -101,6 +101,8 @@ export const zh = {
   "note.studio_lost_detail": "正在控制机器人的页面失去连接时，机器人会被停止；但如果工作室程序本身被强行结束，就无法停止。终端里的程序还在运行吗？",
   "note.board_lost": "与主板断开，机器人可能仍在动。",
   "note.board_lost_detail": "检查数据线和电源。工作室会自动重试，不会把别的控制板当作它。",
+  "note.another": "插上的是另一个机器人，不是 {name}。",
+  "note.another_detail": "{name} 可能仍在动。请重新插上 {name}，工作室会自动继续。要使用另一个机器人，请在终端里结束工作室后重新启动。（{another}）",
   "note.refused": "此地址已失效。",
   "note.refused_detail": "请打开工作室在终端中显示的地址。",
   "note.held": "{who} 正在独占主板：{reason}",
