@@ -151,7 +151,7 @@ class ServosNow(ServosFrame, frozen=True):
 
 
 class Vitals(Struct, frozen=True):
-    """What programs need that keep every value. Sent to `vitals`, retained, every few seconds; by servo id."""
+    """Readings for programs that keep every value. Sent to `vitals`, retained, every few seconds; by servo id."""
 
     angle: dict[int, int]
     temperature_raw: dict[int, int]
