@@ -8,6 +8,9 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+from servolink.errors import TransportUnavailable
+from servolink.files import is_name
+
 LAST_SERVO = 254  # 255 means all
 
 _WHOLE = re.compile(r"[+-]?[0-9]{1,20}", re.ASCII)
@@ -28,6 +31,24 @@ def caption_encoding(text: str) -> str:
         return check_encoding(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def board_name(text: str) -> str:
+    """Return `text` if it can be the name of a board."""
+    if not is_name(text):
+        raise argparse.ArgumentTypeError(f"{text!r} cannot be a name: use up to 64 letters, digits, - and _")
+    return text
+
+
+def listening(text: str) -> str:
+    """Return `text` if it is HOST:PORT."""
+    from servolink.listeners import host_and_port  # late: most commands serve nobody
+
+    try:
+        host_and_port(text)
+    except TransportUnavailable as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
 
 
 def whole_number(low: int, high: int) -> Callable[[str], int]:

@@ -10,7 +10,7 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from servolink.cli.arguments import add_timeout, not_empty, number
+from servolink.cli.arguments import add_timeout, board_name, not_empty, number
 from servolink.cli.fleet import BROKER_VARIABLE, access_of, add_access
 from servolink.cli.live import can_draw, staying_line
 from servolink.cli.main import OK, usage_error
@@ -18,7 +18,6 @@ from servolink.cli.output import counted, print_error, print_json, print_text, t
 from servolink.cli.session import ENDLESS, Interruption, run_interruptible
 from servolink.errors import TransportUnavailable
 from servolink.escaping import escape
-from servolink.files import is_name
 
 if TYPE_CHECKING:
     from servolink.fleet.join import Fleet, Here
@@ -41,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "boards", nargs="*", type=not_empty, metavar="BOARD", help="names or addresses (all that are here)"
     )
     parser.add_argument(
-        "--name", type=_name, metavar="NAME", help="what the fleet calls the board (the name of its hub)"
+        "--name", type=board_name, metavar="NAME", help="what the fleet calls the board (the name of its hub)"
     )
     parser.add_argument(
         "--policy",
@@ -64,12 +63,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add_timeout(parser, None, "how long to wait for each response of a board, 3 unless given")
     add_access(parser)
-
-
-def _name(text: str) -> str:
-    if not is_name(text):
-        raise argparse.ArgumentTypeError(f"{text!r} cannot be a name: use up to 64 letters, digits, - and _")
-    return text
 
 
 def run(args: argparse.Namespace) -> int:

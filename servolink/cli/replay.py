@@ -8,10 +8,9 @@ import json
 from contextlib import AsyncExitStack
 from pathlib import Path
 
-from servolink.cli.arguments import not_empty, number
+from servolink.cli.arguments import listening, not_empty, number
 from servolink.cli.main import OK, usage_error
 from servolink.cli.session import Interruption, run_interruptible
-from servolink.cli.virtual import listening
 from servolink.listeners import AVAILABLE, host_and_port, serve_network, serve_terminal
 from servolink.protocol.frame import MAGIC
 from servolink.recorder.conversation import read_conversation

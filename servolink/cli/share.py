@@ -7,12 +7,10 @@ import asyncio
 from contextlib import AsyncExitStack
 from ipaddress import ip_address
 
-from servolink.cli.arguments import number
+from servolink.cli.arguments import board_name, listening, number
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import counted, print_error, print_json, print_text
 from servolink.cli.session import Interruption, run_interruptible
-from servolink.errors import TransportUnavailable
-from servolink.files import is_name
 
 _MOST_SECONDS = 3600.0
 
@@ -21,16 +19,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink share`."""
     parser.set_defaults(run=run)
     parser.add_argument(
-        "--name", type=_name, metavar="NAME", help="programs call the board share://NAME (the name of the board)"
+        "--name", type=board_name, metavar="NAME", help="programs call the board share://NAME (the name of the board)"
     )
     parser.add_argument(
         "--tcp",
         metavar="HOST:PORT",
-        type=_place,
+        type=listening,
         help="also serve TCP, for programs in any language; port 0 takes a free one",
     )
     parser.add_argument(
-        "--watch-tcp", metavar="HOST:PORT", type=_place, help="the same for programs that may only read"
+        "--watch-tcp", metavar="HOST:PORT", type=listening, help="the same for programs that may only read"
     )
     parser.add_argument(
         "--pty", nargs="?", const="", metavar="LINK", help="also serve a serial port, and link to it at LINK"
@@ -54,25 +52,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     instead = group.add_mutually_exclusive_group()
     instead.add_argument("--status", action="store_true", help="show its programs and counters")
     instead.add_argument(
-        "--take", metavar="NAME", type=_name, help="end the lease of the program that moves the servos, and keep it out"
+        "--take",
+        metavar="NAME",
+        type=board_name,
+        help="end the lease of the program that moves the servos, and keep it out",
     )
-    instead.add_argument("--give", metavar="NAME", type=_name, help="let it move them again")
-
-
-def _name(text: str) -> str:
-    if not is_name(text):
-        raise argparse.ArgumentTypeError(f"{text!r} cannot be a name: use up to 64 letters, digits, - and _")
-    return text
-
-
-def _place(text: str) -> str:
-    from servolink.listeners import host_and_port
-
-    try:
-        host_and_port(text)
-    except TransportUnavailable as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    return text
+    instead.add_argument("--give", metavar="NAME", type=board_name, help="let it move them again")
 
 
 def run(args: argparse.Namespace) -> int:

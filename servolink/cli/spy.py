@@ -11,7 +11,7 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from servolink.cli.arguments import not_empty, whole_number
+from servolink.cli.arguments import listening, not_empty, whole_number
 from servolink.cli.main import NO_BOARD, OK, fail, usage_error
 from servolink.cli.output import Table, print_error, print_json, print_table, print_text
 from servolink.cli.spy_lines import Lines
@@ -46,7 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="LINK",
         help="make a serial port for the program, and link to it at LINK (the default)",
     )
-    side.add_argument("--tcp", type=_place, metavar="HOST:PORT", help="serve the program over TCP instead")
+    side.add_argument("--tcp", type=listening, metavar="HOST:PORT", help="serve the program over TCP instead")
     parser.add_argument(
         "--baudrate",
         type=whole_number(50, 12_000_000),
@@ -55,16 +55,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--record", type=Path, metavar="FILE", help="record to a new file, such as out.mcap")
     parser.add_argument("--quiet", action="store_true", help="show no packets, only what was learnt")
-
-
-def _place(text: str) -> str:
-    from servolink.listeners import host_and_port
-
-    try:
-        host_and_port(text)
-    except TransportUnavailable as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    return text
 
 
 def run(args: argparse.Namespace) -> int:

@@ -13,14 +13,14 @@ from contextlib import AbstractAsyncContextManager, AbstractContextManager, cont
 from pathlib import Path
 from typing import Any
 
-from servolink.cli.arguments import whole_number
+from servolink.cli.arguments import listening, whole_number
 from servolink.cli.live import can_draw
 from servolink.cli.main import OK, usage_error
 from servolink.cli.terminal import not_ignored, single_keys
 from servolink.discovery.announcements import announced
 from servolink.errors import TransportUnavailable
 from servolink.files import MIB, read_file, reason
-from servolink.listeners import AVAILABLE, host_and_port
+from servolink.listeners import AVAILABLE
 from servolink.protocol.codec import Codec
 from servolink.transports.device_info import DeviceInfo
 from servolink.transports.faults import Faults
@@ -207,15 +207,6 @@ def _kind_type(option: KindOption) -> Callable[[str], Any]:
             raise argparse.ArgumentTypeError(str(error)) from None
 
     return read
-
-
-def listening(text: str) -> str:
-    """Return `text` if it is HOST:PORT."""
-    try:
-        host_and_port(text)
-    except TransportUnavailable as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    return text
 
 
 def _faults(text: str) -> Faults:

@@ -7,7 +7,6 @@ import asyncio
 import msgspec
 from msgspec import Struct
 
-from servolink.errors import ServolinkError
 from servolink.fleet.controller import Controller, new_id
 from servolink.fleet.exchange import Exchange, failure_of
 from servolink.fleet.topics import Stop
@@ -75,11 +74,3 @@ async def _send(controller: Controller, exchange: Exchange, stop: Stop, deadline
         await asyncio.sleep(_AGAIN)
         missing = exchange.missing(controller.roster.online)
         topics = [controller.topics.board(board, "stop") for board in missing]
-
-
-def refusal_of(stopped: Stopped) -> ServolinkError | None:
-    """Return the error that names the boards which may still move; None if all have stopped."""
-    if stopped.is_complete:
-        return None
-    silent = [f"{board} has not answered" for board in stopped.silent]
-    return ServolinkError(f"not every board has stopped: {'; '.join([*stopped.failed.values(), *silent])}")
