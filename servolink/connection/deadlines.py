@@ -22,7 +22,9 @@ _LEAST_MARGIN, _MOST_MARGIN = 0.04, 0.3  # seconds that a response may take long
 _FORGOTTEN = 0.98  # what each response in time leaves of a margin that grew
 _LONGEST = 0.5
 _MOST_BACKOFFS = 20  # there is no larger patience
-_MOST_LOOKS = 100  # a board that never stops sending must not put deadlines off for ever
+# A board that never stops sending must not put deadlines off for ever, nor one that sends faster than can be parsed.
+_MOST_LOOKS = 100
+_MOST_BYTES = 1024 * 1024  # more than the system keeps of what boards send
 
 
 class DeadlineTimer:
@@ -65,16 +67,16 @@ class DeadlineTimer:
         if due is not None and due > deadline:  # what the timer was set for has been answered
             self.arm(due)
         elif due is not None:
-            self._look_again(deadline, -1, _MOST_LOOKS)
+            self._look_again(deadline, -1, _MOST_LOOKS, self._received() + _MOST_BYTES)
 
-    def _look_again(self, deadline: float, received: int, looks: int) -> None:
+    def _look_again(self, deadline: float, received: int, looks: int, most: int) -> None:
         # Two turns of the loop: a turn runs its callbacks in the order found, ours before what it reads.
-        self._loop.call_soon(self._loop.call_soon, self._look, deadline, received, looks)
+        self._loop.call_soon(self._loop.call_soon, self._look, deadline, received, looks, most)
 
-    def _look(self, deadline: float, received: int, looks: int) -> None:
+    def _look(self, deadline: float, received: int, looks: int, most: int) -> None:
         now_received = self._received()
-        if received != now_received and looks:
-            self._look_again(deadline, now_received, looks - 1)
+        if received != now_received < most and looks:
+            self._look_again(deadline, now_received, looks - 1, most)
             return
         self._passed(max(deadline, self._loop.time()))  # a timer comes early by what the clock does not resolve
 

@@ -148,6 +148,21 @@ def test_a_line_that_never_falls_silent_does_not_put_a_deadline_off_for_ever() -
     run(main())
 
 
+def test_a_flood_that_takes_long_to_parse_does_not_put_a_deadline_off() -> None:
+    async def main() -> None:
+        clock, begun, turns = Clock(), now(), 0
+        clock.deadlines.arm(begun + 1)
+        while not clock.passed and turns < 1000:
+            turns += 1
+            clock.received += 256 * 1024
+            stall(0.2)
+            await asyncio.sleep(0)
+        assert 1024 * 1024 <= clock.received_then[0] - 5 * 256 * 1024  # what came before the deadline
+        assert clock.passed[0] - begun < 3.5
+
+    run(main())
+
+
 # --- how long responses take --------------------------------------------------------------------------------------
 
 
