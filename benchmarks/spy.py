@@ -27,6 +27,7 @@ MOST_ADDED = 1.0
 """Milliseconds that the spy may add to a round trip, which it passes twice."""
 PAUSES = {"one after the other": 0.0, "every 5 ms": 0.005}
 """When the program asks, with the seconds between two requests."""
+_STARTING = 60.0  # seconds in which a spy must have made its port
 _ASKED = Codec().encode(QueryServoRequest(ALL_SERVOS))
 
 
@@ -124,9 +125,12 @@ def _spy(board: str, folder: Path, *options: str) -> Iterator[str]:
     if CORES:
         os.sched_setaffinity(process.pid, set(CORES))
     try:
+        deadline = time.monotonic() + _STARTING
         while not link.exists():
             if process.poll() is not None:
                 raise RuntimeError(f"the spy ended with {process.returncode}")
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"the spy made no port within {_STARTING:g} s")
             time.sleep(0.01)
         yield str(link)
     finally:

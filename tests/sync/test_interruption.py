@@ -21,7 +21,7 @@ def ctrl_c(when):
         while not when():  # nothing tells another thread that the main one waits for a response
             time.sleep(0.001)
         os.kill(os.getpid(), signal.SIGINT)
-    threading.Thread(target=send).start()
+    threading.Thread(target=send, daemon=True).start()  # it waits for ever if the program fails before
 """
 
 
@@ -67,7 +67,7 @@ try:
     next(events)
 except KeyboardInterrupt:
     print("interrupted")
-list(events.within(0.2))  # the subscription
+board.servo_ids()  # behind the subscription
 running_thread().run(press, 3)
 running_thread().run(press, 4)
 print([next(events).button_id for _ in range(2)])

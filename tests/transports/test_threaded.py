@@ -81,9 +81,9 @@ def wait_until(condition: Callable[[], bool]) -> bool:
 
 
 async def turn_until(condition: Callable[[], bool]) -> None:
-    """Turn the loop until other threads have made `condition` true."""
+    """Turn the loop until other threads, to which it leaves the processor, have made `condition` true."""
     while not condition():
-        await asyncio.sleep(0)
+        await asyncio.sleep(0.001)
 
 
 async def opened(board: Board) -> tuple[DeviceTransport, Ear]:
@@ -409,5 +409,4 @@ async def test_an_opening_that_is_stuck_does_not_hold_up_the_close() -> None:
     with pytest.raises(OpenError, match="closed while being opened"):
         await opening
     device.go.set()
-    while any(thread.name.startswith("servolink device") for thread in threading.enumerate()):
-        await asyncio.sleep(0)
+    await turn_until(lambda: not any(thread.name.startswith("servolink device") for thread in threading.enumerate()))

@@ -321,7 +321,7 @@ class HidWire(Wire):
     async def say(self, data: bytes) -> None:
         for start in range(0, len(data), 64):
             while len(self.hid.reports) >= KERNEL_QUEUE:  # a board sends when it is asked, a report each millisecond
-                await asyncio.sleep(0)
+                await asyncio.sleep(0.001)
             self.hid.bring(data[start : start + 64])
 
     async def vanish(self) -> None:
