@@ -157,7 +157,7 @@ def test_a_flood_that_takes_long_to_parse_does_not_put_a_deadline_off() -> None:
             clock.received += 256 * 1024
             stall(0.2)
             await asyncio.sleep(0)
-        assert 1024 * 1024 <= clock.received_then[0] - 5 * 256 * 1024  # what came before the deadline
+        assert clock.received_then[0] - 5 * 256 * 1024 >= 1024 * 1024  # what came before the deadline
         assert clock.passed[0] - begun < 3.5
 
     run(main())
