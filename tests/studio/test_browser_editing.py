@@ -172,3 +172,53 @@ def test_nothing_is_cut_off_at_the_side(studio: Studio, browser: Any, screen: st
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
         hold = page.get_by_role("button", name="Hold to")
         expect(hold).to_be_visible()
+
+
+def test_what_was_given_up_is_what_was_there_before(studio: Studio, browser: Any) -> None:
+    with editing(browser, studio.url, "Actions") as page, editing(browser, studio.url, "Actions") as other:
+        mine, theirs = (each.get_by_label("Name", exact=True) for each in (page, other))
+        mine.fill("mine")
+        mine.press("Enter")
+        expect(theirs).to_have_value("mine")
+        page.get_by_role("button", name="Undo").click()
+        expect(theirs).to_have_value("Stand")
+        theirs.fill("theirs")
+        theirs.press("Enter")
+        page.get_by_role("button", name="Keep mine").click()
+        expect(theirs).to_have_value("Stand")
+
+
+def test_what_is_being_typed_stays_when_somebody_else_edits_the_same(studio: Studio, browser: Any) -> None:
+    with editing(browser, studio.url, "Actions") as page, editing(browser, studio.url, "Actions") as other:
+        for each in (page, other):
+            each.locator(".pose").filter(has_text="Arm up").click()
+        for field, text, kept in (("Name", "a na", "a na"), ("Target of R elbow", "4", "4°")):
+            mine, theirs = (each.get_by_label(field, exact=True) for each in (page, other))
+            mine.fill(text)
+            before = target(other, "R arm").input_value()
+            target(other, "R arm").press("ArrowDown")
+            expect(target(page, "R arm")).not_to_have_value(before)
+            expect(mine).to_have_value(text)
+            mine.press("Enter")
+            expect(mine).to_have_value(kept)
+            expect(theirs).to_have_value(kept)
+
+
+def test_who_drags_what_somebody_else_deletes_is_told_and_drags_nothing_else(studio: Studio, browser: Any) -> None:
+    with editing(browser, studio.url, "Actions") as page, editing(browser, studio.url, "Actions") as other:
+        first = page.get_by_label("Time of R arm")
+        expect(first).to_have_value("0.80 s")
+        page.locator(".pose").filter(has_text="Arm up").click()
+        edge = page.locator(".step").filter(has_text="R arm").locator(".edge")
+        place = edge.bounding_box()
+        page.mouse.move(place["x"] + 2, place["y"] + 2)
+        page.mouse.down()
+        other.locator(".pose").filter(has_text="Arm up").click()
+        other.locator(".steps").get_by_role("button", name="More").click()
+        other.get_by_role("menuitem", name="Delete").click()
+        expect(page.get_by_text("Another page has deleted Arm up")).to_be_visible()
+        page.mouse.move(place["x"] - 30, place["y"] + 2, steps=3)
+        page.mouse.up()
+        expect(first).to_have_value("0.80 s")
+        page.get_by_role("button", name="Bring it back").click()
+        expect(other.locator(".pose").filter(has_text="Arm up")).to_have_count(1)

@@ -1,6 +1,7 @@
 // A field for a number with its unit: it takes `0.5`, `0,5 s`, `−20°`; arrows change it; Enter or leaving it ends it.
 
 import { html, useRef } from "../html.js";
+import { useTyping } from "./typing.js";
 
 /**
  * @typedef {object} Props
@@ -18,15 +19,17 @@ import { html, useRef } from "../html.js";
 /** @param {Props} props */
 export function NumberField({ value, label, format, onChange, step = 1, low = -Infinity, high = Infinity, classes = "", disabled = false }) {
   const field = useRef(/** @type {HTMLInputElement | null} */ (null));
-  const shown = format(value);
+  const shown = format(value), typing = useTyping(shown);
   /** @param {number} number */
   const set = (number) => {
     const kept = Math.max(low, Math.min(high, number));
     if (kept !== value) onChange(kept);
     if (field.current) field.current.value = format(kept);
+    typing.end();
   };
   const finish = () => {
     const text = field.current?.value ?? "", number = numberIn(text);
+    typing.end();
     if (text === shown || number === null) {
       if (field.current) field.current.value = shown;
     } else set(number);
@@ -39,8 +42,8 @@ export function NumberField({ value, label, format, onChange, step = 1, low = -I
     event.preventDefault();
     set((numberIn(field.current?.value ?? "") ?? value) + way * step * (event.shiftKey ? 10 : 1));
   };
-  return html`<input ref=${field} class="inp num ${classes}" inputmode="decimal" autocomplete="off" value=${shown} disabled=${disabled}
-    aria-label=${label} onChange=${finish} onKeyDown=${press} onFocus=${() => field.current?.select()} />`;
+  return html`<input ref=${field} class="inp num ${classes}" inputmode="decimal" autocomplete="off" value=${typing.value} disabled=${disabled}
+    aria-label=${label} onChange=${finish} onKeyDown=${press} onFocus=${() => field.current?.select()} ...${typing.handlers} />`;
 }
 
 /**

@@ -26,10 +26,10 @@ export function Edits() {
 
 conflict.subscribe((found) => {
   if (found === null) return;
-  const { theirs, mine } = found, { kind, id, who } = theirs, record = theirs.record ?? mine;
+  const { theirs, mine, isDeleted } = found, { kind, id, who } = theirs, record = theirs.record ?? mine;
   const name = safeText(record?.action_caption || record?.macro_caption || record?.table_caption || String(id));
-  const keep = () => edit(["edit.did_keep_mine", { name }], (project) => withEdit(project, { kind, id, record: mine }));
-  toast({ name: `conflict ${kind} ${id}`, lasts: LASTS, kind: "bad", title: t("edit.conflict", { who: safeText(who) || t("edit.another_page"), name }), detail: t("edit.conflict_detail"), action: { label: t("edit.keep_mine"), run: keep } });
+  const keep = () => edit([isDeleted ? "edit.did_bring_back" : "edit.did_keep_mine", { name }], (project) => withEdit(project, { kind, id, record: mine }));
+  toast({ name: `conflict ${kind} ${id}`, lasts: LASTS, kind: "bad", title: t(isDeleted ? "edit.deleted" : "edit.conflict", { who: safeText(who) || t("edit.another_page"), name }), detail: t(isDeleted ? "edit.deleted_detail" : "edit.conflict_detail"), action: { label: t(isDeleted ? "edit.bring_back" : "edit.keep_mine"), run: keep } });
 });
 
 /** Undo the latest edit, and say what it was. */

@@ -4,7 +4,7 @@ import { batch, computed, effect, signal } from "../html.js";
 import { differencesOf, rebased } from "./differences.js";
 import { Drafts } from "./drafts.js";
 import { withDurations } from "./durations.js";
-import { withEdit } from "./records.js";
+import { recordOf, withEdit } from "./records.js";
 import { captions, linkState, welcome } from "./robot.js";
 import { UndoList } from "./undo.js";
 
@@ -22,8 +22,8 @@ export const draft = signal(/** @type {Project | null} */ (null));
 export const reading = signal(/** @type {Reading} */ ({ state: "unasked", done: 0, total: 0, item: "", error: "" }));
 /** Who keeps the latest edit. */
 export const keeping = signal(/** @type {import("./drafts.js").Keeping} */ ("saved"));
-/** An edit of another page of what this page has edited too, and what this page wants instead. */
-export const conflict = signal(/** @type {{ theirs: Kept, mine: any } | null} */ (null));
+/** An edit of another page of what this page has edited too, or that deletes a record; and what there was before. */
+export const conflict = signal(/** @type {{ theirs: Kept, mine: any, isDeleted: boolean } | null} */ (null));
 
 const SETTLES = 500; // milliseconds after which all edits that were given up together have been told of
 
@@ -100,11 +100,12 @@ async function begin(link, board) {
  */
 function takeTheirs(theirs, isConflict) {
   if (draft.value === null || stored.value === null) return;
-  const { kind, id } = theirs;
-  const mine = differences.value.find((one) => one.kind === kind && one.id === id);
+  const { kind, id } = theirs, mine = recordOf(draft.value, theirs);
+  const edited = differences.value.find((one) => one.kind === kind && one.id === id);
   if (!theirs.is_discarded) draft.value = withEdit(draft.value, theirs);
-  else if (mine) draft.value = withEdit(draft.value, { kind, id, record: mine.before ?? null });
-  if (isConflict) conflict.value = { theirs, mine: mine?.after ?? null };
+  else if (edited) draft.value = withEdit(draft.value, { kind, id, record: edited.before ?? null });
+  const isDeleted = mine !== null && recordOf(draft.value, theirs) === null; // told to all: somebody may look at it
+  if (isConflict || isDeleted) conflict.value = { theirs, mine, isDeleted };
 }
 
 /**

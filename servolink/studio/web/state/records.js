@@ -170,6 +170,16 @@ function withoutCommands(project, isUnwanted) {
 }
 
 /**
+ * Return the record that an edit is about as the project has it; null for none.
+ * @param {Project} project
+ * @param {{ kind: Kind | ProjectNumber, id: number }} edit
+ */
+export function recordOf(project, { kind, id }) {
+  if (kind === "active_joystick_table" || kind === "project_id") return project[kind];
+  return /** @type {object[]} */ ([...project[kind]]).find((each) => idOf(kind, each) === id) ?? null;
+}
+
+/**
  * Return the project with a record as an edit wants it: null for none.
  * @param {Project} project
  * @param {{ kind: Kind | ProjectNumber, id: number, record: any }} edit

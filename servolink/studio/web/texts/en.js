@@ -314,6 +314,10 @@ export const en = {
   "edit.another_page": "Another page",
   "edit.keep_mine": "Keep mine",
   "edit.did_keep_mine": "{name}: keep mine",
+  "edit.deleted": "{who} has deleted {name}",
+  "edit.deleted_detail": "It is gone for everybody who edits this robot. You can bring it back.",
+  "edit.bring_back": "Bring it back",
+  "edit.did_bring_back": "{name}: bring back",
 
   "project.reading": "Reading what the board holds",
   "project.reading_lists": "Asking what there is …",

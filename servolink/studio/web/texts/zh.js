@@ -314,6 +314,10 @@ export const zh = {
   "edit.another_page": "另一个页面",
   "edit.keep_mine": "使用我的",
   "edit.did_keep_mine": "{name}：使用我的版本",
+  "edit.deleted": "{who} 删除了 {name}",
+  "edit.deleted_detail": "所有正在编辑这台机器人的人都看不到它了。可以把它恢复。",
+  "edit.bring_back": "恢复",
+  "edit.did_bring_back": "{name}：恢复",
 
   "project.reading": "正在读取主板内容",
   "project.reading_lists": "正在查询列表…",

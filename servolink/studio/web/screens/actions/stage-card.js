@@ -20,6 +20,8 @@ import { action, change, ghostAction, ghostChoice, nameOfAction, showsGhost } fr
 /** @typedef {import("../../parts/stage.js").ViewName} ViewName */
 
 const view = signal(/** @type {ViewName} */ ("free"));
+/** The action whose limb is dragged: the screen shows another one if somebody else deletes it. */
+let dragged = /** @type {number | undefined} */ (undefined);
 
 /** @param {Tools} tools */
 export function StageCard({ motion }) {
@@ -64,7 +66,8 @@ function scene() {
     chosen: () => chosen.value,
     hasGizmo: true,
     onPick: (id) => (chosen.value = id),
-    onDrag: (id, angle) => turn(id, angle, "drag"),
+    onGrab: () => (dragged = action.value?.action_id),
+    onDrag: (id, angle) => dragged === action.value?.action_id && turn(id, angle, "drag"),
     onRelease: settle,
   };
 }

@@ -4,6 +4,7 @@ import { html } from "../../html.js";
 import { Menu } from "../../parts/menu.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
+import { NameField } from "../../parts/typing.js";
 import { speedsOf, tooFast } from "../../state/edit-action.js";
 import { limbName, limbs, nameOf } from "../../state/figure.js";
 import { capOf } from "../../state/limits.js";
@@ -36,7 +37,7 @@ export function StepsCard() {
       <span></span><span></span><span>${t("actions.servo")}</span><span>${t("actions.target")}</span><span>${t("actions.time")}</span>
     </div>
     <div class="scroll">
-      ${groups.map(({ limb, ids }) => html`<div key=${limb} role="group" aria-label=${limbName(limb)} data-g=${limb}>
+      ${groups.map(({ limb, ids }) => html`<div key=${`${one.action_id} ${limb}`} role="group" aria-label=${limbName(limb)} data-g=${limb}>
         <div class="grp" aria-hidden="true"><span class="gd"></span>${limb === "?" ? t("actions.strangers") : limbName(limb)}</div>
         ${ids.map((id) => html`<${StepRow} key=${id} id=${id} step=${byServo.get(id)} speed=${speeds.get(id) ?? 0} longest=${longest} />`)}
       </div>`)}
@@ -46,13 +47,14 @@ export function StepsCard() {
 
 function Name() {
   const one = action.value;
-  /** @param {Event} event */
-  const rename = (event) => {
-    const field = /** @type {HTMLInputElement} */ (event.currentTarget), action_caption = fitCaption(field.value.trim());
-    field.value = action_caption;
-    if (action_caption !== one?.action_caption) change("actions.did_rename", (each) => ({ ...each, action_caption }), { values: { to: safeText(action_caption) } });
+  if (one === null) return null;
+  /** @param {string} name */
+  const rename = (name) => {
+    const action_caption = fitCaption(name);
+    if (action_caption !== one.action_caption) change("actions.did_rename", (each) => ({ ...each, action_caption }), { values: { to: safeText(action_caption) } });
+    return action_caption;
   };
-  return html`<input class="inp title" maxlength="32" value=${safeText(one?.action_caption ?? "")} placeholder=${one ? nameOfAction(one) : ""} aria-label=${t("actions.name")} onChange=${rename} />`;
+  return html`<${NameField} key=${one.action_id} name=${safeText(one.action_caption)} placeholder=${nameOfAction(one)} label=${t("actions.name")} onChange=${rename} />`;
 }
 
 function Warning() {

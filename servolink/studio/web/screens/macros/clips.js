@@ -1,6 +1,6 @@
 // The commands of the macro as clips: they are dragged to another place, and at the right edge to another speed.
 
-import { html, signal, useRef } from "../../html.js";
+import { html, signal, useEffect, useRef } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { PosePicture } from "../../parts/pose-picture.js";
 import { draft, settle } from "../../state/project.js";
@@ -87,6 +87,7 @@ function Edge({ clip }) {
     frozen.value = null;
     settle();
   };
+  useEffect(() => release, []); // somebody else may delete what is dragged
   return html`<span class="edge" onPointerDown=${grab} onPointerMove=${pull} onPointerUp=${release} onPointerCancel=${release} onLostPointerCapture=${release}></span>`;
 }
 
@@ -121,6 +122,7 @@ function useReorder(clip, all) {
     grip.current?.element.style.removeProperty("transform");
     grip.current = dragged.value = null;
   };
+  useEffect(() => () => grip.current && cancel(), []);
   const drop = () => {
     const drag = dragged.value;
     cancel();

@@ -1,6 +1,6 @@
 // The macro on the screen, what it does when, and how it is changed.
 
-import { computed, signal } from "../../html.js";
+import { computed, effect, signal } from "../../html.js";
 import { safeText } from "../../parts/safe-text.js";
 import { durations } from "../../state/durations.js";
 import { commandOf, withCommandAt } from "../../state/edit-macro.js";
@@ -24,6 +24,12 @@ export const macro = computed(() => {
 
 /** Index of the chosen command; null for the macro as a whole. */
 export const chosenClip = signal(/** @type {number | null} */ (null));
+
+const shown = computed(() => macro.value?.macro_id);
+effect(() => {
+  if (shown.value !== undefined) chosenClip.value = null; // also if somebody else has deleted the macro before it
+});
+
 /** The pose from which the preview starts: where the robot was when the screen was opened. */
 export const start = signal(/** @type {Pose} */ ({}));
 

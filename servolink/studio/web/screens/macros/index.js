@@ -8,7 +8,7 @@ import { draft } from "../../state/project.js";
 import { actualPose } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
 import { duplicate, moveChosen, removeChosen } from "./commands.js";
-import { addEmpty, start } from "./current.js";
+import { addEmpty, macro, start } from "./current.js";
 import { Inspector } from "./inspector.js";
 import { MacroList } from "./macro-list.js";
 import { isPlaying, seek, time, togglePlay } from "./preview.js";
@@ -42,7 +42,7 @@ export function MacrosScreen(tools) {
     <div class="macs">
       <${MacroList} />
       <${StageCard} ...${tools} />
-      <${Inspector} />
+      <${Inspector} key=${macro.value?.macro_id} />
       <${Timeline} />
     </div>`;
 }

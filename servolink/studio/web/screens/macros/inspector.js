@@ -6,6 +6,7 @@ import { Menu } from "../../parts/menu.js";
 import { Note } from "../../parts/note.js";
 import { NumberField } from "../../parts/number-field.js";
 import { safeText } from "../../parts/safe-text.js";
+import { NameField } from "../../parts/typing.js";
 import { nameOf } from "../../state/figure.js";
 import { capOf } from "../../state/limits.js";
 import { draft, settle } from "../../state/project.js";
@@ -30,15 +31,15 @@ export function Inspector() {
 function Whole() {
   const one = macro.value;
   if (one === null) return null;
-  /** @param {Event} event */
-  const rename = (event) => {
-    const field = /** @type {HTMLInputElement} */ (event.currentTarget), macro_caption = fitCaption(field.value.trim());
-    field.value = macro_caption;
+  /** @param {string} name */
+  const rename = (name) => {
+    const macro_caption = fitCaption(name);
     if (macro_caption !== one.macro_caption) change("macros.did_rename", (each) => ({ ...each, macro_caption }), { values: { to: safeText(macro_caption) } });
+    return macro_caption;
   };
   const takes = secondsOfMacro(one), time = takes === null ? t("macros.endless") : seconds(takes);
   return html`<header>
-      <input class="inp title" maxlength="32" value=${safeText(one.macro_caption)} placeholder=${nameOfMacro(one)} aria-label=${t("actions.name")} onChange=${rename} />
+      <${NameField} name=${safeText(one.macro_caption)} placeholder=${nameOfMacro(one)} label=${t("actions.name")} onChange=${rename} />
       <${Menu} label=${t("actions.more")} items=${[
         { label: t("actions.duplicate"), run: duplicate },
         { label: t("actions.delete"), run: removeMacro, danger: true },

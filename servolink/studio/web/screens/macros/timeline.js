@@ -30,7 +30,7 @@ export function Timeline() {
           <button class="lb plain" aria-pressed=${String(chosenClip.value === null)} onClick=${() => (chosenClip.value = null)}>
             <b class="ell">${macro.value && nameOfMacro(macro.value)}</b>
           </button>
-          <${ClipsLane} />
+          <${ClipsLane} key=${macro.value?.macro_id} />
         </div>
         <${InnerLanes} />
         ${lanes.value === "servos" ? html`<${ServoLanes} />` : html`<${LimbLanes} />`}

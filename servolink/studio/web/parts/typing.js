@@ -1,0 +1,30 @@
+// What is being typed into a field stays there, whatever else changes on the page meanwhile.
+
+import { html, useState } from "../html.js";
+
+/**
+ * Return the text of a field: `text`, or what is being typed, until `end` is called or the field is left; and the
+ * handlers of the field.
+ * @param {string} text
+ */
+export function useTyping(text) {
+  const [typed, setTyped] = useState(/** @type {string | null} */ (null)), end = () => setTyped(null);
+  /** @param {Event} event */
+  const type = (event) => setTyped(/** @type {HTMLInputElement} */ (event.currentTarget).value);
+  return { value: typed ?? text, end, handlers: { onInput: type, onBlur: end } };
+}
+
+/**
+ * The name of what the screen shows, as a field. `onChange` is called with another name, and returns what became of it.
+ * @param {{ name: string, placeholder: string, label: string, onChange: (name: string) => string }} props
+ */
+export function NameField({ name, placeholder, label, onChange }) {
+  const { value, end, handlers } = useTyping(name);
+  /** @param {Event} event */
+  const rename = (event) => {
+    const field = /** @type {HTMLInputElement} */ (event.currentTarget);
+    field.value = onChange(field.value.trim());
+    end();
+  };
+  return html`<input class="inp title" maxlength="32" value=${value} placeholder=${placeholder} aria-label=${label} onChange=${rename} ...${handlers} />`;
+}
