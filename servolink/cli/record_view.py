@@ -31,7 +31,7 @@ class RecordView:
         self._told = 0  # files of a ring
 
     async def run(self) -> None:
-        """Show how it goes on, until the task is cancelled."""
+        """Show the state of the recording until the task is cancelled."""
         with suppress(OSError), self._screen() as draw:  # OSError: the terminal is gone
             while True:
                 draw(self._recorder.status)

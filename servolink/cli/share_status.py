@@ -97,7 +97,7 @@ async def _take(channel: RpcChannel, name: str, *, as_json: bool) -> None:
 
 
 async def _give(channel: RpcChannel, name: str, *, as_json: bool) -> None:
-    """Let programs move again from which the lease was taken."""
+    """Allow programs whose lease was taken to move the servos again."""
     lease = (await _call(channel, "lease.give", LeaseNow)).lease
     if as_json:
         print_json({"moved_by": lease and lease.who})

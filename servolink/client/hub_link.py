@@ -109,7 +109,7 @@ class HubLink:
 
     @asynccontextmanager
     async def alone(self, reason: str) -> AsyncIterator[None]:
-        """Have the board alone in this context, as soon as no other program has; not if the program only reads."""
+        """Hold the board alone in this context, as soon as no other program does; not if the program only reads."""
         self._holds += 1
         try:
             if self._holds == 1 and self._welcome.role == "edit":
@@ -122,7 +122,7 @@ class HubLink:
 
     @asynccontextmanager
     async def moving(self) -> AsyncIterator[None]:
-        """Have the lease in this context. Raise MotionRefused, which says who has it, if another program has."""
+        """Hold the lease in this context. Raise MotionRefused, which names the holder, if another program has it."""
         had_lease = self._has_lease
         if not had_lease:
             await self.take_lease()

@@ -137,7 +137,7 @@ class Call(Struct, eq=False):
     """The content of the frame with the response, if it came while `on_wake` was there."""
 
     def wake(self) -> None:
-        """Let the caller look at what has changed."""
+        """Wake the caller, which looks at what has changed."""
         if self.on_wake is not None:
             self.on_wake(self)
         elif self.woken is not None and not self.woken.done():

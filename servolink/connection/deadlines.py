@@ -89,7 +89,7 @@ class ResponseTimes:
     """
 
     def __init__(self) -> None:
-        """Know nothing yet."""
+        """Start without response times."""
         self._margin = _LEAST_MARGIN
         self._estimates: dict[int, tuple[float, float, float]] = {}  # by packet id: smoothed, variation, timeout
 

@@ -76,7 +76,7 @@ class Bridge:
         self.commands.on_change = self.telemetry.look_again
 
     def announce(self, home_assistant: HomeAssistant, kept: Mapping[str, bytes]) -> None:
-        """Have Home Assistant find the board; `kept` is what the broker holds from an earlier time, by topic."""
+        """Announce the board to Home Assistant; `kept` is what the broker holds from an earlier time, by topic."""
         self._announcer = Announcer(
             home_assistant, self._topics, self._policy, self.telemetry, self.outbox, self.wire, kept
         )

@@ -37,7 +37,7 @@ KEEPALIVE = 10
 """Seconds without a message after which the broker is asked whether it is there."""
 
 _LIMIT = 10.0  # seconds for the broker to answer
-_ABOVE_MOST = 2 * MOST_BYTES  # what is too long should come as far as here, to be answered
+_ABOVE_MOST = 2 * MOST_BYTES  # bytes: a command that is too long arrives, and is answered
 _QUIET = 0.3  # seconds without a message after which the broker has sent all that it keeps
 _FAILURE = 128  # reason codes from here on
 _NOT_AUTHORIZED = 135

@@ -200,11 +200,12 @@ class Controller:
             result = msgspec.json.encode(Result(id=message_id, board="-", ok=True))
             await self.publish(self._reply_to, result, message_id, expires=_MOST_SETTLING, deadline=deadline)
             await marker.until(("-",), deadline)
-        while (quiet_at := self._heard + _QUIET) > loop.time() and loop.time() < deadline:  # noqa: ASYNC110
+        # Nothing tells of silence.
+        while (quiet_at := self._heard + _QUIET) > loop.time() and loop.time() < deadline:  # noqa: ASYNC110 - see above
             await asyncio.sleep(quiet_at - loop.time())
 
     def wake(self) -> None:
-        """Have whoever waits for results look again: at the connection, and at the time."""
+        """Wake all who wait for results, to look again at the connection and the time."""
         for exchange in self._exchanges.values():
             exchange.wake()
 

@@ -64,7 +64,7 @@ def discovery(
 
 
 def without(document: Document, before: Document) -> Document | None:
-    """Return what removes from Home Assistant what was in `before` and is not in `document`; None if nothing is."""
+    """Return the document that also removes the entities which only `before` has; None if there are none."""
     gone = {
         key: {"platform": component["platform"]}
         for key, component in before.get("components", {}).items()

@@ -89,7 +89,7 @@ class Fleet:
         hz: float,
         home_assistant: HomeAssistant | None = None,
     ) -> None:
-        """Let them take part at a broker, as `policies` allow; use `join`.
+        """Take part at a broker, as `policies` allow; use `join`.
 
         The servos are sent `hz` times a second at most. Home Assistant finds the boards if `home_assistant` says where.
         """

@@ -35,7 +35,7 @@ class Outbox:
         self._news = asyncio.Event()
 
     def put(self, message: Publication, on_sent: Callable[[], None] | None = None) -> None:
-        """Have a message sent; `on_sent` is called when the broker has it, or refuses it for good.
+        """Queue a message; `on_sent` is called when the broker has it, or refuses it for good.
 
         A message with `on_sent` is an answer, and dropped only for the newest of twenty thousand.
         """

@@ -26,7 +26,7 @@ class PreparedRun:
         self._timer: asyncio.TimerHandle | None = None
 
     async def prepare(self, asked: Prepare) -> Ran:
-        """Have a run checked and kept ready, with the lease. Raise the error of the hub."""
+        """Ask the hub to check a run and keep it ready, with the lease. Raise the error of the hub."""
         self.forget()
         checked = result_of(await self._hub.ask("run.prepare", asked.run))
         loop = asyncio.get_running_loop()

@@ -47,7 +47,7 @@ class StopDesk:
             await self._stopped.wait()
 
     async def close(self) -> None:
-        """Answer those who wait still."""
+        """Answer those who still wait."""
         if self._task is not None:
             await asyncio.wait((self._task,), timeout=1.0)
             self._task.cancel()

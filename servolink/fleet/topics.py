@@ -194,8 +194,8 @@ class Command(Struct, forbid_unknown_fields=True):
 class Press(Struct, forbid_unknown_fields=True):
     """A method to carry out at once or never, from a program that can neither number messages nor let them expire.
 
-    Sent to `press`, QoS 0, it expires in 5 seconds, and is not kept for a board that is away. Nobody knows one that is
-    sent twice from two.
+    Sent to `press`, QoS 0, it expires in 5 seconds, and is not kept for a board that is away. One that is
+    delivered twice counts as two.
     """
 
     method: Annotated[str, Meta(max_length=40)]

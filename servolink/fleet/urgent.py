@@ -68,7 +68,7 @@ class Urgent:
         if message.topic == self._pulse_topic:
             self._link.heard(message.payload)
             return
-        if message.is_retained:  # of who knows when
+        if message.is_retained:  # nobody knows how old it is
             return
         sender = Sender(message.response_topic, message.correlation)
         if message.topic == self._topics.fleet("echo"):
@@ -91,7 +91,7 @@ class Urgent:
             self._bridges[name].stops.stop(command_id, sender, self._answers[name])
 
     def _press(self, message: Received) -> None:
-        """Have a command carried out that has no id, and expires soon."""
+        """Carry out a command that has no id, and expires soon."""
         name, _ = self._topics.parse(message.topic) or ("", "")
         try:
             press = msgspec.json.decode(message.payload, type=Press)

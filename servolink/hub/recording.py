@@ -64,12 +64,12 @@ class HubRecorder:
 
     @property
     def is_recording(self) -> bool:
-        """Whether a recording goes on."""
+        """Whether the hub is recording."""
         return self._recorder is not None
 
     @property
     def status(self) -> RecorderStatus | None:
-        """How the recording goes on, or how the latest one ended; None before the first."""
+        """The state of the recording, or of the latest one; None before the first."""
         return self._latest if self._recorder is None else self._recorder.status
 
     def folder(self) -> Path:
@@ -77,7 +77,7 @@ class HubRecorder:
         return self._folder or user_folder("data") / "recordings"
 
     async def start(self, who: str, *, hz: float, wire_only: bool) -> None:
-        """Begin to record for `who`. Raise RecordingError if a recording goes on, or cannot be written."""
+        """Begin to record for `who`. Raise RecordingError if the hub is recording already, or cannot write."""
         async with self._changing:
             if self._recorder is not None:
                 raise RecordingError(f"{self._recorder.wanted.path.name} is being recorded already")
@@ -131,7 +131,7 @@ class HubRecorder:
         return [recording for _, recording in sorted(found)]
 
     async def close(self) -> None:
-        """End the recording, if one goes on: the hub ends."""
+        """End the recording, if there is one: the hub ends."""
         with suppress(RecordingError):
             await self.stop("the hub, which ends")
 

@@ -60,7 +60,7 @@ class ChildWriter:
         self._backlog.put(seconds, message)
 
     def status(self) -> RecorderStatus:
-        """Return how it goes on."""
+        """Return the state of the recording."""
         known, now = self._report.status, self._clock.now()
         return RecorderStatus(
             str(self._path),

@@ -107,6 +107,7 @@ class Recording:
         """Byte order and caption encoding of the recorded board; the usual ones if the file does not say."""
         about = self.about
         try:
+            # Codec checks what the file says.
             return Codec(about.byte_order, about.caption_encoding) if about else Codec()  # type: ignore[arg-type]
         except ValueError:
             return Codec()

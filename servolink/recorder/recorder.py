@@ -63,7 +63,7 @@ class Wanted(Struct, frozen=True):
 
 
 class Recorder:
-    """A recording that goes on."""
+    """A recording under way."""
 
     def __init__(self, wanted: Wanted) -> None:
         """Collect messages; `begin` writes them."""
@@ -108,7 +108,7 @@ class Recorder:
 
     @property
     def status(self) -> RecorderStatus:
-        """How the recording goes on: size, messages, and what is missing or wrong."""
+        """The state of the recording: size, messages, and what is missing or wrong."""
         assert self._writer is not None  # noqa: S101 - it has begun
         return self._writer.status()
 

@@ -107,7 +107,7 @@ def is_zip(path: Path) -> bool:
 
 
 def read_report(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """Return the facts and the files of a report. Raise RecordingError if it is none, or larger than reports are."""
+    """Return the facts and the files of a report. Raise RecordingError if it is not a report, or too large."""
     files: dict[str, bytes] = {}
     try:
         with zipfile.ZipFile(io.BytesIO(read_file(path, _LARGEST_ZIP))) as archive:

@@ -89,7 +89,7 @@ class RingWriter:
             self._reason, self._due = reason, self._clock.now() + AFTER
 
     def status(self) -> RecorderStatus:
-        """Return how it goes on; the size is that in memory."""
+        """Return the state of the recording; the size is that in memory."""
         segments, now = self._segments, self._clock.now()
         first = segments.first
         seconds = 0.0 if first is None else now - first

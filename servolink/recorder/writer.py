@@ -36,7 +36,7 @@ class Saved(Struct, frozen=True):
 
 
 class RecorderStatus(Struct, frozen=True):
-    """How a recording goes on."""
+    """The state of a recording."""
 
     path: str
     seconds: float
@@ -59,7 +59,7 @@ class MessageEncoder:
         """Raise RecordingError, which says what to install, if a library is missing."""
         self.stream = McapStream(about)
         self._clock = clock
-        codec = Codec(about.byte_order, about.caption_encoding)  # type: ignore[arg-type]  # checked there
+        codec = Codec(about.byte_order, about.caption_encoding)  # type: ignore[arg-type]  # Codec checks it
         self._packets = PacketStream(codec) if with_packets else None
 
     def add(self, timed: Timed) -> None:
@@ -115,7 +115,7 @@ class RecordingWriter:
         self._backlog.put(seconds, message)
 
     def status(self) -> RecorderStatus:
-        """Return how it goes on."""
+        """Return the state of the recording."""
         file, backlog = self._file, self._backlog
         seconds = self._clock.now() - self._clock.monotonic
         problem = str(self._failure) if self._failure else file.problem

@@ -11,7 +11,7 @@ from servolink.spy.relay import Relay
 from servolink.transports.stream import keep_alive
 
 _NO_BOARD = (b"GET ", b"HEAD ", b"POST ", b"PUT ", b"DELETE ", b"OPTIONS ", b"PATCH ", b"CONNECT ", b"\x16\x03")
-"""How browsers begin, which any web page can have connect to this port, and could make send frames to the board."""
+"""The first bytes of a browser. Any web page can make one connect to this port, and send frames to the board."""
 _SEND_BUFFER = 65536  # in the system, which by itself would take MiB for a program that does not read
 
 
@@ -29,7 +29,7 @@ class NetworkSide:
         return self._line is None or self._line.write(data)
 
     def pause_reading(self) -> None:
-        """Let the program wait."""
+        """Stop reading, so that the program waits."""
         if self._line is not None:
             self._line.pipe.pause_reading()
 

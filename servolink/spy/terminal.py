@@ -74,7 +74,7 @@ class TerminalSide:
         return not self._unread
 
     def pause_reading(self) -> None:
-        """Let the program wait."""
+        """Stop reading, so that the program waits."""
         self._is_paused = True
         self._loop.remove_reader(self._ours)
 

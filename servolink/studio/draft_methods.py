@@ -45,7 +45,7 @@ async def draft_get(caller: Caller, params: NoParams) -> DraftNow:
 
 @METHODS.add("studio.draft.save", Role.EDIT, in_order=True)
 async def draft_save(caller: Caller, params: DraftSave) -> DraftSaved:
-    """Keep edits, each unless another page has edited the same record since the revision that this page knows."""
+    """Keep each edit, unless another page has edited the same record since the revision that this page knows."""
     saved, conflicts = await caller.studio.drafts.save(params.edits, caller.page.who)
     for page in caller.studio.pages - {caller.page}:
         if saved:

@@ -31,7 +31,7 @@ class Gate:
     """Knows the names under which the studio is reached, and the tokens that open it."""
 
     def __init__(self, port: int, hosts: Iterable[str] = ()) -> None:
-        """Let pages in that were loaded from this machine at `port`, or as one of `hosts`, such as `robot.local`.
+        """Admit pages that were loaded from this machine at `port`, or as one of `hosts`, such as `robot.local`.
 
         A host may be behind a proxy that encrypts, as in `https://robot.school.example`.
         """

@@ -114,8 +114,9 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
         loop = asyncio.get_running_loop()
         deadline = loop.time() + _DRAIN_LIMIT
         try:
-            while self._stage == "closing" and self._unsent() and loop.time() < deadline:  # noqa: ASYNC110
-                await asyncio.sleep(_DRAIN_STEP)  # a serial port does not say when its last byte has left
+            # A serial port does not say when its last byte has left.
+            while self._stage == "closing" and self._unsent() and loop.time() < deadline:  # noqa: ASYNC110 - see above
+                await asyncio.sleep(_DRAIN_STEP)
         finally:
             self._abort()
         await self._gone.wait()

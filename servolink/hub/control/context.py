@@ -195,7 +195,7 @@ class Control:
 
     @contextmanager
     def moving(self) -> Iterator[None]:
-        """Have the lease in this context. Raise LeaseRefused if another program has it."""
+        """Hold the lease in this context. Raise LeaseRefused if another program has it."""
         lease = self.hub.lease
         self.take_lease()
         try:

@@ -42,7 +42,7 @@ class NoParams(Struct, forbid_unknown_fields=True):
 
 
 class Done(Struct, frozen=True):
-    """Nothing more to say: it was done."""
+    """The request was carried out; there is nothing to return."""
 
 
 # --- the lease and the hold -------------------------------------------------------------------------------------------
@@ -356,7 +356,7 @@ class ProjectPlan(Struct, forbid_unknown_fields=True):
 
 
 class ProjectApply(ProjectPlan, forbid_unknown_fields=True):
-    """What the board shall hold."""
+    """What the board should hold from now on."""
 
     backup: Annotated[bool, about("save what the board holds first")] = True
 

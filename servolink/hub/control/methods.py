@@ -116,7 +116,7 @@ def lease_ask(caller: Caller, params: NoParams) -> LeaseNow:
 
 @METHODS.add("board.hold", Role.EDIT, in_order=True)
 async def board_hold(caller: Caller, params: Hold) -> HoldNow:
-    """Have the board alone: everybody else waits, but for stops. If another program has it alone, wait for that.
+    """Hold the board alone: everybody else waits, but for stops. If another program holds it, wait for that.
 
     It ends with `board.release`, or when the program leaves.
     """

@@ -84,7 +84,7 @@ class ProblemNotice(Struct, frozen=True):
 
 
 class RecordingNotice(Struct, frozen=True):
-    """The recording of the hub was started, stopped or marked; ask `recorder.status` how it goes on."""
+    """The recording of the hub was started, stopped or marked; call `recorder.status` for its state."""
 
     event: Literal["started", "stopped", "marked"]
     who: str

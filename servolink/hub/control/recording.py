@@ -70,7 +70,7 @@ def recorder_mark(caller: Caller, params: RecorderMark) -> Done:
 
 @METHODS.add("recorder.status", Role.WATCH)
 def recorder_status(caller: Caller, params: NoParams) -> RecordingNow:
-    """Return how the recording goes on, or how the latest one ended."""
+    """Return the state of the recording, or of the latest one."""
     return _now(caller)
 
 

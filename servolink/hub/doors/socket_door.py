@@ -105,7 +105,7 @@ class SocketLine(Line):
     """A connection that begins with a greeting, and then carries frames or JSON-RPC."""
 
     def __init__(self, hub: Hub, open_channel: OpenChannel | None, token: str) -> None:
-        """Let a program in whose greeting is right and has the `token`."""
+        """Admit a program whose greeting is right and has the `token`."""
         super().__init__()
         self._hub = hub
         self._open_channel = open_channel
@@ -137,7 +137,7 @@ class SocketLine(Line):
             self._receive(rest)
 
     def _welcome(self, greeting: Greeting) -> None:
-        """Let the program in. Raise ValueError if that is impossible."""
+        """Admit the program. Raise ValueError if that is impossible."""
         role = Role[greeting.role.upper()]
         if greeting.wants == "frames":
             if greeting.session is not None:
