@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # and imported late: `--help` needs none of it
     from servolink.recorder.recorder import Recorder, Wanted
 
 _MOST_HZ = 200.0
-_UNITS = {"s": 1, "m": 60, "h": 3600}
+_UNITS = {"s": (1, "seconds"), "m": (60, "minutes"), "h": (3600, "hours")}
 _LONGEST_RING = 86400
 
 
@@ -62,8 +62,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def _duration(text: str) -> float:
     """Return the seconds in a text such as `90`, `30s`, `5m` or `1h`."""
-    unit = _UNITS.get(text[-1:], 0)
-    return number(1, _LONGEST_RING, "seconds")(text[:-1] if unit else text) * (unit or 1)
+    unit, name = _UNITS.get(text[-1:], (1, "seconds"))
+    return number(1, _LONGEST_RING / unit, name)(text[:-1] if text[-1:] in _UNITS else text) * unit
 
 
 def run(args: argparse.Namespace) -> int:
@@ -87,11 +87,14 @@ def _repair(args: argparse.Namespace) -> int:
 
     done = repair(args.file)
     if args.json:
-        print_json({"messages": done.messages, "original": done.original or None})
-    elif done.original:
+        print_json({"messages": done.messages, "original": done.original or None, "remarks": done.remarks})
+        return OK
+    if done.original:
         print_text(f"repaired {args.file}: {counted(done.messages, 'message')}; the file as it was is {done.original}")
     else:
         print_text(f"{args.file} is whole, with {counted(done.messages, 'message')}; nothing was changed")
+    for remark in done.remarks:
+        print_error(f"servolink: {args.file}: {remark}")
     return OK
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import chain
@@ -20,6 +21,7 @@ from servolink.recorder.recording_file import RecordingFile
 from servolink.recorder.writer import CHUNK_BYTES
 
 _UNKNOWN = Recorded("", "", "", "board")
+_FOREIGN = "messages of channels that are not ours were left out"
 _NEW, _OLD = ".repairing", ".cut"
 
 
@@ -30,16 +32,17 @@ class Repaired(Struct, frozen=True):
     """How many were recovered."""
     original: str
     """Where the file is as it was; empty if there was nothing to repair, and nothing was changed."""
+    remarks: tuple[str, ...] = ()
+    """What could not be recovered, and how often, for people."""
 
 
 def repair(path: Path) -> Repaired:
     """Replace a recording that was cut by one of its whole chunks, and keep it under another name.
 
-    Raise RecordingError, and leave everything as it was, if it is not a recording, or the new file cannot be written.
+    Raise RecordingError, and leave everything as it was, if nothing in it is from a recorder of ours, or if the new
+    file cannot be written.
     """
     new, old = Path(f"{path}{_NEW}"), Path(f"{path}{_OLD}")
-    if old.exists():
-        raise RecordingError(f"{old} exists already, and would be lost; remove or rename it")
     reader = McapReader(path)
     mending = Mending(reader)
     file = RecordingFile(new)
@@ -50,6 +53,10 @@ def repair(path: Path) -> Repaired:
         file.close()
         if mending.was_whole and _has_end(path):
             return Repaired(mending.messages, "")
+        if not mending.is_ours:
+            raise RecordingError(f"nothing of a recording is left in {path}, and it was not changed")
+        if old.exists():
+            raise RecordingError(f"{old} exists already, and would be lost; remove or rename it")
         path.rename(old)
         new.rename(path)
     except OSError as error:
@@ -58,7 +65,7 @@ def repair(path: Path) -> Repaired:
         reader.close()
         file.close()
         new.unlink(missing_ok=True)
-    return Repaired(mending.messages, str(old))
+    return Repaired(mending.messages, str(old), mending.remarks)
 
 
 class Mending:
@@ -68,33 +75,49 @@ class Mending:
         """Read with `reader`."""
         self.messages = 0
         """How many were recovered; complete after the last block."""
+        self.is_ours = False
+        """Whether a recorder of servolink wrote something of it; complete after the last block."""
         self._reader = reader
+        self._foreign = 0
 
     @property
     def was_whole(self) -> bool:
         """Whether everything could be read."""
         return not self._reader.is_cut and not self._reader.remarks
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was left out, and how often; complete after the last block."""
+        found = self._reader.remarks + Counter({_FOREIGN: self._foreign})
+        return tuple(f"{text} ({count})" for text, count in found.items())
+
     def blocks(self) -> Iterator[bytes]:
         """Yield the bytes of the good file."""
         records = self._reader.records()
-        stream, waiting = _begun(next(records, None))
+        first = next(records, None)
+        about = _description(first)
+        stream = McapStream(about or _UNKNOWN)
         yield stream.head()
-        for record in chain(waiting, records):
-            if isinstance(record, Message) and record.topic in CHANNELS and record.encoding == MESSAGE_ENCODING:
-                stream.add(record.topic, record.time, record.data)
-                if stream.waiting >= CHUNK_BYTES:
-                    yield stream.chunk()
+        for record in chain((first,), records):
+            if not isinstance(record, Message):
+                continue
+            if record.topic not in CHANNELS or record.encoding != MESSAGE_ENCODING:
+                self._foreign += 1
+                continue
+            stream.add(record.topic, record.time, record.data)
+            if stream.waiting >= CHUNK_BYTES:
+                yield stream.chunk()
         self.messages = stream.messages
+        self.is_ours = about is not None or stream.messages > 0
         yield stream.chunk() + stream.end()
 
 
-def _begun(first: Message | Metadata | None) -> tuple[McapStream, list[Message | Metadata]]:
-    """Return a stream with the metadata in the first record of a file, and that record if it is something else."""
-    if isinstance(first, Metadata) and first.name == METADATA:
+def _description(record: Message | Metadata | None) -> Recorded | None:
+    """Return what was recorded, if the first record of a file says it."""
+    if isinstance(record, Metadata) and record.name == METADATA:
         with suppress(msgspec.ValidationError):
-            return McapStream(msgspec.convert(first.texts, Recorded)), []
-    return McapStream(_UNKNOWN), [] if first is None else [first]
+            return msgspec.convert(record.texts, Recorded)
+    return None
 
 
 def _has_end(path: Path) -> bool:

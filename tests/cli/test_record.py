@@ -55,6 +55,15 @@ def test_a_ring_says_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFixture
     assert [min(each) for each in said.objects] == ["recording", "reason", "dropped"]
 
 
+@pytest.mark.parametrize(
+    ("time", "range_of"), [("25h", "1 to 24 hours"), ("1441m", "1 to 1440 minutes"), ("0", "1 to 86400 seconds")]
+)
+def test_a_ring_keeps_a_day_at_most(capsys: pytest.CaptureFixture[str], time: str, range_of: str) -> None:
+    said = call(capsys, "record", "out.mcap", "--ring", time, "--board", "virtual://")
+    assert said.code == 2
+    assert f"must be from {range_of}, not" in said.err
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGUSR1")
 def test_a_ring_is_written_for_a_signal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

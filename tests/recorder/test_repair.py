@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from servolink.errors import RecordingError
 from servolink.recorder.channels import Event, Recorded, Wire, decode, encode
@@ -62,14 +63,19 @@ def test_the_file_is_replaced_and_the_original_kept(tmp_path: Path) -> None:
         assert recording.remarks == []
         assert recording.about == ABOUT
     assert sorted(each.name for each in tmp_path.iterdir()) == ["out.mcap", "out.mcap.cut"]
-    assert repair_again(path)
 
 
-def repair_again(path: Path) -> bool:
-    """Return whether a second repair refuses to lose the original."""
+def test_an_original_is_never_lost(tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    whole = b"".join(blocks())
+    path.write_bytes(whole[:-3])
+    repair(path)
+    assert not repair(path).original  # it is whole now, whatever lies beside it
+    path.write_bytes(whole[:-30])
     with pytest.raises(RecordingError, match="would be lost"):
         repair(path)
-    return True
+    assert path.read_bytes() == whole[:-30]
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["out.mcap", "out.mcap.cut"]
 
 
 @pytest.mark.parametrize("missing", [0, 1, 8, 20])
@@ -90,7 +96,37 @@ def test_damage_in_the_middle_costs_that_chunk(tmp_path: Path) -> None:
     damaged[80] ^= 0xFF
     path = tmp_path / "out.mcap"
     path.write_bytes(b"".join((*made[:5], bytes(damaged), *made[6:])))
-    assert repair(path).messages == 12 * 39
+    done = repair(path)
+    assert done.messages == 12 * 39
+    assert done.remarks == ("damaged chunks were left out (1)",)
+
+
+def other_program() -> bytes:
+    """Return the beginning of a file that another program wrote, without its end."""
+    file = io.BytesIO()
+    writer = Writer(file, use_chunking=False)
+    writer.start("ros2", "rosbag2")
+    channel = writer.register_channel("/tf", "cdr", 0)
+    for number in range(3):
+        writer.add_message(channel, number, b"pose", number)
+    return file.getvalue()
+
+
+def test_a_file_of_another_program_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    path.write_bytes(other_program())
+    with pytest.raises(RecordingError, match="nothing of a recording is left"):
+        repair(path)
+    assert path.read_bytes() == other_program()
+    assert [each.name for each in tmp_path.iterdir()] == ["bag.mcap"]
+
+
+def test_it_says_what_of_another_program_was_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "both.mcap"
+    path.write_bytes(b"".join(blocks()[:3]) + other_program()[len(MAGIC) :])
+    said = call(capsys, "record", "--repair", str(path))
+    assert said.out.startswith(f"repaired {path}: 24 messages;")
+    assert said.err == f"servolink: {path}: messages of channels that are not ours were left out (3)\n"
 
 
 def test_what_is_no_recording_is_left_alone(tmp_path: Path) -> None:
@@ -110,7 +146,11 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert (
         call(capsys, "record", "--repair", str(path)).out == f"{path} is whole, with 48 messages; nothing was changed\n"
     )
-    assert call(capsys, "record", "--repair", str(path), "--json").json == {"messages": 48, "original": None}
+    assert call(capsys, "record", "--repair", str(path), "--json").json == {
+        "messages": 48,
+        "original": None,
+        "remarks": [],
+    }
 
 
 def test_events_are_kept(tmp_path: Path) -> None:
