@@ -25,7 +25,7 @@ _LIBRARIES = "/vendor/"
 _COMMENT = re.compile(rb"^[ \t]*//.*$|/\*(?:(?!\*/)[\s\S])*\*/", re.MULTILINE)
 """Comments, which are one part in eight of what a browser has to fetch; those behind code only if they are types."""
 _INDENTATION = re.compile(rb"^[ \t]+", re.MULTILINE)
-"""It means nothing in style sheets, nor in the texts of our modules: htm leaves out spaces at the beginning of a line."""
+"""It means nothing in style sheets, nor in texts of our modules: htm leaves out spaces at the beginning of a line."""
 
 
 class PageFile(Struct, frozen=True):
