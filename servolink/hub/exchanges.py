@@ -71,6 +71,11 @@ class Exchange(Struct, eq=False):
     equal: tuple[Exchange, ...] | list[Exchange] = ()
     """Queries that its response answers as well."""
 
+    @property
+    def is_wanted(self) -> bool:
+        """Whether a program is still there for which it is sent: the one that asked, or one that joined."""
+        return not all(each.program.has_left for each in (self, *self.equal))
+
 
 class ProgramQueue:
     """The unsent requests of one program, in its order."""

@@ -113,7 +113,7 @@ class PacketSender:
             if carries_angles(packet):
                 await self._units.enter(packet, state)
                 is_inside = True
-            if exchange.program.has_left:
+            if not exchange.is_wanted:
                 return None
             if is_motion(packet):
                 return await self._move(exchange)

@@ -21,6 +21,7 @@ from servolink.protocol.servos import (
     QueryServoListRequest,
     QueryServoListResponse,
     QueryServoRequest,
+    QueryServoResponse,
     SetAngleUnitRequest,
 )
 from servolink.protocol.settings import (
@@ -32,7 +33,7 @@ from servolink.protocol.settings import (
     TransmissionModeSettingRequest,
     TransmissionModeSettingResponse,
 )
-from tests.client.fake_board import SWALLOWED, FakeBoard
+from tests.client.fake_board import LATENCY, SWALLOWED, FakeBoard
 from tests.hub.fake_hub import MOVE, kinds, on_hub, shared
 from tests.hub.raw_program import RawProgram
 from tests.virtual_time import run
@@ -125,6 +126,24 @@ def test_one_response_answers_all_who_asked_the_same_before_it_was_sent() -> Non
         responses = await asyncio.gather(*(program.ask(QueryServoListRequest()) for program in programs))
         assert kinds([response for response in responses if response]) == [QueryServoListResponse] * 5
         assert len(fake.executed_of(QueryServoListRequest)) <= 2
+
+    on_hub(use)
+
+
+def test_who_joined_a_query_is_answered_although_its_program_has_left() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        leaver, joiner, other = RawProgram(hub), RawProgram(hub), RawProgram(hub, unit="adc")
+        query = QueryServoRequest(1)
+        await other.ask(query)
+        other.send(QueryMemorySizeRequest())  # until it is answered, the queries of both wait and are joined
+        for program in (leaver, joiner):
+            program.send(query)
+        while len(fake.sent_of(SetAngleUnitRequest)) < 2:  # the second one is for these two
+            await asyncio.sleep(LATENCY / 4)
+        leaver.session.leave()
+        await asyncio.sleep(1)
+        assert kinds(joiner.heard) == [QueryServoResponse]
+        assert joiner.session.counters.unanswered == 0
 
     on_hub(use)
 
