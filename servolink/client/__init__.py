@@ -1,1 +1,1 @@
-"""The conversation with a board: link, lanes, events, and the board as a person sees it."""
+"""The board as a person sees it: its commands, events and limits, across losses of the connection."""

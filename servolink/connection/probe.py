@@ -103,7 +103,7 @@ async def _project_id(
 
 @dataclass(slots=True)
 class _Ear:
-    """Hears frames in both byte orders; one in the wrong order is none, as no id fits."""
+    """Hears frames in both byte orders; one in the wrong order is not a frame, as no id fits."""
 
     received: int = 0
     _parsers: list[FrameParser] = field(default_factory=lambda: [FrameParser(order) for order in BYTE_ORDERS])

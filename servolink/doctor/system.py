@@ -94,7 +94,7 @@ class SystemFacts:
             return []
 
     def link(self, path: str) -> str:
-        """Return the target of a symbolic link; empty if it is none."""
+        """Return the target of a symbolic link; empty for anything else."""
         try:
             return str(self._here(path).readlink())
         except (OSError, ValueError):

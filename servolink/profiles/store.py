@@ -114,7 +114,7 @@ def parse_profile(text: str) -> BoardProfile:
 
 
 def setting_from_text(name: str, text: str) -> Any:
-    """Return the value of the setting `name` that `text` is, a list with commas. Raise ValueError if it is none."""
+    """Return the value of the setting `name` in `text`, a list with commas. Raise ValueError for an impossible one."""
     value: object = text
     if name == "unsupported":
         value = [each for each in text.split(",") if each]

@@ -27,7 +27,7 @@ class TextError(ValueError):
 
 
 def read_toml(text: str) -> dict[str, Any]:
-    """Return the tables of a TOML text. Raise TextError if it is none."""
+    """Return the tables of a TOML text. Raise TextError for any other text."""
     import tomllib  # only where there is something to read
 
     try:

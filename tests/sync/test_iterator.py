@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import itertools
 import threading
+import time
 from collections.abc import Iterator
 from types import SimpleNamespace
 
@@ -91,7 +92,13 @@ def test_an_event_after_the_time_is_up_is_not_lost(fake: FakeBoard, board: servo
 
 
 def test_leaving_the_loop_unsubscribes(fake: FakeBoard, board: servolink.sync.Board) -> None:
-    threading.Timer(0.05, press, [fake, 1]).start()
+    def press_when_subscribed() -> None:
+        while not fake.executed_of(SubscribeButtonEventRequest) and not fake.closed:
+            time.sleep(0.001)
+        if not fake.closed:
+            press(fake, 1)
+
+    threading.Thread(target=press_when_subscribed).start()
     for _ in board.button_events():
         break
     gc.collect()
