@@ -190,15 +190,19 @@ class Controller:
                 "and at the network"
             ) from lost
 
-    async def settle(self) -> None:
-        """Wait until what the broker has kept of all boards has come."""
-        loop = asyncio.get_running_loop()
-        deadline, message_id = loop.time() + _MOST_SETTLING, new_id()
+    async def settle(self, patience: float = _MOST_SETTLING) -> None:
+        """Wait until what the broker has kept of all boards has come, but not for much longer than it usually takes.
+
+        Raise ConnectionLost if the broker is gone for `patience` seconds.
+        """
+        loop, message_id = asyncio.get_running_loop(), new_id()
         with self.exchange(message_id) as marker:
             # Sent to this program itself: it comes behind what the subscriptions have brought. A broker that sends
             # in another order is given some quiet time.
             result = msgspec.json.encode(Result(id=message_id, board="-", ok=True))
-            await self.publish(self._reply_to, result, message_id, expires=_MOST_SETTLING, deadline=deadline)
+            gone = loop.time() + patience
+            await self.publish(self._reply_to, result, message_id, expires=patience, deadline=gone)
+            deadline = loop.time() + _MOST_SETTLING
             await marker.until(("-",), deadline)
         # Nothing tells of silence.
         while (quiet_at := self._heard + _QUIET) > loop.time() and loop.time() < deadline:  # noqa: ASYNC110 - see above

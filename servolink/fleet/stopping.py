@@ -7,6 +7,7 @@ import asyncio
 import msgspec
 from msgspec import Struct
 
+from servolink.errors import ConnectionLost
 from servolink.fleet.controller import Controller, new_id
 from servolink.fleet.exchange import Exchange, failure_of
 from servolink.fleet.topics import Stop
@@ -35,7 +36,10 @@ class Stopped(Struct, frozen=True):
 
 
 async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Stopped:
-    """Stop all boards. A slow one holds up no other; one that does not answer for `patience` seconds is silent."""
+    """Stop all boards. A slow one holds up no other; one that does not answer for `patience` seconds is silent.
+
+    Raise ConnectionLost if the broker is gone for as long, and no board is known that could be named.
+    """
     loop = asyncio.get_running_loop()
     begun, stop = loop.time(), Stop(new_id(), controller.who)
     with controller.exchange(stop.id) as exchange:
@@ -43,7 +47,11 @@ async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Sto
         seen = dict.fromkeys(controller.roster.online)
         sending = asyncio.create_task(_send(controller, exchange, stop, begun + patience))
         try:
-            await controller.settle()  # meanwhile the stop is under way
+            try:
+                await controller.settle(patience)  # meanwhile the stop is under way
+            except ConnectionLost:  # not for a moment only: there may be boards that nobody here knows of
+                if not exchange.missing(seen):
+                    raise
             while True:
                 seen |= dict.fromkeys(controller.roster.online)
                 missing = exchange.missing(seen)

@@ -7,6 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, cast
 
+import pytest
+
+from servolink.errors import ConnectionLost
 from servolink.fleet.controller import Controller
 from servolink.fleet.exchange import Exchange
 from servolink.fleet.roster import Roster
@@ -24,6 +27,7 @@ class Network:
     def __init__(self, *boards: str) -> None:
         self.roster = Roster()
         self.sent: list[str] = []
+        self.is_gone = False
         for board in boards:
             self.tell(board, "online")
 
@@ -38,8 +42,10 @@ class Network:
         self._exchange = Exchange(message_id)
         yield self._exchange
 
-    async def settle(self) -> None:
-        await asyncio.sleep(0.2)
+    async def settle(self, patience: float) -> None:
+        await asyncio.sleep(patience if self.is_gone else 0.2)
+        if self.is_gone:
+            raise ConnectionLost("the broker is gone")
 
     async def publish(self, topic: str, *_: Any, **__: Any) -> None:
         self.sent.append(topic)
@@ -73,5 +79,30 @@ def test_it_ends_when_all_have_answered_who_are_there_and_names_who_was_away() -
         assert asyncio.get_running_loop().time() - began < 1
         assert (list(stopped.stopped), stopped.offline) == (["rex"], ("fido",))
         assert stopped.is_complete
+
+    run(main())
+
+
+def test_a_broker_that_is_gone_is_no_reason_to_give_up_early_or_to_call_a_stop_complete() -> None:
+    async def main() -> None:
+        network = Network("rex", "fido")
+        network.is_gone = True
+        began = asyncio.get_running_loop().time()
+        stopping = asyncio.create_task(stop_all(cast("Controller", network), patience=5.0))
+        await asyncio.sleep(0.1)
+        network.answer("fido")
+        stopped = await stopping
+        assert asyncio.get_running_loop().time() - began == pytest.approx(5)
+        assert (list(stopped.stopped), stopped.silent) == (["fido"], ("rex",))
+        assert len(network.sent) >= 5, "it is sent again"
+        for known in ((), ("fido",)):  # there may be others
+            network = Network(*known)
+            network.is_gone = True
+            stopping = asyncio.create_task(stop_all(cast("Controller", network), patience=5.0))
+            await asyncio.sleep(0.1)
+            for board in known:
+                network.answer(board)
+            with pytest.raises(ConnectionLost):
+                await stopping
 
     run(main())
