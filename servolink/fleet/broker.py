@@ -270,6 +270,25 @@ class _Client(aiomqtt.Client):
         else:  # aiomqtt would wait for the broker's answer, ten seconds long
             self._connected.set_exception(aiomqtt.MqttError("the connection was closed before the broker answered"))
 
+    def _on_socket_register_write(self, client: paho.Client, userdata: Any, sock: Any) -> None:
+        """Have the loop write to the socket, unless it is closed by then.
+
+        aiomqtt would give the loop its number for the next turn. A connection that is lost in this one has closed it.
+        """
+
+        def write() -> None:
+            try:
+                client.loop_write()
+            except Exception as error:  # noqa: BLE001 - as aiomqtt does: the connection is lost
+                if not self._disconnected.done():
+                    self._disconnected.set_exception(error)
+
+        def watch() -> None:
+            if sock.fileno() >= 0:
+                self._loop.add_writer(sock.fileno(), write)
+
+        self._loop.call_soon_threadsafe(watch)  # the first time in the thread that connects
+
     def _on_publish(
         self, client: paho.Client, userdata: Any, mid: int, reason_code: ReasonCode, properties: Properties
     ) -> None:

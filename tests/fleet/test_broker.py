@@ -106,6 +106,23 @@ def test_the_will_is_sent_for_a_wire_that_is_lost(broker: Broker) -> None:
     limited(test)
 
 
+def test_a_wire_that_is_lost_while_it_sends_leaves_nothing_behind(broker: Broker) -> None:
+    async def test() -> None:
+        told: list[dict[str, Any]] = []
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: told.append(context))
+        async with running(wire_to(broker.url)) as wire:
+            client: Any = wire._client
+            sending = asyncio.create_task(wire.send(Publication("t", b"x", 1)))
+            await asyncio.sleep(0)  # it is to be written in the next turn
+            client._client._sock_close()
+            client._disconnected.set_result(None)
+            with pytest.raises(ConnectionLost):
+                await sending
+        assert not told
+
+    limited(test)
+
+
 def test_a_wire_comes_back_after_the_broker(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "FIRST_PAUSE", 0.01)
 
