@@ -121,6 +121,11 @@ class Bridge:
         if message.topic == self._topics.board(self.board, "pulse"):
             self._link.heard(message.payload)
             self.fence.heard(message.payload)
+            if self.pulse.shows_another(message.payload):
+                self.telemetry.problem(
+                    f"another program has joined as {self.board}, too, and each takes the other's place: give one of "
+                    "the boards another name, with --name"
+                )
             self.wire.acknowledge(message)
         else:
             self.commands.receive(message, self._link, partial(self.wire.acknowledge, message))

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import secrets
 import socket
-from collections.abc import Awaitable, Callable, Sequence
-from contextlib import suppress
+from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass
 from random import Random
 from typing import Any, NamedTuple, NoReturn
@@ -38,7 +36,6 @@ KEEPALIVE = 10
 
 _LIMIT = 10.0  # seconds for the broker to answer
 _ABOVE_MOST = 2 * MOST_BYTES  # bytes: a command that is too long arrives, and is answered
-_QUIET = 0.3  # seconds without a message after which the broker has sent all that it keeps
 _FAILURE = 128  # reason codes from here on
 _NOT_AUTHORIZED = 135
 _PROTOCOL = aiomqtt.ProtocolVersion.V5
@@ -137,7 +134,7 @@ class Wire:
                 async with self._new_client() as client:
                     self._client = client
                     try:
-                        await self._begin(client)
+                        await client.unless_lost(self._begin(client))
                         was_connected, pause = True, FIRST_PAUSE
                         await client.until_lost()
                     finally:
@@ -221,6 +218,19 @@ class _Client(aiomqtt.Client):
         """Return or raise when the connection ends."""
         await asyncio.shield(self._disconnected)
 
+    async def unless_lost(self, work: Coroutine[Any, Any, None]) -> None:
+        """Do some work. Raise the reason as soon as the connection ends: aiomqtt would wait for its answers."""
+        task = asyncio.ensure_future(work)
+        try:
+            await asyncio.wait((task, self._disconnected), return_when=asyncio.FIRST_COMPLETED)
+            if not task.done():
+                await self.until_lost()
+                raise ConnectionLost("the connection with the broker was lost")
+        finally:
+            task.cancel()
+            await asyncio.wait((task,))
+        await task
+
     async def listen(self, topic: str, qos: int) -> str | None:
         """Subscribe to a topic. Return why the broker refuses, None if it does not."""
         [code] = await self.subscribe(topic, options=SubscribeOptions(qos, retainAsPublished=self._sees_retained))
@@ -295,38 +305,6 @@ class _Client(aiomqtt.Client):
         future = self._sent.get(mid)
         if future is not None and not future.done():
             future.set_result(_refusal(reason_code))
-
-
-async def retained(access: BrokerAccess, filters: Sequence[str]) -> dict[str, bytes]:
-    """Return what the broker keeps at topics, of which there is one at least. Raise OpenError if it cannot be asked."""
-    found: dict[str, bytes] = {}
-    heard = asyncio.Event()
-
-    def take(message: Received) -> None:
-        found[message.topic] = message.payload
-        heard.set()
-
-    wire = Wire(access, WireOptions(f"servolink-look-{secrets.token_hex(8)}"))
-    wire.on_message = take
-    # A broker answers in order: when it confirms the first one again, it has sent what it keeps at all of them. With
-    # QoS 1 it would wait for acknowledgements in between.
-    wire.subscriptions = [(each, 0) for each in (*filters, filters[0])]
-    connection = asyncio.create_task(wire.run())
-    connected = asyncio.create_task(wire.until_connected())
-    try:
-        await asyncio.wait((connection, connected), return_when=asyncio.FIRST_COMPLETED)
-        if connection.done():
-            await connection
-        with suppress(TimeoutError):  # brokers of several machines may answer in another order
-            while True:
-                heard.clear()
-                async with asyncio.timeout(_QUIET):
-                    await heard.wait()
-    finally:
-        for task in (connection, connected):
-            task.cancel()
-        await asyncio.wait((connection, connected))
-    return found
 
 
 def _received(message: paho.MQTTMessage) -> Received:

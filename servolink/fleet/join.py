@@ -16,11 +16,12 @@ from servolink.discovery.search import NONE_HERE, boards, search
 from servolink.errors import OpenError, ServolinkError
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.bridge import Bridge
-from servolink.fleet.broker import retained
 from servolink.fleet.commands import Level
 from servolink.fleet.home_assistant import HomeAssistant
 from servolink.fleet.journal import opened_journal
+from servolink.fleet.kept import retained
 from servolink.fleet.policy import FleetFile
+from servolink.fleet.pulse import INTERVAL, SLACK
 from servolink.fleet.topics import ONLINE, BoardNow, Topics
 from servolink.fleet.urgent import Urgent
 from servolink.hub.serving import serve_board
@@ -105,11 +106,11 @@ class Fleet:
 
     async def join(self, here: Sequence[Here], on_ready: Callable[[], None]) -> None:
         """Serve boards until this is cancelled; call `on_ready` when all have joined. Raise OpenError if one cannot."""
-        kept = await retained(self._access, [*self._kept_topics(here)])
-        self._check(here, kept)
         async with AsyncExitStack() as stack:
-            for board in here:
-                journal = stack.enter_context(opened_journal(board.name))
+            journals = [stack.enter_context(opened_journal(board.name)) for board in here]
+            kept = await retained(self._access, [*self._kept_topics(here)])
+            await self._check(here, kept)
+            for board, journal in zip(here, journals, strict=True):
                 policy = self._policies.policy_of(board.name)
                 bridge = Bridge(board.hub, board.name, self._access, self._topics, policy, journal, hz=self._hz)
                 bridge.telemetry.on_line = partial(self._tell, f"{board.name}: ")
@@ -135,11 +136,13 @@ class Fleet:
         for _, name in here:
             yield self._topics.board(name, "available")
             yield self._topics.board(name, "state")
+            yield self._topics.board(name, "pulse")
             if self._home_assistant is not None:
                 yield self._home_assistant.topic(self._topics, name)
 
-    def _check(self, here: Sequence[Here], kept: Mapping[str, bytes]) -> None:
+    async def _check(self, here: Sequence[Here], kept: Mapping[str, bytes]) -> None:
         """Raise OpenError for a board whose name another machine has given to a board that is there."""
+        pulses = []
         for _, name in here:
             if kept.get(self._topics.board(name, "available")) != ONLINE.encode():
                 continue
@@ -148,10 +151,22 @@ class Fleet:
             except (msgspec.MsgspecError, UnicodeDecodeError):
                 continue
             if state.host != socket.gethostname():
-                raise OpenError(
-                    f"a board called {name} has joined already, from {state.host}: give this one another name, with "
-                    "--name or with `servolink use NAME URL`"
-                )
+                raise _taken(name, state.host)
+            pulses.append(self._topics.board(name, "pulse"))
+        if not pulses:
+            return
+        # Of this machine, and killed, so that the broker does not know yet; or of another one that is called alike.
+        await asyncio.sleep(INTERVAL + SLACK)
+        for topic, word in (await retained(self._access, pulses)).items():
+            if word != kept.get(topic):
+                raise _taken((self._topics.parse(topic) or ("",))[0], f"another machine called {socket.gethostname()}")
+
+
+def _taken(name: str, where: str) -> OpenError:
+    return OpenError(
+        f"a board called {name} has joined already, from {where}: give this one another name, with --name or with "
+        "`servolink use NAME URL`"
+    )
 
 
 async def _serve(bridges: Sequence[Bridge], urgent: Urgent, on_ready: Callable[[], None]) -> None:

@@ -31,6 +31,7 @@ class Pulse:
         self._name = secrets.token_hex(4)
         self._number = 0
         self._times: dict[str, float] = {}
+        self._of_another: bytes | None = None
 
     async def run(self) -> NoReturn:
         """Send a word each second."""
@@ -51,6 +52,16 @@ class Pulse:
     async def send(self, word: str) -> None:
         """Send a word in the order of the commands, which have QoS 1, too."""
         await self._send(word, 1)
+
+    def shows_another(self, payload: bytes) -> bool:
+        """Return whether a word that came back shows that another program sends words, too.
+
+        The first one that is not of this pulse may have been left by an earlier program.
+        """
+        if not payload or payload.startswith(f"{self._name}-".encode()):
+            return False
+        before, self._of_another = self._of_another, payload
+        return before not in {None, payload}
 
     def time_of(self, word: str) -> float:
         """Return when a word was sent; minus infinity for one that is unknown, or too old."""

@@ -127,7 +127,7 @@ class Telemetry:
                 case "button":
                     self._event(msgspec.json.decode(params, type=ButtonPressed))
                 case "problem":
-                    self._problem(msgspec.json.decode(params, type=ProblemNotice).text)
+                    self.problem(msgspec.json.decode(params, type=ProblemNotice).text)
                 case "refused":
                     refused = msgspec.json.decode(params, type=RefusedNotice)
                     self.log("warning", f"{refused.packet} was not sent to the board: {refused.reason}")
@@ -241,7 +241,8 @@ class Telemetry:
         event = EventNow(pressed.button_id, pressed.event, pressed.kind, id=self._events, at=_wall())
         self._outbox.put(self._publication("event", event, 1))
 
-    def _problem(self, text: str) -> None:
+    def problem(self, text: str) -> None:
+        """Say, in the state and in the log, what people should look at."""
         problems = [*(each for each in self.now.problems if each != text), text]
         self._change(problems=tuple(problems[-_MOST_PROBLEMS:]))
         self.log("warning", text)

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from servolink.fleet import broker as broker_module
+from servolink.fleet import kept
 from servolink.fleet.access import broker_access
 from servolink.fleet.broker import Publication, Received, Wire, WireOptions
 from servolink.fleet.join import Fleet, Here
@@ -152,7 +152,7 @@ def user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         folder = tmp_path / name
         folder.mkdir(mode=0o700)
         monkeypatch.setenv(name, str(folder))
-    monkeypatch.setattr(broker_module, "_QUIET", 0.05)
+    monkeypatch.setattr(kept, "_QUIET", 0.05)
     return tmp_path
 
 

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
+import socket
+from contextlib import AsyncExitStack
 
 import msgspec
 import pytest
 
 from servolink.discovery.names import Alias, save_alias
 from servolink.errors import OpenError
+from servolink.fleet import join
 from servolink.fleet.join import Here, boards_here
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.topics import BoardNow, EventNow, ServosNow
 from servolink.hub.serving import serve_board
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from servolink.virtual.transport import VirtualTransport
-from tests.fleet.bridged import bridged, far_away, joined, run
+from tests.fleet.bridged import bridged, far_away, joined, run, running
 from tests.fleet.mosquitto import Broker, needs_broker
 
 pytestmark = [*needs_broker, pytest.mark.usefixtures("user")]
@@ -223,6 +227,46 @@ def test_a_name_belongs_to_one_machine(broker: Broker) -> None:
             with pytest.raises(OpenError, match="has joined already, from elsewhere: give this one another name"):
                 async with joined(broker, BoardPolicy()):
                     pass
+
+    run(main())
+
+
+@pytest.mark.parametrize("is_there", [False, True])
+def test_another_machine_may_be_called_as_this_one(
+    broker: Broker, monkeypatch: pytest.MonkeyPatch, is_there: bool
+) -> None:
+    for name in ("INTERVAL", "SLACK"):
+        monkeypatch.setattr(join, name, 0.05)
+
+    async def main() -> None:
+        async with serve_board("virtual://?servos=1", name="rex"), far_away(broker) as far:
+            now = BoardNow(board="rex", host=socket.gethostname(), version="", connection="lost", allow="run", at=0.0)
+            await far.publish("servolink/rex/state", msgspec.json.encode(now), retain=True)
+            await far.publish("servolink/rex/available", b"online", retain=True)
+            await far.publish("servolink/rex/pulse", b"other-0", retain=True)
+
+            async def beat() -> None:
+                for number in itertools.count(1):
+                    await far.publish("servolink/rex/pulse", f"other-{number}".encode(), retain=True)
+
+            async with AsyncExitStack() as stack:
+                if is_there:
+                    await stack.enter_async_context(running(beat()))
+                    stack.enter_context(pytest.raises(OpenError, match="from another machine called"))
+                await stack.enter_async_context(joined(broker, BoardPolicy()))
+
+    run(main())
+
+
+def test_two_that_take_each_others_place_say_so(broker: Broker) -> None:
+    async def main() -> None:
+        async with far_away(broker) as far:
+            await far.publish("servolink/rex/pulse", b"left-7", retain=True)
+            async with serve_board("virtual://?servos=1", name="rex"), joined(broker, BoardPolicy()):
+                assert not (await far.state(lambda state: state["servos"] == 1))["problems"]
+                await far.publish("servolink/rex/pulse", b"other-8")
+                state = await far.state(lambda state: bool(state["problems"]))
+                assert state["problems"][0].startswith("another program has joined as rex, too")
 
     run(main())
 

@@ -106,6 +106,25 @@ def test_the_will_is_sent_for_a_wire_that_is_lost(broker: Broker) -> None:
     limited(test)
 
 
+def test_a_wire_that_is_lost_while_it_begins_does_not_wait_for_answers(broker: Broker) -> None:
+    async def test() -> None:
+        begun = asyncio.Event()
+
+        async def begin() -> None:
+            begun.set()
+            await asyncio.Event().wait()
+
+        wire = wire_to(broker.url)
+        wire.on_connect = begin
+        connecting = asyncio.create_task(wire.run())
+        await begun.wait()
+        broker.end(signal.SIGKILL)
+        with pytest.raises(OpenError, match="the connection was lost"):
+            await connecting
+
+    limited(test)
+
+
 def test_a_wire_that_is_lost_while_it_sends_leaves_nothing_behind(broker: Broker) -> None:
     async def test() -> None:
         told: list[dict[str, Any]] = []
