@@ -12,15 +12,20 @@ from pathlib import Path
 from servolink.files import read_file, user_folder, write_atomically
 from servolink.studio.drafts import file_name
 
-_MOST_BYTES = 16
+_MOST_BYTES = 32
+_MOST = 4
 
 
-def last_port(board: str) -> int:
-    """Return the port of the last studio of the board of this name, 0 if that is not known."""
+def last_ports(board: str) -> list[int]:
+    """Return the ports of the last studios of the board of this name, the latest first; empty if they are not known.
+
+    There are several if one studio was started beside another.
+    """
     with suppress(OSError, ValueError):
-        if 0 < (port := int(read_file(_path(board), _MOST_BYTES))) < 1 << 16:
-            return port
-    return 0
+        ports = [int(port) for port in read_file(_path(board), _MOST_BYTES).split()]
+        if all(0 < port < 1 << 16 for port in ports):
+            return ports
+    return []
 
 
 def keep_port(board: str, port: int) -> None:
@@ -28,7 +33,8 @@ def keep_port(board: str, port: int) -> None:
     with suppress(OSError):
         path = _path(board)
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        write_atomically(path, f"{port}\n".encode(), private=True)
+        ports = [port, *(one for one in last_ports(board) if one != port)][:_MOST]
+        write_atomically(path, f"{' '.join(map(str, ports))}\n".encode(), private=True)
 
 
 def _path(board: str) -> Path:

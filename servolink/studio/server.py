@@ -17,7 +17,7 @@ from servolink.studio.files import PageFile, page_files
 from servolink.studio.gate import Gate
 from servolink.studio.methods import Studio
 from servolink.studio.page import MOST_MESSAGE, serve_page
-from servolink.studio.ports import keep_port, last_port
+from servolink.studio.ports import keep_port, last_ports
 
 HEADERS = {
     # Nothing from elsewhere, nothing inline, and no page may show this one in a frame.
@@ -73,7 +73,7 @@ async def _beside(work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
 
 
 async def _listening(studio: Studio, host: str, port: int) -> list[socket]:
-    if port == 0 and (last := last_port(studio.hub)):
+    for last in last_ports(studio.hub) if port == 0 else []:
         with suppress(OpenError):
             return await listening_sockets(host, last)
     listening = await listening_sockets(host, port)

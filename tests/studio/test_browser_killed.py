@@ -117,3 +117,18 @@ def test_an_edit_that_a_killed_studio_did_not_keep_is_there_in_the_next_one(boar
         page.get_by_role("link", name="Actions").click()
         expect(page.get_by_label("Name", exact=True)).to_have_value("here")
     finish(program, signal.SIGTERM)
+
+
+def test_a_page_says_that_the_program_is_gone_that_shared_its_board(board: BoardProgram, browser: Any) -> None:
+    first, _ = started(board)
+    second = start([sys.executable, "-m", "servolink", "studio", "--no-browser"])
+    assert second.stdout is not None
+    with opened(browser, second.stdout.readline().split()[-1], loss=True) as page:
+        page.locator(".sv [data-part=angle]").first.wait_for()
+        finish(first, signal.SIGKILL)
+        expect(page.get_by_text("The board is not shared any more.")).to_be_visible()
+        first, _ = started(board)
+        expect(page.get_by_text("The board is not shared any more.")).to_be_hidden()
+        expect(page.get_by_text("in this computer")).to_be_visible()
+    for program in (second, first):
+        finish(program, signal.SIGTERM)

@@ -11,7 +11,7 @@ from aiohttp import WSMsgType, WSServerHandshakeError
 from servolink.files import user_folder
 from servolink.studio import draft_methods
 from servolink.studio.methods import Studio
-from servolink.studio.ports import keep_port, last_port
+from servolink.studio.ports import keep_port, last_ports
 from servolink.studio.server import HEADERS, serve_studio
 from servolink.studio.start import VIRTUAL, studio_for
 from tests.studio.serving import Place, call, run, welcomed
@@ -206,6 +206,11 @@ def test_the_next_studio_of_a_board_has_the_same_port_if_that_is_free() -> None:
                 serve_studio(served, "127.0.0.1", 0) as (_, other),
             ):
                 assert first != other
+            async with (
+                serve_studio(served, "127.0.0.1", 0) as (_, latest),
+                serve_studio(served, "127.0.0.1", 0) as (_, beside),
+            ):
+                assert (latest, beside) == (other, first)
             async with serve_studio(served, "127.0.0.1", 0) as (_, again):
                 assert again == other
 
@@ -214,11 +219,12 @@ def test_the_next_studio_of_a_board_has_the_same_port_if_that_is_free() -> None:
 
 @pytest.mark.parametrize("content", [b"", b"0", b"-1", b"65536", b"x", b"9" * 100, b"\xff"])
 def test_a_damaged_note_of_the_port_is_left_alone(content: bytes) -> None:
-    keep_port("robbie", 8123)
-    assert last_port("robbie") == 8123
+    for port in (1, 65535, 8123, 65534, 65533, 8123):
+        keep_port("robbie", port)
+    assert last_ports("robbie") == [8123, 65533, 65534, 65535]
     (path,) = (user_folder("data") / "studio").iterdir()
     path.write_bytes(content)
-    assert last_port("robbie") == 0
+    assert last_ports("robbie") == []
 
 
 def test_a_page_has_another_name_at_once() -> None:

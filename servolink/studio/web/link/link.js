@@ -1,11 +1,11 @@
 // The connection to the studio: JSON-RPC 2.0 over a WebSocket that is opened again whenever it is lost.
 
-/** @typedef {"connecting" | "open" | "refused" | "lost"} LinkState */
+/** @typedef {"connecting" | "open" | "refused" | "lost" | "unshared"} LinkState */
 /** @typedef {{ code: number, message: string, data?: { kind?: string, remedy?: string } }} ErrorObject */
 /** @typedef {{ session: string, role: "watch" | "run" | "move" | "edit", name: string, url: string, is_virtual: boolean, profile: any }} Welcome */
 
 const FIRST_PAUSE = 250, LONGEST_PAUSE = 4000; // milliseconds
-const BAD_TOKEN = 4401;
+const BAD_TOKEN = 4401, NO_HUB = 4404; // codes with which the studio closes the connection
 
 /** A request was answered with an error. */
 export class RequestError extends Error {
@@ -40,7 +40,7 @@ export class Link {
     this._listeners = new Map();
     this._lastId = 0;
     this._pause = FIRST_PAUSE;
-    /** @type {(state: LinkState, reason: string) => void} */
+    /** @type {(state: LinkState) => void} */
     this.onState = () => {};
     /** Called with the first message, each time that the connection is open. @type {(welcome: Welcome) => void} */
     this.onWelcome = () => {};
@@ -48,7 +48,6 @@ export class Link {
 
   /** Connect, and connect again after each loss. */
   open() {
-    this.onState("connecting", "");
     const socket = (this._socket = new WebSocket(this._url));
     let isWelcome = false;
     socket.onopen = () => socket.send(JSON.stringify({ token: this._token, who: this._who }));
@@ -57,7 +56,7 @@ export class Link {
       if (isWelcome) return this._take(message);
       isWelcome = true;
       this._pause = FIRST_PAUSE;
-      this.onState("open", "");
+      this.onState("open");
       this.onWelcome(message);
     };
     socket.onclose = (event) => this._lost(event);
@@ -127,8 +126,8 @@ export class Link {
     const waiting = [...this._waiting.values()];
     this._waiting.clear();
     for (const each of waiting) each.reject(new LinkLost("the connection to the studio was lost"));
-    if (event.code === BAD_TOKEN) return this.onState("refused", event.reason);
-    this.onState("lost", event.reason);
+    if (event.code === BAD_TOKEN) return this.onState("refused");
+    this.onState(event.code === NO_HUB ? "unshared" : "lost");
     setTimeout(() => this.open(), this._pause);
     this._pause = Math.min(LONGEST_PAUSE, this._pause * 2);
   }

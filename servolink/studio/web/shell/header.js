@@ -77,6 +77,7 @@ function BatteryChip() {
 
 function place() {
   if (linkState.value === "connecting") return t("board.connecting");
+  if (linkState.value === "unshared") return t("board.unshared");
   if (linkState.value !== "open") return t("board.studio_lost");
   if (boardState.value !== "connected") return t("board.lost");
   return welcome.value?.is_virtual ? t("board.in_this_computer") : safeText(welcome.value?.url ?? "");

@@ -5,7 +5,7 @@ import { Icon } from "../parts/icon.js";
 import { Note } from "../parts/note.js";
 import { safeText } from "../parts/safe-text.js";
 import { toast } from "../parts/toasts.js";
-import { another, boardState, hold, isLive, isOthers, lease, linkReason, linkState, mayMove, problem, welcome } from "../state/robot.js";
+import { another, boardState, hold, isLive, isOthers, lease, linkState, mayMove, problem, welcome } from "../state/robot.js";
 import { isAllStopped, stoppedCount } from "../state/stopped.js";
 import { t } from "../texts/text.js";
 
@@ -36,10 +36,8 @@ function ProblemNote() {
 
 function present() {
   if (linkState.value === "refused") return { kind: "bad", urgent: true, ...both("note.refused") };
-  if (linkState.value === "lost") {
-    const reason = safeText(linkReason.value);
-    return { kind: "bad", urgent: true, title: t("note.studio_lost"), detail: reason || t("note.studio_lost_detail") };
-  }
+  if (linkState.value === "lost") return { kind: "bad", urgent: true, ...both("note.studio_lost") };
+  if (linkState.value === "unshared") return { kind: "bad", urgent: true, ...both("note.unshared") };
   if (linkState.value === "connecting") return null;
   if (boardState.value !== "connected" && another.value !== "") {
     const name = safeText(welcome.value?.name ?? "");
@@ -56,7 +54,7 @@ function present() {
 }
 
 /**
- * @param {"note.refused" | "note.board_lost" | "note.another" | "note.held" | "note.watching" | "note.others"} key
+ * @param {"note.refused" | "note.studio_lost" | "note.unshared" | "note.board_lost" | "note.another" | "note.held" | "note.watching" | "note.others"} key
  * @param {Record<string, string>} [values]
  */
 const both = (key, values = {}) => ({ title: t(key, values), detail: t(`${key}_detail`, values) });

@@ -16,7 +16,6 @@ const HZ = 50;
 const BATTERY_EVERY = 30_000; // milliseconds
 
 export const linkState = signal(/** @type {LinkState} */ ("connecting"));
-export const linkReason = signal("");
 export const welcome = signal(/** @type {Welcome | null} */ (null));
 /** Whether the hub has the board. */
 export const boardState = signal(/** @type {"connected" | "lost" | "closed"} */ ("connected"));
@@ -53,10 +52,7 @@ export const mayMove = computed(() => ["move", "edit"].includes(welcome.value?.r
  * @param {(notice: { event: string, by: string | null }, wasMine: boolean) => void} onLease
  */
 export function follow(link, onLease) {
-  link.onState = (state, reason) => batch(() => {
-    linkState.value = state;
-    linkReason.value = reason;
-  });
+  link.onState = (state) => (linkState.value = state);
   link.onWelcome = (first) => begin(link, first);
   link.on("servos", (frame) => {
     take(frame);

@@ -24,6 +24,7 @@ export const en = {
   "board.lost": "lost, looking for it …",
   "board.battery": "Battery",
   "board.studio_lost": "the studio does not answer …",
+  "board.unshared": "not shared, looking for it …",
   "board.boards": "Boards",
   "board.look_again": "Look again",
   "board.connected": "connected",
@@ -99,6 +100,8 @@ export const en = {
 
   "note.studio_lost": "The studio does not answer. The robot may still be moving.",
   "note.studio_lost_detail": "A page that loses its connection while it moves the robot stops it; a studio that was killed cannot. Is the program in the terminal still running?",
+  "note.unshared": "The board is not shared any more. The robot may still be moving.",
+  "note.unshared_detail": "The program that shared it has ended: servolink share, or the studio that was started first. Start it again; this page goes on by itself.",
   "note.board_lost": "The board is gone. The robot may still be moving.",
   "note.board_lost_detail": "Check the cable and the power switch. The studio tries again by itself, and takes no other board for this one.",
   "note.another": "Another robot is plugged in, not {name}.",

@@ -24,6 +24,7 @@ export const zh = {
   "board.lost": "断开，正在重连…",
   "board.battery": "电量",
   "board.studio_lost": "工作室没有应答…",
+  "board.unshared": "未共享，正在查找…",
   "board.boards": "主板",
   "board.look_again": "重新查找",
   "board.connected": "已连接",
@@ -99,6 +100,8 @@ export const zh = {
 
   "note.studio_lost": "工作室没有响应。机器人可能仍在运动。",
   "note.studio_lost_detail": "正在控制机器人的页面失去连接时，机器人会被停止；但如果工作室程序本身被强行结束，就无法停止。终端里的程序还在运行吗？",
+  "note.unshared": "主板不再共享，机器人可能仍在动。",
+  "note.unshared_detail": "共享它的程序（servolink share，或最先启动的工作室）已结束。请重新启动，此页面会自动继续。",
   "note.board_lost": "与主板断开，机器人可能仍在动。",
   "note.board_lost_detail": "检查数据线和电源。工作室会自动重试，不会把别的控制板当作它。",
   "note.another": "插上的是另一个机器人，不是 {name}。",
