@@ -159,7 +159,7 @@ class Wire:
             raise ConnectionLost(f"there is no connection with {self.access.address}")
         refusal = await self._client.send(message)
         if refusal is not None:
-            text = f"the broker does not allow to write to {escape(message.topic)}: {refusal}; correct its access list"
+            text = f"the broker does not allow writing to {escape(message.topic)}: {refusal}; correct its access list"
             self._tell(text)
             raise Denied(text)
 
@@ -175,7 +175,7 @@ class Wire:
         for topic, qos in self.subscriptions:
             refusal = await client.listen(topic, qos)
             if refusal is not None:
-                self._tell(f"the broker does not allow to read {escape(topic)}: {refusal}; correct its access list")
+                self._tell(f"the broker does not allow reading {escape(topic)}: {refusal}; correct its access list")
         if self.on_connect is not None:
             await self.on_connect()
         self._ready.set()

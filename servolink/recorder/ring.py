@@ -16,7 +16,7 @@ from servolink.recorder.backlog import Backlog, Timed
 from servolink.recorder.channels import CommandDone, Event, Message, Recorded
 from servolink.recorder.clock import BILLION, Clock
 from servolink.recorder.recording_file import Disk, RecordingFile
-from servolink.recorder.segments import MOST_BYTES, Segments
+from servolink.recorder.segments import Segments
 from servolink.recorder.writer import CHUNK_BYTES, LOOK_EVERY, MessageEncoder, RecorderStatus, Saved
 
 AFTER = 2.0
@@ -57,7 +57,6 @@ class RingWriter:
         with_packets: bool = True,
         backlog: Backlog | None = None,
         disk: Disk = os,
-        most_bytes: int = MOST_BYTES,
     ) -> None:
         """Keep the last `seconds`, and name files as `path`, with the time. Raise RecordingError if that cannot be."""
         MessageEncoder(about, clock)  # which says what is missing
@@ -69,7 +68,7 @@ class RingWriter:
         self._with_packets = with_packets
         self._backlog = backlog or Backlog()
         self._disk = disk
-        self._segments = Segments(seconds, most_bytes)
+        self._segments = Segments(seconds)
         self._saved: tuple[Saved, ...] = ()
         self._asked: list[str] = []
         self._reason = ""

@@ -191,7 +191,7 @@ def test_denied_topics_are_named_once(tmp_path: Path) -> None:
                 with pytest.raises(Denied, match="servolink/rex/event: not authorized"):
                     await wire.send(Publication("servolink/rex/event", b"", 1))
         assert told == [
-            "the broker does not allow to write to servolink/rex/event: not authorized; correct its access list"
+            "the broker does not allow writing to servolink/rex/event: not authorized; correct its access list"
         ]
 
     limited(test)

@@ -102,7 +102,7 @@ def test_a_broker_with_passwords(folder: Path) -> None:
 
     end = join(command(folder, broker, "robot01", "join", "--name", "robot02"))  # which is somebody else's
     said = end()
-    assert "the broker does not allow to write to servolink/robot02/available: not authorized" in said
+    assert "the broker does not allow writing to servolink/robot02/available: not authorized" in said
 
     (folder / "robot01.password").write_text("guessed\n", encoding="utf-8")
     refused = run(command(folder, broker, "robot01", "join"))
