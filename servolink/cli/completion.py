@@ -37,7 +37,7 @@ def _prepare(parser: Parser) -> None:
     parser.load()
     for action in parser._actions:  # noqa: SLF001 - argparse has no other way to walk over them, and shtab takes it too
         if action.metavar in _FILES:
-            action.complete = shtab.FILE  # type: ignore[attr-defined]
+            action.complete = shtab.FILE  # type: ignore[attr-defined]  # how shtab is told
     if parser.commands:
         parser.commands.help = None  # `servolink --help` lists them by topic and hides this
         for command in parser.commands.choices.values():

@@ -312,6 +312,7 @@ class RequestSender:
 
     def take(self, frame: bytes) -> Awaitable[None] | None:
         """Send a whole frame on a transport that takes it at once (see `BaseTransport.take`)."""
+        # Only called for a transport that has `take`.
         taking: Awaitable[None] | None = self._transport.take(self._counted(frame))  # type: ignore[attr-defined]
         return taking
 

@@ -67,7 +67,7 @@ class Value(Struct, frozen=True):
     def fault(self, value: object) -> str:
         """Return why `value` does not fit, in words that follow the name of the field; empty if it fits."""
         try:
-            fits = self.low <= index(value) <= self.high  # type: ignore[arg-type]
+            fits = self.low <= index(value) <= self.high  # type: ignore[arg-type]  # raises for these
         except TypeError:
             return f"must be an integer, not {quote(value)}"
         return "" if fits else f"{quote(value)} is outside {self.low}..{self.high}"

@@ -77,7 +77,7 @@ def load() -> HidApi:
             reason = f"hidapi cannot be loaded: {type(error).__name__}: {error}"
         else:
             if hasattr(module, "device") and hasattr(module, "enumerate"):
-                return module  # type: ignore[no-any-return]
+                return module  # type: ignore[no-any-return]  # looked at just now
     if _is_package("hid"):
         raise TransportUnavailable(
             f"hid:// needs the package hidapi, but the module `hid` is that of another package, named hid; "

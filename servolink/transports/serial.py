@@ -25,7 +25,7 @@ _BUSY = {errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK}
 _FORBIDDEN = {errno.EACCES, errno.EPERM}
 
 
-class _Port(serial.Serial):  # type: ignore[misc]
+class _Port(serial.Serial):  # type: ignore[misc]  # pyserial has no types
     """A port that reports a failure to `failed`, where pyserial-asyncio would log it or close twice."""
 
     failed: Callable[[Exception], None]
@@ -52,7 +52,7 @@ class _Port(serial.Serial):  # type: ignore[misc]
 
     def write(self, b: Any, /) -> int | None:
         try:
-            return super().write(b)  # type: ignore[no-any-return]
+            return super().write(b)  # type: ignore[no-any-return]  # likewise
         except serial.SerialException as error:
             self.failed(error)
             raise BlockingIOError from error  # the bytes were not taken
@@ -123,7 +123,7 @@ class SerialTransport(StreamTransport):
             await asyncio.wait((opening,), timeout=_OPENING_LIMIT)
             raise
         pipe, _ = await serial_asyncio.connection_for_serial(loop, lambda: self, self._port)
-        return pipe  # type: ignore[no-any-return]
+        return pipe  # type: ignore[no-any-return]  # nor has pyserial-asyncio
 
     def _open_port(self) -> None:
         """Open the port, which may block; pyserial drops stale input."""

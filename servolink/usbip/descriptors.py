@@ -1,7 +1,7 @@
 """Descriptors of the device: USB 2.0 chapter 9, CDC 1.2 and its PSTN 1.2 subclass, HID 1.11.
 
 A full-speed device, like the microcontrollers on such boards, with three functions that all lead to the same board: a
-serial port (CDC-ACM), a HID interface with 64-byte reports and no report ids, and a vendor interface with a bulk pair.
+serial port (CDC-ACM), an HID interface with 64-byte reports and no report ids, and a vendor interface with a bulk pair.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ VERSION = 0x0100
 FULL_SPEED = 2
 """The number of this speed in USB/IP."""
 PACKET = 64
-"""Bytes in a packet, and in a HID report."""
+"""Bytes in a packet, and in an HID report."""
 CONFIGURATION = 1
 MISCELLANEOUS = (0xEF, 0x02, 0x01)
 """The class of a device whose functions may span several interfaces."""

@@ -161,7 +161,7 @@ class Session:
         self._send(frame)
 
     def reset(self) -> None:
-        """Forget half a frame and the subscription, as a board does that lost its power."""
+        """Forget half a frame and the subscription, as a board that has lost its power does."""
         self.subscribed = False
         self._parser = FrameParser(self.board.codec.byte_order)
 
