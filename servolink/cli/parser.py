@@ -194,5 +194,7 @@ def _closest(word: str, known: Iterable[str]) -> str:
     from difflib import get_close_matches
 
     known = list(known)
-    found = [each for each in known if each.startswith(word)] or get_close_matches(word, known, 1)
+    begun = [each for each in known if each.startswith(word)]
+    bare = {each.lstrip("-"): each for each in known}  # or two dashes alone make short options alike
+    found = begun or [bare[each] for each in get_close_matches(word.lstrip("-"), bare, 1)]
     return found[0] if found else ""

@@ -27,7 +27,16 @@ from servolink.doctor.examine import Report, examine
 from servolink.doctor.system import SystemFacts
 from servolink.errors import ServolinkError
 from servolink.recorder.private_text import PrivateText
-from servolink.recorder.report import FACTS, PROJECT, RECORDING, blank_recording, facts_text, pack, write_report
+from servolink.recorder.report import (
+    FACTS,
+    PROJECT,
+    RECORDING,
+    blank_recording,
+    check_free,
+    facts_text,
+    pack,
+    write_report,
+)
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
@@ -63,6 +72,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Collect what is known, show what would be written, ask, and write it."""
     refuse_without_answer(args)
+    check_free(Path(args.output), replace=args.force)  # before people wait for the recording
 
     async def main(interruption: Interruption) -> int:
         with TemporaryDirectory(prefix="servolink-") as folder:

@@ -80,15 +80,23 @@ def pack(files: Mapping[str, bytes]) -> bytes:
     return packed.getvalue()
 
 
-def write_report(path: Path, packed: bytes, *, replace: bool) -> None:
-    """Write a report. Raise RecordingError if the file exists and `replace` is not set, or cannot be written."""
+def check_free(path: Path, *, replace: bool) -> None:
+    """Raise RecordingError if a report cannot be written at `path`, or would replace a file without `replace`."""
     try:
         if path.exists() and not replace:
             raise RecordingError(f"{path} exists already; --force replaces it")
+        if not path.parent.is_dir():
+            raise RecordingError(f"{path} cannot be written: the folder does not exist; create it first")
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be written: {reason(error)}") from error
+
+
+def write_report(path: Path, packed: bytes, *, replace: bool) -> None:
+    """Write a report. Raise RecordingError if the file exists and `replace` is not set, or cannot be written."""
+    check_free(path, replace=replace)
+    try:
         write_atomically(path, packed, private=True)
     except (OSError, ValueError) as error:
-        if isinstance(error, RecordingError):
-            raise
         raise RecordingError(f"{path} cannot be written: {reason(error)}") from error
 
 

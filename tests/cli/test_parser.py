@@ -71,6 +71,8 @@ def test_every_command_has_examples(name: str) -> None:
         ("move 1=5 --durration=1", "did you mean --duration?"),
         ("move 1=5 --dur 1", "did you mean --duration?"),
         ("move -x 1=5", "`servolink move` has no option -x"),
+        ("macro add Dance --steps", "has no option --steps\n"),
+        ("use arm virtual:// --as", "has no option --as\n"),
         ("run acton 1", "argument action|macro: must be action or macro, not 'acton'"),
         ("info more", "unexpected argument: more"),
         ("demo --url virtual://", "`servolink demo` has no option --url"),

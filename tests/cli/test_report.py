@@ -141,3 +141,17 @@ def test_devices_here_are_named_by_their_kind(
     facts, files = read_report(path)
     assert facts["doctor"]["devices"] == [{"address": "serial", "usb": "1a86:7523"}]
     assert b"zyx" not in files[FACTS].lower()
+
+
+def test_a_file_that_cannot_be_written_is_said_before_anything_is_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "report.zip"
+    path.write_bytes(b"mine")
+    missing = tmp_path / "missing" / "report.zip"
+    for out, why in ((path, "exists already; --force replaces it"), (missing, "the folder does not exist")):
+        said = call(capsys, "--board", "virtual://", "report", "--seconds", "300", "--yes", "-o", str(out))
+        assert (said.code, said.out) == (1, "")
+        assert said.err.startswith(f"servolink: {out} ")
+        assert why in said.err
+    assert path.read_bytes() == b"mine"
