@@ -98,6 +98,7 @@ class Line:
         self._loop = asyncio.get_running_loop()
         self._parser = FrameParser(codec.byte_order)
         self._frames: list[Frame] = []
+        self._heard: list[Frame] = []  # all since the latest burst began
         self._heard_at = self._loop.time()
         self._news = asyncio.Event()
         self._ended: Exception | None = None
@@ -118,7 +119,9 @@ class Line:
         """Take bytes from the transport."""
         self.received += len(chunk)
         self._heard_at = self._loop.time()
-        self._frames += self._parser.feed(chunk)
+        frames = self._parser.feed(chunk)
+        self._frames += frames
+        self._heard += frames
         self._news.set()
 
     def lost(self, error: Exception | None, /) -> None:
@@ -161,6 +164,7 @@ class Line:
         Waiting ends with the last of them, or when nothing has come for `patience`.
         """
         self._frames.clear()
+        self._heard.clear()
         wanted = list(requests)
         await self._transport.send(b"".join([self.codec.encode(each, unchecked=True) for each in requests]))
         begun = self._loop.time()
@@ -173,6 +177,12 @@ class Line:
                 found += self._take(wanted)
                 break
         return found
+
+    def kept_order(self, requests: Sequence[Request[Response]]) -> bool:
+        """Return whether `requests`, the latest burst, were answered in their order and at most once each so far."""
+        answers = [frame for frame in self._heard if any(self._answers(frame, each) for each in requests)]
+        left = iter(requests)
+        return all(any(self._answers(frame, each) for each in left) for frame in answers)
 
     def _take(self, wanted: list[Request[Response]]) -> list[Frame]:
         """Return the new frames that answer one of the requests in `wanted`, each of which is removed."""

@@ -32,6 +32,7 @@ _DEPTHS = (2, 4, 8, 16)
 _TRIES_ON_A_BAD_LINE = 16  # long responses are lost more often than those of the queries that measure the line
 _SHORT = 256  # bytes of a response
 _ROUNDS = 8  # bursts of each depth
+_MIXED = 2  # bursts answered out of order that show what the board does; one can be a late response
 _LONGEST = 15.0  # seconds, after which no further depth is tried
 
 
@@ -171,7 +172,7 @@ def turnaround_finding(query: Query[Any], survey: Survey, quality: Quality, baud
 
 
 async def depth_finding(line: Line, survey: Survey, quality: Quality) -> Measured:
-    """Send more and more queries at once until some are lost."""
+    """Send more and more queries at once until some are lost, or not answered one after the other and once each."""
     queries = _cheap_queries(survey)
     size = max(OVERHEAD + content_size(type(query)) for query in queries)
     if quality.loss > MOST_LOSS:
@@ -183,10 +184,15 @@ async def depth_finding(line: Line, survey: Survey, quality: Quality) -> Measure
         if loop.time() > end:
             seen = "more were not tried, as the board is slow"
             break
-        lost = 0
+        burst = list(islice(cycle(queries), depth))
+        lost = mixed = 0
         for _ in range(_ROUNDS):
-            lost += depth - len(await line.burst(list(islice(cycle(queries), depth))))
+            lost += depth - len(await line.burst(burst))
             await line.settle()
+            mixed += not line.kept_order(burst)
+        if mixed >= _MIXED:
+            works, seen = 1, f"{mixed} of {_bursts(depth)} were answered in another order, or more than once"
+            break
         if not is_line_loss(lost, depth * _ROUNDS, quality):
             seen = f"{_bursts(depth)} lost {lost} of {depth * _ROUNDS} responses"
             break

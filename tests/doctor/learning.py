@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from servolink import Action, Macro, MacroCommand, ServoParameter, Step, connect
@@ -64,6 +65,7 @@ def learn(
     folder: Path | None = None,
     *,
     faults: Faults | None = None,
+    behind: Callable[[Transport], Transport] | None = None,
     clear: bool = False,
     power_cycled: bool = True,
     seed: int = 0,
@@ -74,6 +76,8 @@ def learn(
         transport: Transport = VirtualTransport(board, URL)
         if faults is not None:
             transport = FaultyTransport(transport, faults, seed=seed)
+        if behind is not None:
+            transport = behind(transport)
         shared = SharedTransport(transport)
         try:
             learnt = await learn_by_asking(shared, await make_contact(shared), power_cycled=power_cycled)

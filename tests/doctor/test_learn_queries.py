@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from servolink.errors import OpenError
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryMacroRequest
+from servolink.transports.base import Receiver, Transport
 from servolink.transports.faults import Faults
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.handlers import HANDLERS
@@ -100,6 +102,50 @@ def test_a_slow_board_is_not_tried_for_ever() -> None:
     found = learn(board_of(BoardKind(turnaround=0.35)))
     assert (found["depth"].value, found["depth"].confidence) == (4, "certain")
     assert "more were not tried, as the board is slow" in found["depth"].evidence
+
+
+class Mixing:
+    """A transport behind which a board answers each request twice, or two together in the wrong order."""
+
+    def __init__(self, inner: Transport, *, twice: bool) -> None:
+        self.url = inner.url
+        self._inner = inner
+        self._twice = twice
+        self._held = b""
+
+    async def open(self, receiver: Receiver) -> None:
+        self._receiver = receiver
+        await self._inner.open(self)
+
+    async def send(self, data: bytes) -> None:
+        await self._inner.send(data)
+
+    async def close(self) -> None:
+        await self._inner.close()
+
+    def data(self, chunk: bytes, /) -> None:
+        if self._twice:
+            self._receiver.data(2 * chunk)
+        elif self._held:
+            self._receiver.data(chunk + self._held)
+            self._held = b""
+        else:
+            self._held = chunk
+            asyncio.get_running_loop().call_later(2 * BUSY, self._free)
+
+    def lost(self, error: Exception | None, /) -> None:
+        self._receiver.lost(error)
+
+    def _free(self) -> None:
+        held, self._held = self._held, b""
+        self._receiver.data(held)
+
+
+@pytest.mark.parametrize("twice", [True, False], ids=["twice", "swapped"])
+def test_a_board_that_mixes_its_responses_is_asked_one_by_one(twice: bool) -> None:
+    found = learn(board_of(BoardKind(turnaround=BUSY)), behind=lambda inner: Mixing(inner, twice=twice))
+    assert (found["depth"].value, found["depth"].confidence) == (1, "certain")
+    assert "8 of 8 bursts of 2 queries were answered in another order, or more than once" in found["depth"].evidence
 
 
 def test_boards_may_answer_some_unknown_ids_and_not_others(monkeypatch: Any) -> None:
