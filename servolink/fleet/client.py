@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from servolink.errors import ServolinkError
-from servolink.fleet import stopping, together, transfer
+from servolink.fleet import forgetting, stopping, together, transfer
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.checks import Check, examine_fleet
 from servolink.fleet.controller import Controller
@@ -140,6 +140,14 @@ class Fleet:
         path = Path(folder)
         await asyncio.to_thread(path.mkdir, parents=True, exist_ok=True)
         return await transfer.export_each(self.controller, self.boards(on), path, parallel=parallel)
+
+    async def forget(self, *boards: str) -> None:
+        """Remove what the broker keeps of boards that have left for good. One that joins again is known again.
+
+        Raise NotFound for a board that is unknown, ServolinkError for one that is connected: then none is removed.
+        Raise OpenError if the broker does not allow it.
+        """
+        await forgetting.forget_all(self.controller, boards)
 
     async def doctor(self) -> tuple[Check, ...]:
         """Return what is wrong with the broker, the network and the boards; empty if nothing is."""

@@ -107,6 +107,25 @@ def test_boards_that_left_are_listed_as_offline(broker: Broker, said: Callable[.
     assert found.out.splitlines()[1].split()[:2] == ["rex", "offline"]
 
 
+def test_a_board_that_left_for_good_is_forgotten(broker: Broker, said: Callable[..., Said]) -> None:
+    with boards(broker, "rex", "fido") as (rex, _):
+        asyncio.run_coroutine_threadsafe(
+            rex._client.publish("servolink/rex/available", "offline", 1, retain=True), _loop_of(rex)
+        ).result(120)
+        for words, told in (
+            (("rex", "fido"), "fido is connected, and cannot be forgotten"),
+            (("rax",), "'rax' is not known to the broker"),
+        ):
+            found = said("forget", *words, "--yes")
+            assert found.code == FAILED
+            assert told in found.err
+        assert [each["board"] for each in said("list", "--json").json["boards"]] == ["fido", "rex"]
+        assert said("forget", "rex").code == USAGE
+        assert said("forget", "rex", "--yes").out == "forgotten: rex\n"
+        assert said("forget", "rex", "--yes").code == FAILED
+        assert [each["board"] for each in said("list", "--json").json["boards"]] == ["fido"]
+
+
 def test_a_board_that_left_is_named_as_the_reason_why_nobody_starts(broker: Broker, said: Callable[..., Said]) -> None:
     with boards(broker, "rex", "fido") as (rex, fido):
         asyncio.run_coroutine_threadsafe(

@@ -143,6 +143,7 @@ TYPED = (
     "fleet list --broker mqtt://127.0.0.1:1 --user {} --password-file {}",
     "fleet run x --broker mqtt://127.0.0.1:1 --groups {}",
     "fleet apply {} --yes",
+    "fleet forget {} --yes --broker mqtt://127.0.0.1:1",
     "studio {}",
     "studio --no-browser --port {}",
     "--url {} studio --no-browser",

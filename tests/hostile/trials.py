@@ -235,6 +235,7 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("fleet stop --broker mqtts://127.0.0.1:1 --ca {noise}"),
         Trial("fleet apply {other} --yes --broker mqtt://127.0.0.1:1", refused=True),
         Trial("fleet apply {allowed} --yes --broker mqtt://127.0.0.1:1"),
+        Trial("fleet forget {text} --yes --broker mqtt://127.0.0.1:1"),
         Trial("fleet run {text} --broker mqtt://127.0.0.1:1 --groups {noise}"),
     ),
     "virtual": (
