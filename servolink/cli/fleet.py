@@ -48,7 +48,9 @@ COMMANDS = {
     "export": _command(
         "fleet_apply:configure_export", "write the content of each board into a project file", "export boards --yes"
     ),
-    "forget": _command("fleet_forget:configure", "list boards no longer that have left for good", "forget rex --yes"),
+    "forget": _command(
+        "fleet_forget:configure", "remove boards that have left for good from the list", "forget rex --yes"
+    ),
     "doctor": _command(
         "fleet_doctor:configure", "find out what is wrong with the broker, the network and the boards", "doctor"
     ),

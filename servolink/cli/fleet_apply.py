@@ -92,20 +92,14 @@ class _Apply:
 
     async def run(self) -> int:
         """Plan, ask and import. Return the exit code."""
-        from servolink.fleet.transfer import plan_each
+        from servolink.fleet.transfer import Transfer
 
         args, boards = self._args, self._fleet.boards(self._args.on or "all")
         with _progress("comparing", len(boards), quiet=args.json) as (on_step, on_outcome):
-            plans = await plan_each(
-                self._fleet.controller,
-                boards,
-                self._project,
-                replace=args.replace,
-                unchecked=self._unchecked,
-                parallel=args.parallel,
-                on_step=on_step,
-                on_outcome=on_outcome,
+            each = Transfer(
+                self._fleet.controller, boards, parallel=args.parallel, on_step=on_step, on_outcome=on_outcome
             )
+            plans = await each.plan(self._project, replace=args.replace, unchecked=self._unchecked)
         there = {board: plan for board, plan in plans.done.items() if plan.differs}
         if not args.json:
             print_table(_plan_table(plans))
@@ -119,7 +113,7 @@ class _Apply:
         return OK if plans.is_complete and applied.is_complete else FAILED
 
     async def _apply(self, boards: list[str]) -> Outcomes[Applied]:
-        from servolink.fleet.transfer import apply_each
+        from servolink.fleet.transfer import Transfer
 
         args, left = self._args, dict.fromkeys(boards)
         with _progress("writing", len(boards), quiet=args.json) as (on_step, on_outcome):
@@ -136,17 +130,16 @@ class _Apply:
                 self._interruption.state = (
                     "what was begun on boards goes on there by itself; the same command does the rest"
                 )
-            return await apply_each(
+            each = Transfer(
                 self._fleet.controller,
                 boards,
-                self._project,
-                replace=args.replace,
-                unchecked=self._unchecked,
-                backup=not args.no_backup,
                 parallel=args.parallel,
                 fail_fast=args.fail_fast,
                 on_step=on_step,
                 on_outcome=ended,
+            )
+            return await each.apply(
+                self._project, replace=args.replace, unchecked=self._unchecked, backup=not args.no_backup
             )
 
     def _report(self, plans: Outcomes[BoardPlan], applied: Outcomes[Applied]) -> None:
@@ -222,7 +215,7 @@ def run_export(args: argparse.Namespace) -> int:
 
 
 async def _export(args: argparse.Namespace, fleet: Fleet, interruption: Interruption) -> int:
-    from servolink.fleet.transfer import export_each, export_path
+    from servolink.fleet.transfer import Transfer, export_path
 
     boards = fleet.boards(args.on or "all")
     there = [path.name for board in boards if (path := export_path(args.folder, board)).exists()]
@@ -235,9 +228,8 @@ async def _export(args: argparse.Namespace, fleet: Fleet, interruption: Interrup
     args.folder.mkdir(parents=True, exist_ok=True)
     interruption.state = f"some files in {args.folder} may be written, each whole"
     with _progress("reading", len(boards), quiet=args.json) as (on_step, on_outcome):
-        outcomes = await export_each(
-            fleet.controller, boards, args.folder, parallel=args.parallel, on_step=on_step, on_outcome=on_outcome
-        )
+        each = Transfer(fleet.controller, boards, parallel=args.parallel, on_step=on_step, on_outcome=on_outcome)
+        outcomes = await each.export(args.folder)
     failed = {board: str(error) for board, error in outcomes.failed.items()}
     if args.json:
         print_json({"files": {board: str(path) for board, path in outcomes.done.items()}, "failed": failed})

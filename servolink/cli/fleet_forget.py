@@ -1,4 +1,4 @@
-"""`servolink fleet forget`: boards that have left for good are listed no longer."""
+"""`servolink fleet forget`: remove boards that have left for good from the list."""
 
 from __future__ import annotations
 

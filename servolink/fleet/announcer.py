@@ -15,7 +15,7 @@ from servolink.fleet.home_assistant import Document, HomeAssistant, discovery, w
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.telemetry import Telemetry
-from servolink.fleet.topics import Topics, Vitals
+from servolink.fleet.topics import UNREADABLE, Topics, Vitals
 from servolink.hub.control.notifications import ServosFrame
 from servolink.hub.control.rpc import encode
 
@@ -88,7 +88,7 @@ def _vitals(frame: ServosFrame) -> Vitals:
 
 def _document(payload: bytes) -> Document:
     """Return the document in a payload; an empty one if it is not ours."""
-    with suppress(msgspec.MsgspecError, UnicodeDecodeError, AttributeError, TypeError, KeyError):
+    with suppress(*UNREADABLE, AttributeError, TypeError, KeyError):
         found: Any = msgspec.json.decode(payload)
         return {**found, "components": {key: {"platform": one["platform"]} for key, one in found["components"].items()}}
     return {}

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from servolink.errors import ServolinkError
-from servolink.fleet import forgetting, stopping, together, transfer
+from servolink.fleet import forgetting, stopping, together
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.checks import Check, examine_fleet
 from servolink.fleet.controller import Controller
@@ -18,7 +18,7 @@ from servolink.fleet.roster import BoardSeen
 from servolink.fleet.stopping import Stopped
 from servolink.fleet.together import Kind, RanTogether
 from servolink.fleet.topics import PREFIX, Topics
-from servolink.fleet.transfer import PARALLEL, BoardPlan
+from servolink.fleet.transfer import PARALLEL, BoardPlan, Transfer
 from servolink.hub.control.messages import Applied
 from servolink.project.model import Project
 
@@ -102,9 +102,8 @@ class Fleet:
     ) -> Outcomes[BoardPlan]:
         """Return what `apply` would change on each board. Nothing is changed."""
         await self.controller.settle()
-        return await transfer.plan_each(
-            self.controller, self.boards(on), project, replace=replace, unchecked=unchecked, parallel=parallel
-        )
+        boards = Transfer(self.controller, self.boards(on), parallel=parallel)
+        return await boards.plan(project, replace=replace, unchecked=unchecked)
 
     async def apply(
         self,
@@ -123,23 +122,15 @@ class Fleet:
         again to go on: what is done is not done again.
         """
         await self.controller.settle()
-        return await transfer.apply_each(
-            self.controller,
-            self.boards(on),
-            project,
-            replace=replace,
-            unchecked=unchecked,
-            backup=backup,
-            parallel=parallel,
-            fail_fast=fail_fast,
-        )
+        boards = Transfer(self.controller, self.boards(on), parallel=parallel, fail_fast=fail_fast)
+        return await boards.apply(project, replace=replace, unchecked=unchecked, backup=backup)
 
     async def export(self, folder: str | Path, on: On = ALL, *, parallel: int = PARALLEL) -> Outcomes[Path]:
         """Write the content of each board to `BOARD.servolink.json` in `folder`, which is created if it is missing."""
         await self.controller.settle()
         path = Path(folder)
         await asyncio.to_thread(path.mkdir, parents=True, exist_ok=True)
-        return await transfer.export_each(self.controller, self.boards(on), path, parallel=parallel)
+        return await Transfer(self.controller, self.boards(on), parallel=parallel).export(path)
 
     async def forget(self, *boards: str) -> None:
         """Remove what the broker keeps of boards that have left for good. One that joins again is known again.

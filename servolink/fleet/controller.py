@@ -25,6 +25,7 @@ from servolink.fleet.topics import (
     DEFAULT_EXPIRY,
     MOST_BYTES,
     MOTION,
+    UNREADABLE,
     BoardTopic,
     Command,
     FleetTopic,
@@ -232,7 +233,7 @@ class Controller:
     def _take_result(self, payload: bytes) -> None:
         try:
             result = _RESULT.decode(payload)
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        except UNREADABLE as error:
             _logger.warning("a result cannot be read: %s", escape(str(error))[:200])
             return
         exchange = self._exchanges.get(result.id or "")

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Collection
+from typing import Any, TypeVar
 
+import msgspec
 from msgspec import UNSET
 
 from servolink.client.rpc_channel import error_of
 from servolink.errors import ServolinkError
 from servolink.fleet.topics import Result, Step
+
+T = TypeVar("T")
 
 OnStep = Callable[[Step], None]
 """Called with each step of a long command."""
@@ -78,3 +82,11 @@ def failure_of(result: Result) -> ServolinkError | None:
     if result.error is UNSET:
         return error_of("", f"{result.board} refused, and did not say why")
     return error_of(result.error.data.kind, f"{result.board}: {result.error.message}")
+
+
+def result_as(board: str, found: Any, kind: type[T]) -> T:
+    """Return the result of a method as `kind`. Raise ServolinkError if it is something else."""
+    try:
+        return msgspec.convert(found, kind)
+    except msgspec.ValidationError as error:
+        raise ServolinkError(f"{board} answers what this version of servolink cannot read: {error}") from error

@@ -22,7 +22,7 @@ from servolink.fleet.journal import opened_journal
 from servolink.fleet.kept import retained
 from servolink.fleet.policy import FleetFile
 from servolink.fleet.pulse import INTERVAL, SLACK
-from servolink.fleet.topics import ONLINE, BoardNow, Topics
+from servolink.fleet.topics import ONLINE, UNREADABLE, BoardNow, Topics
 from servolink.fleet.urgent import Urgent
 from servolink.hub.serving import serve_board
 
@@ -148,7 +148,7 @@ class Fleet:
                 continue
             try:
                 state = msgspec.json.decode(kept.get(self._topics.board(name, "state"), b""), type=BoardNow)
-            except (msgspec.MsgspecError, UnicodeDecodeError):
+            except UNREADABLE:
                 continue
             if state.host != socket.gethostname():
                 raise _taken(name, state.host)

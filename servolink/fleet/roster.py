@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import msgspec
 
 from servolink.escaping import escape
-from servolink.fleet.topics import MOST_BYTES, OFFLINE, ONLINE, BoardNow, LogLine, ServosNow
+from servolink.fleet.topics import MOST_BYTES, OFFLINE, ONLINE, UNREADABLE, BoardNow, LogLine, ServosNow
 
 MOST_BOARDS = 5000
 """Boards that are kept; whoever may write to the broker could invent any number of them."""
@@ -45,7 +45,7 @@ class BoardSeen:
         """The latest state of the servos; None if there is none that can be read."""
         try:
             return _SERVOS.decode(self._servos) if self._servos else None
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        except UNREADABLE:
             return None
 
     def take(self, kind: str, payload: bytes, now: float) -> bool:
@@ -75,13 +75,13 @@ class BoardSeen:
             return
         try:
             self.now, self.problem = _STATE.decode(payload), ""
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        except UNREADABLE as error:
             self.problem = f"its state cannot be read: {escape(str(error))[:200]}"
 
     def _take_log(self, payload: bytes) -> None:
         try:
             self.log = _LOG.decode(payload)
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        except UNREADABLE:
             self.problem = "a line of its log cannot be read"
 
 

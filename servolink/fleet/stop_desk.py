@@ -11,7 +11,7 @@ import msgspec
 from servolink.fleet.answers import Answers, Sender
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.prepared import PreparedRun
-from servolink.fleet.topics import Stop
+from servolink.fleet.topics import UNREADABLE, Stop
 
 _MOST_ANSWERED = 256  # of those who ask while a stop is under way
 
@@ -71,5 +71,5 @@ def read_stop(payload: bytes) -> Stop:
     """Return what a message of `stop` says. One that says nothing, or nonsense, is a stop, too."""
     try:
         return msgspec.json.decode(payload, type=Stop)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
+    except UNREADABLE:
         return Stop()

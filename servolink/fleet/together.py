@@ -14,7 +14,7 @@ from servolink.errors import AmbiguousName, NotFound, OutcomeUnknown, ServolinkE
 from servolink.escaping import quote
 from servolink.fleet.controller import Controller, new_id
 from servolink.fleet.each import for_each
-from servolink.fleet.exchange import Exchange, failure_of
+from servolink.fleet.exchange import Exchange, failure_of, result_as
 from servolink.fleet.roster import Roster
 from servolink.fleet.topics import Cancel, Echo, Prepare, Start, Started, Stored
 from servolink.hub.control.messages import Ran, Runnable
@@ -82,7 +82,7 @@ async def run_together(
 
     async def prepare(board: str) -> Ran:
         found = await controller.call(board, "prepare", Prepare(start, runs[board], expires))
-        return msgspec.convert(found, Ran)
+        return result_as(board, found, Ran)
 
     prepared = await for_each(runs, prepare, parallel=len(runs))
     problems = {**(failed or {}), **prepared.failed}

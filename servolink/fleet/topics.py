@@ -26,6 +26,8 @@ from servolink.project.transfer.results import Phase
 from servolink.transports.share import RoleName
 
 PREFIX = "servolink"
+UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+"""What is raised for JSON that anybody may have sent, and that cannot be read."""
 MOST_BYTES = 1024 * 1024
 """The longest payload of a command."""
 CONTENT_TYPE = "application/json"

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-import msgspec
 from msgspec import Struct
 
 from servolink.errors import EncodeError, ProjectError, ServolinkError
 from servolink.fleet.controller import Controller
-from servolink.fleet.each import Outcomes, for_each
-from servolink.fleet.exchange import OnStep
+from servolink.fleet.each import Outcomes, Work, for_each
+from servolink.fleet.exchange import result_as
 from servolink.fleet.topics import Step
 from servolink.hub.control.messages import Applied
 from servolink.project.model import Project
@@ -63,69 +62,68 @@ def ignore_outcome(board: str, error: ServolinkError | None) -> None:
     """Ignore an outcome."""
 
 
-async def plan_each(
-    controller: Controller,
-    boards: Iterable[str],
-    project: Project,
-    *,
-    replace: bool = False,
-    unchecked: bool = False,
-    parallel: int = PARALLEL,
-    on_step: OnBoardStep = ignore_step,
-    on_outcome: OnOutcome = ignore_outcome,
-) -> Outcomes[BoardPlan]:
-    """Ask each board what `apply_each` would change. Nothing is changed."""
-    params = {"project": project_to_form(project, unchecked=unchecked), "replace": replace}
+class Transfer:
+    """What is done to each of some boards, several at a time."""
 
-    async def plan(board: str) -> BoardPlan:
-        found = await controller.call(board, "project.plan", params, patience=PATIENCE, on_step=_steps(board, on_step))
-        return _plan(board, found)
+    def __init__(
+        self,
+        controller: Controller,
+        boards: Iterable[str],
+        *,
+        parallel: int = PARALLEL,
+        fail_fast: bool = False,
+        on_step: OnBoardStep = ignore_step,
+        on_outcome: OnOutcome = ignore_outcome,
+    ) -> None:
+        """Work on `parallel` of `boards` at a time; with `fail_fast`, begin no further one after a failure."""
+        self._controller = controller
+        self._boards = boards
+        self._parallel = parallel
+        self._fail_fast = fail_fast
+        self._on_step = on_step
+        self._on_outcome = on_outcome
 
-    return await for_each(boards, plan, parallel=parallel, on_outcome=on_outcome)
+    async def plan(self, project: Project, *, replace: bool = False, unchecked: bool = False) -> Outcomes[BoardPlan]:
+        """Ask each board what `apply` would change. Nothing is changed."""
+        params = {"project": project_to_form(project, unchecked=unchecked), "replace": replace}
 
+        async def plan(board: str) -> BoardPlan:
+            return _plan(board, await self._ask(board, "project.plan", params))
 
-async def apply_each(
-    controller: Controller,
-    boards: Iterable[str],
-    project: Project,
-    *,
-    replace: bool = False,
-    unchecked: bool = False,
-    backup: bool = True,
-    parallel: int = PARALLEL,
-    fail_fast: bool = False,
-    on_step: OnBoardStep = ignore_step,
-    on_outcome: OnOutcome = ignore_outcome,
-) -> Outcomes[Applied]:
-    """Make each board hold the project. To be called again after a failure: what is done is not done again."""
-    params = {"project": project_to_form(project, unchecked=unchecked), "replace": replace, "backup": backup}
+        return await self._each(plan)
 
-    async def apply(board: str) -> Applied:
-        found = await controller.call(board, "project.apply", params, patience=PATIENCE, on_step=_steps(board, on_step))
-        return _converted(board, found, Applied)
+    async def apply(
+        self, project: Project, *, replace: bool = False, unchecked: bool = False, backup: bool = True
+    ) -> Outcomes[Applied]:
+        """Make each board hold the project. To be called again after a failure: what is done is not done again."""
+        params = {"project": project_to_form(project, unchecked=unchecked), "replace": replace, "backup": backup}
 
-    return await for_each(boards, apply, parallel=parallel, fail_fast=fail_fast, on_outcome=on_outcome)
+        async def apply(board: str) -> Applied:
+            return result_as(board, await self._ask(board, "project.apply", params), Applied)
 
+        return await self._each(apply)
 
-async def export_each(
-    controller: Controller,
-    boards: Iterable[str],
-    folder: Path,
-    *,
-    parallel: int = PARALLEL,
-    on_step: OnBoardStep = ignore_step,
-    on_outcome: OnOutcome = ignore_outcome,
-) -> Outcomes[Path]:
-    """Write the content of each board to a project file of its name in `folder`, which must exist."""
+    async def export(self, folder: Path) -> Outcomes[Path]:
+        """Write the content of each board to a project file of its name in `folder`, which must exist."""
 
-    async def export(board: str) -> Path:
-        found = await controller.call(board, "project.export", patience=PATIENCE, on_step=_steps(board, on_step))
-        project, unchecked = _project(board, found)
-        path = export_path(folder, board)
-        await asyncio.to_thread(save_project, path, project, unchecked=unchecked)
-        return path
+        async def export(board: str) -> Path:
+            project, unchecked = _project(board, await self._ask(board, "project.export", {}))
+            path = export_path(folder, board)
+            await asyncio.to_thread(save_project, path, project, unchecked=unchecked)
+            return path
 
-    return await for_each(boards, export, parallel=parallel, on_outcome=on_outcome)
+        return await self._each(export)
+
+    async def _ask(self, board: str, method: str, params: Mapping[str, Any]) -> Any:
+        def on_step(step: Step) -> None:
+            self._on_step(board, step)
+
+        return await self._controller.call(board, method, params, patience=PATIENCE, on_step=on_step)
+
+    async def _each(self, work: Work[T]) -> Outcomes[T]:
+        return await for_each(
+            self._boards, work, parallel=self._parallel, fail_fast=self._fail_fast, on_outcome=self._on_outcome
+        )
 
 
 def export_path(folder: Path, board: str) -> Path:
@@ -133,13 +131,9 @@ def export_path(folder: Path, board: str) -> Path:
     return folder / f"{board}.servolink.json"
 
 
-def _steps(board: str, on_step: OnBoardStep) -> OnStep:
-    return lambda step: on_step(board, step)
-
-
 def _plan(board: str, found: Any) -> BoardPlan:
     """Return the plan of a board. Records are kept there: with hundreds of boards they take more than is shown."""
-    planned = _converted(board, found, _Planned)
+    planned = result_as(board, found, _Planned)
     changes = planned.changes
     return BoardPlan(
         tuple(change.what for change in changes),
@@ -169,13 +163,6 @@ class _Planned(Struct):
     estimated_seconds: float
     is_unfinished: bool
     memory: _Memory | None = None
-
-
-def _converted(board: str, found: Any, kind: type[T]) -> T:
-    try:
-        return msgspec.convert(found, kind)
-    except msgspec.ValidationError as error:
-        raise ServolinkError(f"{board} answers what this version of servolink cannot read: {error}") from error
 
 
 def _project(board: str, found: Any) -> tuple[Project, bool]:

@@ -22,7 +22,7 @@ from servolink.fleet.broker import Received, Wire, WireOptions
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.pulse import PulseLink
 from servolink.fleet.stop_desk import read_stop
-from servolink.fleet.topics import Command, Echo, Echoed, Press, Start, Started, Topics
+from servolink.fleet.topics import UNREADABLE, Command, Echo, Echoed, Press, Start, Started, Topics
 
 _PRESS_SECONDS = 5
 _LEAD = 0.1
@@ -95,7 +95,7 @@ class Urgent:
         name, _ = self._topics.parse(message.topic) or ("", "")
         try:
             press = msgspec.json.decode(message.payload, type=Press)
-        except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+        except UNREADABLE as error:
             self._bridges[name].telemetry.log("warning", f"a press cannot be read: {error}")
             return
         command = Command(f"press-{secrets.token_hex(8)}", press.method, press.params, press.who)
@@ -127,5 +127,5 @@ class Urgent:
 def _read(payload: bytes, kind: Any) -> Any:
     try:
         return msgspec.json.decode(payload, type=kind)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
+    except UNREADABLE:
         return None

@@ -14,6 +14,7 @@ import pytest
 from servolink.discovery.names import Alias, save_alias
 from servolink.errors import OpenError
 from servolink.fleet import join
+from servolink.fleet.home_assistant import HomeAssistant
 from servolink.fleet.join import Here, boards_here
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.topics import BoardNow, EventNow, ServosNow
@@ -254,6 +255,19 @@ def test_another_machine_may_be_called_as_this_one(
                     await stack.enter_async_context(running(beat()))
                     stack.enter_context(pytest.raises(OpenError, match="from another machine called"))
                 await stack.enter_async_context(joined(broker, BoardPolicy()))
+
+    run(main())
+
+
+@pytest.mark.parametrize("state", [b"\xff", b'{"x": ' + b"[" * 100_000, b"[]"])
+def test_what_others_have_left_at_the_broker_keeps_nobody_from_joining(broker: Broker, state: bytes) -> None:
+    async def main() -> None:
+        async with far_away(broker) as far:
+            await far.publish("servolink/rex/state", state, retain=True)
+            await far.publish("servolink/rex/available", b"online", retain=True)
+            await far.publish("homeassistant/device/servolink_rex/config", state, retain=True)
+        async with bridged(broker, home_assistant=HomeAssistant()) as (far, _):
+            await far.call("battery")
 
     run(main())
 

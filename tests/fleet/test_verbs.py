@@ -155,6 +155,18 @@ def _said(exchange: Exchange, board: str, what: str) -> bool:
     return result is not None and what in result.result
 
 
+def test_a_board_that_answers_nonsense_is_named(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex", "fido") as (rex, fido), fleet_of(broker) as fleet:
+            ready_to_run(rex, 5.0)
+            fido.answers["prepare"] = lambda params: {"seconds": "\x1b"}
+            ran = await fleet.run("Wave")
+            assert "fido answers what this version of servolink cannot read" in ran.failed["fido"]
+            assert ran.held_back == ("rex",)
+
+    asyncio.run(main())
+
+
 def test_what_a_board_does_not_have_is_not_run(broker: Broker) -> None:
     async def main() -> None:
         async with stand_ins(broker, "rex") as (rex,), fleet_of(broker) as fleet:
