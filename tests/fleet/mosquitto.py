@@ -50,13 +50,16 @@ class Broker:
         return f"mqtt://127.0.0.1:{self.port}"
 
     def start(self) -> None:
-        """Start it, and return when it listens."""
+        """Start it, and return when it serves: one that only listens still loses a signal that ends it."""
         assert FOUND is not None
         with open(self._log, "a+", encoding="utf-8") as log:
             end = log.seek(0, 2)
             self._process = start([FOUND, "-c", str(self._config)], stderr=log)
             while " running" not in self._log.read_text(encoding="utf-8")[end:]:
                 assert self._process.poll() is None, self._log.read_text(encoding="utf-8")
+        with socket.create_connection(("127.0.0.1", self.port)) as program:
+            program.shutdown(socket.SHUT_WR)
+            assert program.recv(1) == b""
 
     def end(self, by: signal.Signals = signal.SIGTERM) -> None:
         """End it."""

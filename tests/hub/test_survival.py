@@ -125,10 +125,11 @@ def robot(tmp_path: Path) -> Iterator[Robot]:
 
 
 def test_a_program_killed_while_it_moves_leaves_the_lease_and_its_motion_ends_by_itself(robot: Robot) -> None:
-    moving = started("move", "1=30", "--duration", "1.5", "--board", "rex")
+    moving = started("move", "1=30", "--duration", "3", "--board", "rex")
     lease = robot.until(lambda status: status.lease is not None).lease
     assert lease is not None
     assert lease.who == f"servolink move (pid {moving.pid})"
+    robot.until_servo_1(lambda servo: servo.angle > 0)  # it has the lease before the board has the motion
     finished(moving, signal.SIGKILL)
     status = robot.until(lambda status: status.lease is None)
     assert not any("servolink move" in each.who for each in status.programs)
