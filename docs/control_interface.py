@@ -56,8 +56,9 @@ all that it takes:
 ## Requests
 
 A request is `{{"jsonrpc": "2.0", "id": 1, "method": "status", "params": {{}}}}`. Params are given by name, and unknown
-ones are refused. `id` is text or an integer; a request without `id` is carried out and not answered, not even with an
-error. Batches are refused: send the next request without waiting for the response to the one before.
+ones are refused. Integers are written without a fraction: `1.0` is refused where the schema wants an integer. `id` is
+text or an integer; a request without `id` is carried out and not answered, not even with an error. Batches are refused:
+send the next request without waiting for the response to the one before.
 
 Requests of one program that move or change something are carried out in their order, each when the one before is
 answered. Others are carried out beside them, and `stop` at once. At most {waiting} requests of a program wait; more

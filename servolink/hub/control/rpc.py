@@ -23,7 +23,7 @@ from servolink.errors import EncodeError
 from servolink.escaping import escape, quote
 from servolink.hub.control.faults import Code, RpcError, error_object, is_defect
 from servolink.json_text import read_json
-from servolink.protocol.json_errors import convert
+from servolink.protocol.json_errors import convert, quote_json
 
 MOST_BYTES = 1024 * 1024
 """The longest message that a program may send."""
@@ -119,7 +119,7 @@ def parse(message: bytes | str) -> Request:
     if isinstance(value, list):
         raise RpcError(Code.INVALID_REQUEST, "batches are not supported; send each request as a message of its own")
     if not isinstance(value, dict):
-        raise RpcError(Code.INVALID_REQUEST, f"a request must be an object, not {quote(value)}")
+        raise RpcError(Code.INVALID_REQUEST, f"a request must be an object, not {quote_json(value)}")
     request_id = value.get("id")
     if wrong := _wrong_id(request_id) if "id" in value else "":
         raise RpcError(Code.INVALID_REQUEST, wrong)
@@ -133,7 +133,7 @@ def _wrong_id(value: Any) -> str:
         return f"id must have at most {_LONGEST_ID} characters" if len(value) > _LONGEST_ID else ""
     if type(value) is int and -_MOST_ID <= value <= _MOST_ID:
         return ""
-    return f"id must be text or an integer of at most 2**53, not {quote(value)}"
+    return f"id must be text or an integer of at most 2**53, not {quote_json(value)}"
 
 
 def _wrong_request(value: dict[str, Any]) -> str:
