@@ -46,6 +46,7 @@ def run_together(args: argparse.Namespace) -> int:
                     "started": list(ran.started),
                     "held_back": list(ran.held_back),
                     "failed": ran.failed,
+                    "may_have_started": list(ran.may_have_started),
                     "spread_seconds": ran.spread,
                     "measured_by": ran.measured_by,
                     "duration_seconds": ran.duration,
@@ -61,9 +62,15 @@ def run_together(args: argparse.Namespace) -> int:
 def _print_run(ran: RanTogether, name: int | str) -> None:
     for text in ran.failed.values():
         print_error(f"servolink: {text}")
-    if not ran.started:
+    if ran.may_have_started:
+        print_error(
+            f"servolink: nobody knows whether these were started: {', '.join(ran.may_have_started)}; "
+            "`servolink fleet stop` stops all"
+        )
+    if not ran.started and not ran.may_have_started:
         ready = f"; --anyway starts those that are ready: {', '.join(ran.held_back)}" if ran.held_back else ""
         print_error(f"servolink: no board was started{ready}")
+    if not ran.started:
         return
     print_text(f"{name} was started on {counted(len(ran.started), 'board')}: {', '.join(ran.started)}")
     if ran.spread is not None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import Literal
 
 import msgspec
 from msgspec import UNSET, Struct
 
-from servolink.errors import AmbiguousName, NotFound, OutcomeUnknown, ServolinkError
+from servolink.errors import AmbiguousName, ConnectionLost, NotFound, OutcomeUnknown, ServolinkError
 from servolink.escaping import quote
 from servolink.fleet.controller import Controller, new_id
 from servolink.fleet.each import for_each
@@ -34,6 +35,8 @@ class RanTogether(Struct, frozen=True):
     """Boards that were ready, and not started because others were not."""
     failed: dict[str, str]
     """Why others did not: they could not prepare, or did not confirm the start."""
+    may_have_started: tuple[str, ...]
+    """Those of `failed` of which that is not known: look at them, or stop them."""
     spread: float | None
     """Seconds between the first and the last start; None with fewer than two boards, or if it cannot be known."""
     measured_by: Literal["clock", "echo"] | None
@@ -89,11 +92,12 @@ async def run_together(
     if not prepared.done or (problems and not anyway):
         await _cancel(controller, start, prepared.done)
         texts = {board: str(error) for board, error in problems.items()}
-        return RanTogether((), tuple(sorted(prepared.done)), texts, None, None, None)
+        return RanTogether((), tuple(sorted(prepared.done)), texts, (), None, None, None)
     delays = await _delays(controller, prepared.done)
     with controller.exchange(start) as exchange:
         loop = asyncio.get_running_loop()
-        await controller.send_to_all("start", Start(start, controller.who), start, expires=2.0)
+        with suppress(ConnectionLost):  # the broker may have it all the same: who has started shows in the answers
+            await controller.send_to_all("start", Start(start, controller.who), start, expires=2.0)
         await exchange.until(prepared.done, loop.time() + patience)
         return _result(exchange, prepared.done, problems, delays)
 
@@ -142,7 +146,8 @@ def _result(
     spread, measured_by = _spread(started, exchange, delays)
     durations = [one.seconds for board, one in prepared.items() if board in started and one.seconds is not None]
     texts = {board: str(error) for board, error in failed.items()}
-    return RanTogether(tuple(sorted(started)), (), texts, spread, measured_by, max(durations, default=None))
+    unknown = tuple(sorted(board for board in prepared if isinstance(failed.get(board), OutcomeUnknown)))
+    return RanTogether(tuple(sorted(started)), (), texts, unknown, spread, measured_by, max(durations, default=None))
 
 
 def _started(value: object) -> Started | None:

@@ -170,6 +170,11 @@ def test_what_starts_together_is_said(broker: Broker, said: Callable[..., Said])
             "between the first and the last start: 0.0 ms, by the clock of their machine",
             "it takes 2 s",
         ]
+        both[0].answers["start"] = lambda params: {}
+        found = said("run", "Wave", "--on", "rex")
+        assert found.code == FAILED
+        assert "nobody knows whether these were started: rex" in found.err
+        assert "no board was started" not in found.err
         found = said("run", "Dance", "--on", "rex")
         assert found.code == FAILED
         assert "rex has no action or macro 'Dance'" in found.err

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from servolink.errors import NotFound
+from servolink.errors import ConnectionLost, NotFound
 from servolink.fleet import checks, stopping, together
 from servolink.fleet.client import Fleet, connect
 from servolink.fleet.exchange import Exchange
@@ -145,6 +145,7 @@ def test_a_board_that_does_not_confirm_its_start_is_named(broker: Broker, monkey
             ran = await fleet.run("Wave")
             assert ran.started == ("rex",)
             assert "fido was prepared, and has not said whether it started" in ran.failed["fido"]
+            assert ran.may_have_started == ("fido",)
 
     asyncio.run(main())
 
@@ -155,6 +156,27 @@ def _said(exchange: Exchange, board: str, what: str) -> bool:
     return result is not None and what in result.result
 
 
+def test_a_start_that_the_broker_has_not_confirmed_may_have_been_one(
+    broker: Broker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex") as (rex,), fleet_of(broker) as fleet:
+            ready_to_run(rex, 5.0)
+            send = fleet.controller.send_to_all
+
+            async def send_or_lose(topic: Any, *rest: Any, **options: Any) -> None:
+                if topic == "start":
+                    patience_ends(monkeypatch, lambda exchange: True)
+                    raise ConnectionLost("the broker is gone")
+                await send(topic, *rest, **options)
+
+            monkeypatch.setattr(fleet.controller, "send_to_all", send_or_lose)
+            ran = await fleet.run("Wave")
+            assert (ran.started, ran.may_have_started) == ((), ("rex",))
+
+    asyncio.run(main())
+
+
 def test_a_board_that_answers_nonsense_is_named(broker: Broker) -> None:
     async def main() -> None:
         async with stand_ins(broker, "rex", "fido") as (rex, fido), fleet_of(broker) as fleet:
@@ -163,6 +185,7 @@ def test_a_board_that_answers_nonsense_is_named(broker: Broker) -> None:
             ran = await fleet.run("Wave")
             assert "fido answers what this version of servolink cannot read" in ran.failed["fido"]
             assert ran.held_back == ("rex",)
+            assert ran.may_have_started == ()
 
     asyncio.run(main())
 
