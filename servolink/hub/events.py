@@ -40,6 +40,8 @@ class ButtonRelay:
                     return SubscribeButtonEventResponse(0)
             self.subscribers.change(program.session_id, subscribe=subscribe)
             program.state.is_subscribed = subscribe
+        if program.has_left:  # while the board was asked: there was no subscription yet that could be ended
+            await self.left(program.session_id)
         return SubscribeButtonEventResponse(1)
 
     async def left(self, session_id: str) -> None:

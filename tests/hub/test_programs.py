@@ -238,6 +238,18 @@ def test_button_events_go_to_those_who_asked() -> None:
     run(main())
 
 
+def test_a_subscription_that_is_confirmed_after_its_program_has_left_is_ended() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        program = RawProgram(hub)
+        program.send(SubscribeButtonEventRequest(1))
+        await asyncio.sleep(LATENCY / 2)
+        program.session.leave()
+        await asyncio.sleep(1)
+        assert fake.executed_of(SubscribeButtonEventRequest)[1:] == [SubscribeButtonEventRequest(0)]
+
+    on_hub(use)
+
+
 def test_each_program_gets_angles_in_its_own_unit() -> None:
     async def main() -> None:
         async with (
