@@ -144,6 +144,11 @@ async def record(
 
     Raise RecordingError, which says what to do, if the file exists or cannot be written.
     """
+    if not isinstance(board, Board):
+        raise TypeError(
+            f"board must be a connected board, not {type(board).__name__}; "
+            "servolink.sync.record records a board of servolink.sync"
+        )
     recorder = Recorder(Wanted(Path(path), hz, wire_only))
     url = board.url
     if url.startswith(_SHARED):

@@ -20,9 +20,20 @@ from servolink.discovery.search import search
 from servolink.sync.board import Board
 from servolink.sync.iterator import BlockingIterator, ButtonEvents, ServoReadings
 from servolink.sync.loop_thread import LoopThread, running_thread
+from servolink.sync.recording import Recorder, record
 from servolink.transports.device_info import DeviceInfo
 
-__all__ = ["BlockingIterator", "Board", "ButtonEvents", "ServoReadings", "connect", "discover", "reconnecting"]
+__all__ = [
+    "BlockingIterator",
+    "Board",
+    "ButtonEvents",
+    "Recorder",
+    "ServoReadings",
+    "connect",
+    "discover",
+    "reconnecting",
+    "record",
+]
 
 P = ParamSpec("P")
 

@@ -205,6 +205,11 @@ class Board:
     has_unfinished_import = _blocking(client.Board.has_unfinished_import)
 
 
+def loop_and_board(board: Board) -> tuple[LoopThread, client.Board]:
+    """Return the thread of a board, and the async board that lives there."""
+    return board._thread, board._board  # noqa: SLF001 - for other modules of this package only
+
+
 async def _close(thread: LoopThread, board: client.Board) -> None:
     await board.close()
     thread.at_exit.discard(board.close)

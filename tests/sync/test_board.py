@@ -8,7 +8,7 @@ import inspect
 import threading
 import traceback
 from pathlib import Path
-from typing import Any, Literal, assert_type
+from typing import Any, Literal, assert_type, cast
 
 import pytest
 
@@ -28,7 +28,7 @@ PUBLIC = [name for name in vars(Board) if not name.startswith("_")]
 
 
 def is_async(thing: object) -> bool:
-    return inspect.iscoroutinefunction(thing) or inspect.isasyncgenfunction(thing)
+    return inspect.iscoroutinefunction(thing) or inspect.isasyncgenfunction(inspect.unwrap(cast("Any", thing)))
 
 
 # --- nothing is missing, and nothing is otherwise -----------------------------------------------------------------
@@ -64,7 +64,7 @@ def test_every_async_function_is_there_with_the_same_arguments() -> None:
     for name in ["connect", *asynchronous]:
         here = getattr(servolink.sync, name)
         assert inspect.signature(here).parameters == inspect.signature(things[name]).parameters, name
-    assert sorted(asynchronous) == ["discover", "reconnecting"]
+    assert sorted(asynchronous) == ["discover", "reconnecting", "record"]
 
 
 def test_it_is_found_in_the_package() -> None:

@@ -1,0 +1,75 @@
+"""Record a board without async."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from servolink.sync.board import Board, loop_and_board
+from servolink.sync.loop_thread import LoopThread
+
+if TYPE_CHECKING:  # and imported late: most programs record nothing
+    from servolink.recorder import recorder
+    from servolink.recorder.writer import RecorderStatus
+
+HZ = 20.0
+
+
+class Recorder:
+    """A recording under way, made by `servolink.sync.record`. Any thread may use it."""
+
+    def __init__(self, thread: LoopThread, recorder: recorder.Recorder) -> None:
+        """Use `record` instead."""
+        self._thread = thread
+        self._recorder = recorder
+
+    def mark(self, text: str, *, who: str = "") -> None:
+        """Record an event `mark` with this text, to find the moment again."""
+
+        async def mark() -> None:
+            self._recorder.mark(text, who=who)
+
+        self._thread.run(mark)
+
+    @property
+    def status(self) -> RecorderStatus:
+        """The state of the recording: size, messages, and what is missing or wrong."""
+
+        async def status() -> RecorderStatus:
+            return self._recorder.status
+
+        return self._thread.run(status)
+
+
+@contextmanager
+def record(
+    path: str | os.PathLike[str], board: Board, *, hz: float = HZ, wire_only: bool = False
+) -> Iterator[Recorder]:
+    """Record everything that passes between programs and `board` to a new MCAP file, until the block ends.
+
+    Takes the arguments of `servolink.record`, and raises the same errors.
+    """
+    from servolink.recorder import recorder
+
+    if not isinstance(board, Board):
+        raise TypeError(f"board must be a board of servolink.sync, not {type(board).__name__}")
+    thread, connected = loop_and_board(board)
+    recording = recorder.record(path, connected, hz=hz, wire_only=wire_only)
+
+    async def begin() -> recorder.Recorder:
+        begun = await recording.__aenter__()
+        thread.at_exit.add(end)  # as other threads may be in the block when the program ends
+        return begun
+
+    async def end() -> None:
+        thread.at_exit.discard(end)
+        await recording.__aexit__(None, None, None)
+
+    begun = thread.run(begin)
+    try:
+        yield Recorder(thread, begun)
+    finally:
+        if not thread.has_ended:
+            thread.run(end)
