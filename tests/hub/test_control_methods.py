@@ -205,9 +205,13 @@ def test_a_program_that_has_a_board_uses_its_lease_and_hold_and_nothing_more() -
             await board.move({1: 30}, duration=0.1, wait=True)
             with pytest.raises(RpcFailed, match="moved by script"):
                 await tablet.call("move", targets={"1": 0}, duration=0.1)
-            with pytest.raises(RpcFailed, match="a board of its own") as failed:
-                await script.call("move", targets={"1": 0}, duration=0.1)
-            assert failed.value.kind == "forbidden"
+            for method, params in (
+                ("move", {"targets": {"1": 0}, "duration": 0.1}),
+                ("limits.tighten", {"speed_cap": 5}),  # would not limit what that board moves
+            ):
+                with pytest.raises(RpcFailed, match="a board of its own") as failed:
+                    await script.call(method, **params)
+                assert failed.value.kind == "forbidden"
             assert len((await script.call("status"))["programs"]) == 2
             await script.call("lease.give")
             await tablet.call("move", targets={"1": 0}, duration=0.1)

@@ -109,16 +109,11 @@ class Control:
 
     async def board(self) -> Board:
         """Return the board of this program, once no other program holds it alone."""
-        if self._transport is None:
-            raise RpcError(
-                Code.FORBIDDEN,
-                "this connection belongs to a program that has a board of its own",
-                remedy="connect to the control interface without `session`",
-            )
+        transport = self._own_transport()
         await self.until_free()
         async with self._opening:
             if self._board is None:
-                self._board = await _open(self.hub, self._transport, self._limits)
+                self._board = await _open(self.hub, transport, self._limits)
                 self._guard(self._board)
             return self._board
 
@@ -147,6 +142,7 @@ class Control:
 
     def tighten(self, limits: MotionLimits) -> None:
         """Allow what this program moves only what `limits` allow, too."""
+        self._own_transport()  # what moves by frames would not be limited
         if self._board is not None:
             raise RpcError(
                 Code.INVALID_REQUEST,
@@ -154,6 +150,16 @@ class Control:
                 remedy="tighten the limits before anything else",
             )
         self._limits = limits if self._limits is None else self._limits.tightened(limits)
+
+    def _own_transport(self) -> LocalTransport:
+        """Return the transport of the board that this connection uses. Raise RpcError if it has none."""
+        if self._transport is None:
+            raise RpcError(
+                Code.FORBIDDEN,
+                "this connection belongs to a program that has a board of its own",
+                remedy="connect to the control interface without `session`",
+            )
+        return self._transport
 
     # --- lease and hold -----------------------------------------------------------------------------------------
 
