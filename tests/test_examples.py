@@ -38,6 +38,7 @@ PAGES = [
 ]
 SHOWN = {"text", "text output", "js", "json", "toml", "yaml", "sh", "console no-run", "python no-run"}
 
+_TEMPERATURE = re.compile(r"\b2[56][0-9]\b")  # raw
 _FENCE = re.compile(r"^```(?P<info>[^`\n]*)\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL)
 _SERVING = re.compile(r"servolink (virtual|share (?!--status|--take|--give))")
 _LISTENING = re.compile(r"^listening (\S+)$", re.MULTILINE)
@@ -78,9 +79,13 @@ def dialogue(code: str) -> Iterator[Typed]:
 
 
 def is_as_shown(output: str, quote: str) -> bool:
-    """Compare what was printed with what the page shows."""
+    """Compare what was printed with what the page shows.
+
+    Temperatures from 250 to 269 count as equal: the servos of a virtual board warm up until a busy machine asks them.
+    """
     flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-    return not quote.strip() or doctest.OutputChecker().check_output(quote.strip() + "\n", output.strip() + "\n", flags)
+    shown, printed = (_TEMPERATURE.sub("250", text.strip()) + "\n" for text in (quote, output))
+    return not quote.strip() or doctest.OutputChecker().check_output(shown, printed, flags)
 
 
 class Reader:
