@@ -73,7 +73,8 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     args: argparse.Namespace
     args, unknown = build_parser().parse_known_args(argv)
     if unknown:
-        usage_error(args, f"unexpected argument: {unknown[0]}")
+        hint = getattr(args, "alternative", "")  # what some commands say to those who want a part of what they do
+        usage_error(args, f"unexpected argument: {unknown[0]}{hint}")
     if args.url is None:
         args.url = os.environ.get("SERVOLINK_BOARD") or os.environ.get("SERVOLINK_URL") or None
     return args

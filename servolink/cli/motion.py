@@ -180,7 +180,9 @@ _WARNING = "released servos are limp, and raised limbs fall"
 
 def configure_stop(parser: argparse.ArgumentParser) -> None:
     """Set what runs; `servolink stop` has no options of its own."""
-    parser.set_defaults(run=run_stop)
+    parser.set_defaults(
+        run=run_stop, alternative="; `servolink stop` stops all servos, `servolink servo hold SERVO` one"
+    )
 
 
 def run_stop(args: argparse.Namespace) -> int:

@@ -82,7 +82,7 @@ class RecordView:
 
 
 def status_line(status: RecorderStatus, width: int, *, is_ring: bool = False) -> str:
-    """Return the line that stays, cut to `width` columns."""
+    """Return the line that stays, without the keys where they do not fit, and cut to `width` columns."""
     minutes, seconds = divmod(int(status.seconds), 60)
     parts = [
         f"{minutes}:{seconds:02}{' in memory' if is_ring else ''}",
@@ -90,9 +90,10 @@ def status_line(status: RecorderStatus, width: int, *, is_ring: bool = False) ->
         _size(status.size),
         *([f"{status.dropped:,} missing"] if status.dropped else []),
         *([f"nothing can be written: {status.problem}"] if status.problem else []),
-        f"m: mark{'  w: write' if is_ring else ''}  q: end",
     ]
-    text = escape("  ".join(parts))
+    text, keys = escape("  ".join(parts)), f"  m: mark{'  w: write' if is_ring else ''}  q: end"
+    if text_width(text + keys) <= width:
+        return text + keys
     while text_width(text) > width:
         text = text[:-1]
     return text

@@ -74,7 +74,8 @@ def test_every_command_has_examples(name: str) -> None:
         ("macro add Dance --steps", "has no option --steps\n"),
         ("use arm virtual:// --as", "has no option --as\n"),
         ("run acton 1", "argument action|macro: must be action or macro, not 'acton'"),
-        ("info more", "unexpected argument: more"),
+        ("info more", "unexpected argument: more\n"),
+        ("stop 3", "unexpected argument: 3; `servolink stop` stops all servos, `servolink servo hold SERVO` one\n"),
         ("demo --url virtual://", "`servolink demo` has no option --url"),
     ],
 )

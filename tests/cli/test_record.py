@@ -146,4 +146,5 @@ def test_the_line_on_a_terminal_says_what_is_missing() -> None:
         "1:05  1,234 messages  2.9 MiB  7 missing  nothing can be written: No space left on device  m: mark  q: end"
     )
     assert len(status_line(bad, 40)) == 40
+    assert status_line(status, 40) == "1:05  1,234 messages  293 KiB"  # never half of a key
     assert status_line(status, 80, is_ring=True) == "1:05 in memory  1,234 messages  293 KiB  m: mark  w: write  q: end"
