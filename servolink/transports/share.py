@@ -65,7 +65,7 @@ class Greeting(Struct, kw_only=True, forbid_unknown_fields=True):
     angle_unit: Literal["degree", "adc"] = "degree"
     """The unit of the servos for which the session sets none."""
     dead_man: Annotated[float, Meta(ge=0.1, le=60)] | None = None
-    """Seconds without a beat after which the hub stops what this program moves; None for no such limit."""
+    """Seconds without a beat after which the hub stops what this program moves; None for none. Only for RPC."""
     session: str | None = None
     """The session that an RPC connection belongs to; None for a new one."""
     token: str = ""

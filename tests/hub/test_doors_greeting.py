@@ -58,6 +58,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (b'{"servolink": 1, "wants": "frames", "who": "x", "role": "god"}\n', "god"),
         (b'{"servolink": 1, "wants": "frames", "who": "x", "more": 1}\n', "more"),
         (b'{"servolink": 1, "wants": "frames", "who": "x", "session": "1"}\n', "they have no session yet"),
+        (b'{"servolink": 1, "wants": "frames", "who": "x", "dead_man": 1}\n', "frames have no dead-man time"),
         (b'{"servolink": 1, "wants": "rpc", "who": "x"}\n', "no control interface"),
         (b"x" * (MOST_GREETING + 1), f"a greeting has at most {MOST_GREETING} bytes"),
         (b"[" * MOST_GREETING + b"\n", "this is not a greeting"),

@@ -142,6 +142,8 @@ class SocketLine(Line):
         if greeting.wants == "frames":
             if greeting.session is not None:
                 raise ValueError("a session begins with its frames; they have no session yet")
+            if greeting.dead_man is not None:  # frames cannot say that the program still watches
+                raise ValueError("frames have no dead-man time: take the lease with it on a connection for rpc")
             codec = Codec(greeting.byte_order, self._hub.board.codec.caption_encoding)
             program = self._hub.join(
                 self.send, who=greeting.who, door="share", role=role, codec=codec, unit=greeting.angle_unit
