@@ -57,6 +57,16 @@ _PATIENT = """WebSocket.prototype.send = (original => function (text) {
   return original.call(this, text.replace('"dead_man":0.35', '"dead_man":30'));
 })(WebSocket.prototype.send)"""
 
+LISTEN = """() => {
+  const send = WebSocket.prototype.send;
+  window.sent = [];
+  WebSocket.prototype.send = function (text) {
+    window.sent.push(JSON.parse(text).method);
+    return send.call(this, text);
+  };
+}"""
+"""Remembers the names of the methods that a page calls, in `window.sent`."""
+
 
 class Studio(NamedTuple):
     """A studio that runs."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.studio.browser import OF_OTHERS, SIZES, Studio, in_browser, is_stopped, opened, until
+from tests.studio.browser import LISTEN, OF_OTHERS, SIZES, Studio, in_browser, is_stopped, opened, until
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 
@@ -55,6 +55,23 @@ def test_the_robot_moves_while_a_slider_is_held_and_not_longer(studio: Studio, b
         playwright.expect(page.get_by_text("You have control")).to_be_visible()
         states = studio.board.servos()
         assert all(servo.is_start for servo in states)
+
+
+def test_who_takes_over_watches_over_the_robot(studio: Studio, browser: Any) -> None:
+    with opened(browser, studio.url) as page, opened(browser, studio.url, "phone") as other:
+        page.locator(".stage .seg").get_by_text("Robot").click()
+        before = studio.angle(2)
+        x, y = grab(page, 2)
+        for step in range(30):
+            page.mouse.move(x + step, y)
+        until(lambda: studio.angle(2) > before + 5)
+        other.evaluate(LISTEN)
+        other.get_by_role("button", name="Ask for control").click()
+        playwright.expect(page.get_by_text("asks for control")).to_be_visible()
+        other.get_by_role("button", name="Take over").click()
+        playwright.expect(page.get_by_text("took control")).to_be_visible()
+        page.mouse.up()
+        until(lambda: "lease.beat" in other.evaluate("window.sent"))
 
 
 def test_a_preview_moves_nothing_until_it_is_held(studio: Studio, browser: Any) -> None:

@@ -9,21 +9,12 @@ from typing import Any
 
 import pytest
 
-from tests.studio.browser import Studio, in_browser, opened, until
+from tests.studio.browser import LISTEN, Studio, in_browser, opened, until
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect
 
 pytestmark = in_browser
-
-_LISTEN = """() => {
-  const send = WebSocket.prototype.send;
-  window.sent = [];
-  WebSocket.prototype.send = function (text) {
-    window.sent.push(JSON.parse(text).method);
-    return send.call(this, text);
-  };
-}"""
 
 
 @contextmanager
@@ -147,7 +138,7 @@ def beginning(name: str) -> re.Pattern[str]:
 
 def test_a_preview_sends_no_movement_and_a_hold_runs_the_draft(studio: Studio, browser: Any) -> None:
     with editing(browser, studio.url, "Macros") as page:
-        page.evaluate(_LISTEN)
+        page.evaluate(LISTEN)
         page.get_by_role("button", name="Play the preview").click()
         expect(page.locator(".time")).not_to_contain_text("0.00")
         page.get_by_role("button", name="Pause the preview").click()

@@ -10,30 +10,32 @@ import { t } from "../texts/text.js";
 /** @typedef {import("./app.js").Tools} Tools */
 
 /** @param {Tools} tools */
-export function Control({ link, motion }) {
+export function Control(tools) {
   if (linkState.value !== "open" || !mayMove.value) return null;
   if (isMine.value) {
-    return html`<button class="btn mine hide-n" title=${t("lease.give")} onClick=${() => motion.leave()}>
+    return html`<button class="btn mine hide-n" title=${t("lease.give")} onClick=${() => tools.motion.leave()}>
       <${Icon} name="hand" /><span class="hide-t">${t("lease.mine")}</span><span class="only-t">${t("lease.mine_short")}</span>
     </button>`;
   }
   if (!isOthers.value) return null;
   const who = safeText(lease.value?.who ?? "");
-  return html`<button class="btn hide-n" onClick=${() => ask(link, who)}>
+  return html`<button class="btn hide-n" onClick=${() => ask(tools)}>
     <${Icon} name="lock" /><span class="ell">${t("lease.others", { who })}</span><b class="ask hide-t">${t("lease.ask")}</b>
   </button>`;
 }
 
 /**
- * @param {import("../link/link.js").Link} link
- * @param {string} who
+ * Ask who moves the robot for control, and offer to take it over.
+ * @param {Tools} tools
  */
-function ask(link, who) {
+export function ask({ link, motion }) {
   link.tell("lease.ask");
-  const takeOver = () => link.call("lease.take", { force: true, dead_man: 0.35 }).catch(() => {});
+  const takeOver = async () => {
+    if (await motion.begin({ force: true })) motion.end(); // from now on this page watches over the robot
+  };
   toast({
     icon: "hand",
-    title: t("lease.asked", { who }),
+    title: t("lease.asked", { who: safeText(lease.value?.who ?? "") }),
     detail: t("lease.asked_detail"),
     action: { label: t("lease.take_over"), run: takeOver },
   });

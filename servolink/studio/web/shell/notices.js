@@ -8,13 +8,17 @@ import { toast } from "../parts/toasts.js";
 import { another, boardState, hold, isLive, isOthers, lease, linkState, mayMove, problem, welcome } from "../state/robot.js";
 import { isAllStopped, stoppedCount } from "../state/stopped.js";
 import { t } from "../texts/text.js";
+import { ask } from "./control.js";
 
 /** @typedef {import("./app.js").Tools} Tools */
 
 /** @param {Tools} tools */
 export function Notices(tools) {
   const note = present();
-  return html`${note && html`<div class="veil"><${Note} ...${note} /></div>`}<${StoppedNote} ...${tools} /><${ProblemNote} />`;
+  const canAsk = note?.key === "note.others";
+  return html`${note && html`<div class="veil"><${Note} ...${note}>
+    ${canAsk && html`<button class="btn" onClick=${() => ask(tools)}>${t("lease.ask_for")}</button>`}
+  </${Note}></div>`}<${StoppedNote} ...${tools} /><${ProblemNote} />`;
 }
 
 /** @param {Tools} tools */
@@ -57,4 +61,4 @@ function present() {
  * @param {"note.refused" | "note.studio_lost" | "note.unshared" | "note.board_lost" | "note.another" | "note.held" | "note.watching" | "note.others"} key
  * @param {Record<string, string>} [values]
  */
-const both = (key, values = {}) => ({ title: t(key, values), detail: t(`${key}_detail`, values) });
+const both = (key, values = {}) => ({ key, title: t(key, values), detail: t(`${key}_detail`, values) });

@@ -84,6 +84,7 @@ export const en = {
   "lease.mine_short": "Yours",
   "lease.others": "{who} has control",
   "lease.ask": "Ask",
+  "lease.ask_for": "Ask for control",
   "lease.take_over": "Take over",
   "lease.give": "Give control back",
   "lease.asked": "Asked {who}",

@@ -84,6 +84,7 @@ export const zh = {
   "lease.mine_short": "你",
   "lease.others": "{who} 在控制",
   "lease.ask": "请求",
+  "lease.ask_for": "请求控制",
   "lease.take_over": "接管",
   "lease.give": "交还控制",
   "lease.asked": "已向 {who} 请求",
