@@ -1,6 +1,6 @@
 // The gamepad, drawn. Buttons that do something are tinted and carry the name of their macro.
 
-import { html } from "../../html.js";
+import { html, useLayoutEffect, useRef } from "../../html.js";
 import { t } from "../../texts/text.js";
 import { PLACES } from "./layout.js";
 
@@ -21,6 +21,8 @@ const BODY =
   "M245 82h360c90 0 150 40 168 120 16 72 26 190-32 204-48 12-78-44-112-84-10-12-22-16-38-16H259c-16 0-28 4-38 16-34 " +
   "40-64 96-112 84-58-14-48-132-32-204 18-80 78-120 168-120Z";
 const STICKS = [325, 525];
+const ROOM = { above: 190, below: 190, left: 122, right: 122, menu: 66 }; // for a name, so that it meets no other
+const MOST_CHARACTERS = 40;
 const FROM_CENTRE = { round: [32, 38, 30], shoulder: [70, 34, 26], menu: [30, 28, 20] }; // aside, below, above
 
 /** @param {Shown} props */
@@ -59,11 +61,28 @@ function Shape({ x, y, shape }) {
 }
 
 /** @param {{ place: Place, text: string }} props */
-function Label({ place: { x, y, shape, label }, text }) {
+function Label({ place: { x, y, shape, label = "below" }, text }) {
+  const drawn = useRef(/** @type {SVGTextElement | null} */ (null)), room = shape === "menu" ? ROOM.menu : ROOM[label];
+  useLayoutEffect(() => fit(/** @type {SVGTextElement} */ (drawn.current), text, room), [text]);
   const [aside, below, above] = FROM_CENTRE[shape];
-  if (label === "left") return html`<text class="lab end" x=${x - aside} y=${y + 4}>${text}</text>`;
-  if (label === "right") return html`<text class="lab start" x=${x + aside} y=${y + 4}>${text}</text>`;
-  return html`<text class="lab" x=${x} y=${label === "above" ? y - above : y + below}>${text}</text>`;
+  if (label === "left") return html`<text ref=${drawn} class="lab end" x=${x - aside} y=${y + 4}>${text}</text>`;
+  if (label === "right") return html`<text ref=${drawn} class="lab start" x=${x + aside} y=${y + 4}>${text}</text>`;
+  return html`<text ref=${drawn} class="lab" x=${x} y=${label === "above" ? y - above : y + below}>${text}</text>`;
+}
+
+/**
+ * Draw as much of a text as there is room for.
+ * @param {SVGTextElement} drawn
+ * @param {string} text
+ * @param {number} room
+ */
+function fit(drawn, text, room) {
+  const content = /** @type {Text} */ (drawn.firstChild), characters = [...text.slice(0, MOST_CHARACTERS)];
+  if (text.length > MOST_CHARACTERS) content.data = `${characters.join("")}\u2026`;
+  while (characters.length > 0 && drawn.getComputedTextLength() > room) {
+    characters.pop();
+    content.data = `${characters.join("")}\u2026`;
+  }
 }
 
 /**
