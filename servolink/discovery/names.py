@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
+from servolink.discovery.announcements import lock
 from servolink.discovery.search import is_same_place, only, search
 from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
 from servolink.files import MIB, is_name, read_file, reason, user_folder, write_atomically
@@ -71,14 +73,15 @@ def save_alias(name: str, alias: Alias) -> None:
         f"{alias.url}{alias.serial_number}".encode()
     except UnicodeEncodeError as error:
         raise refusal(alias.url, "holds bytes that are not text; write each as in %FF") from error
-    _write(load_aliases() | {name: alias})
+    with _changing() as aliases:
+        aliases[name] = alias
 
 
 def remove_alias(name: str) -> None:
     """Remove a name; do nothing if it is unknown."""
-    aliases = load_aliases()
-    if aliases.pop(name, None) is not None:
-        _write(aliases)
+    if name in load_aliases():
+        with _changing() as aliases:
+            aliases.pop(name, None)
 
 
 def alias_for(url: str, devices: Sequence[DeviceInfo]) -> Alias:
@@ -193,10 +196,16 @@ def _recognised(url: str, devices: Sequence[DeviceInfo] | None) -> Resolved:
     return Resolved(url, found[0] if found else None)
 
 
-def _write(aliases: Mapping[str, Alias]) -> None:
+@contextmanager
+def _changing() -> Iterator[dict[str, Alias]]:
+    """Pass the names, and write what they are at the end. Another program that changes them waits meanwhile."""
     path = aliases_path()
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, _toml(aliases).encode(), private=True)
+    with path.with_suffix(".lock").open("ab", buffering=0) as file:
+        lock(file, wait=True)
+        aliases = load_aliases()
+        yield aliases
+        write_atomically(path, _toml(aliases).encode(), private=True)
 
 
 def _parse(text: str) -> dict[str, Alias]:

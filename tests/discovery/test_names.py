@@ -6,9 +6,11 @@ import asyncio
 import os
 import stat
 import sys
+import threading
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO
 
 import platformdirs
 import pytest
@@ -17,6 +19,7 @@ from hypothesis import strategies as st
 
 import servolink
 from servolink.discovery import names, search
+from servolink.discovery.announcements import lock
 from servolink.discovery.names import (
     Alias,
     _toml,
@@ -60,7 +63,26 @@ def test_names_are_kept(path: Path) -> None:
     save_alias("right", Alias("tcp://pi:9000"))
     save_alias("left", Alias("serial:///dev/ttyACM1", "A2"))
     assert load_aliases() == {"left": Alias("serial:///dev/ttyACM1", "A2"), "right": Alias("tcp://pi:9000")}
-    assert [file.name for file in path.parent.iterdir()] == [path.name]
+    assert {file.name for file in path.parent.iterdir()} == {path.name, "boards.lock"}
+
+
+def test_names_given_by_two_programs_at_once_are_all_kept(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    waits = threading.Event()
+
+    def lock_slowly(file: BinaryIO, *, wait: bool) -> bool:
+        waits.set()
+        return lock(file, wait=wait)
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    other = threading.Thread(target=save_alias, args=("left", Alias("tcp://pi:9000")))
+    with path.with_suffix(".lock").open("ab", buffering=0) as file:
+        assert lock(file, wait=True)
+        monkeypatch.setattr(names, "lock", lock_slowly)
+        other.start()
+        assert waits.wait(60)
+        path.write_text('[boards.right]\nurl = "tcp://pi:9001"\n', encoding="utf-8")
+    other.join()
+    assert set(load_aliases()) == {"left", "right"}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes and permissions of POSIX")
@@ -149,7 +171,7 @@ def test_a_write_that_fails_leaves_the_file_as_it_was(path: Path, monkeypatch: p
     with pytest.raises(OSError, match="No space"):
         save_alias("right", Alias("virtual://"))
     monkeypatch.undo()
-    assert [file.name for file in path.parent.iterdir()] == [path.name]
+    assert {file.name for file in path.parent.iterdir()} == {path.name, "boards.lock"}
 
 
 BOARD = DeviceInfo("serial:///dev/ttyACM0", "board", PortIdentity(serial_number="A1"))
