@@ -114,8 +114,8 @@ def _tell(writer: RecordingWriter, ended: threading.Event) -> None:
 
 def _report(report: Report) -> None:
     try:
-        sys.stdout.buffer.write(msgspec.json.encode(report) + b"\n")
-        sys.stdout.buffer.flush()
+        # Unbuffered: Python would try again at the end to write what nobody reads any more, and say that it cannot.
+        os.write(sys.stdout.fileno(), msgspec.json.encode(report) + b"\n")
     except OSError:
         return  # the program has crashed
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from servolink.errors import RecordingError
 from servolink.recorder.channels import Event, Recorded, Wire
+from servolink.recorder.child import LENGTH, Order
 from servolink.recorder.child_writer import ChildWriter
 from servolink.recorder.clock import Clock
 from servolink.recorder.mcap_stream import MAGIC
@@ -49,6 +52,19 @@ def test_a_process_that_is_killed_ends_the_recording_alone(tmp_path: Path) -> No
 def test_a_file_that_cannot_be_made(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="cannot record to"):
         ChildWriter(tmp_path / "no" / "out.mcap", ABOUT, Clock())
+
+
+def test_a_program_that_has_crashed_is_told_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    order = msgspec.msgpack.encode(Order(str(path), ABOUT, 0.0, 0, with_packets=False))
+    (tmp_path / "order").write_bytes(LENGTH.pack(len(order)) + order)
+    gone, stdout = os.pipe()
+    os.close(gone)
+    with open(tmp_path / "order", "rb") as stdin, open(stdout, "wb") as nobody:
+        done = processes.run((sys.executable, "-m", "servolink.recorder.child"), stdin=stdin, stdout=nobody)
+    assert (done.returncode, done.stderr) == (0, "")
+    with Recording(path) as recording:
+        assert recording.about == ABOUT
 
 
 _CRASH = """

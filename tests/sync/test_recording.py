@@ -86,7 +86,7 @@ recording.__enter__().mark("here")
 @pytest.mark.slow
 def test_the_end_of_the_program_ends_a_recording_without_a_word(tmp_path: Path) -> None:
     path = tmp_path / "out.mcap"
-    process = processes.start([sys.executable, "-X", "dev", "-c", ABANDONED, str(path)], stderr=subprocess.PIPE)
+    process = processes.start([sys.executable, "-W", "default", "-c", ABANDONED, str(path)], stderr=subprocess.PIPE)
     out, err = process.communicate(timeout=processes.LIMIT)
     assert (process.returncode, out, err) == (0, "", "")
     with Recording(path) as recording:  # its last moment is lost, as in a crash
