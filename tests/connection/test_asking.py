@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
@@ -151,3 +151,58 @@ def test_the_end_of_the_connection_is_an_error_for_all() -> None:
             asked.ask()
 
     asking(use, depth=2)
+
+
+def test_many_equal_queries_at_once_have_fences_between_them() -> None:
+    async def use(asked: Asked, fake: FakeBoard) -> None:
+        for _ in range(10):
+            while asked.ask():
+                pass
+            await asyncio.sleep(0.1)
+        assert asked.outcomes == [QueryServoListResponse((1, 2, 3, 4))] * len(asked.outcomes)
+        assert len(asked.outcomes) == len(fake.sent_of(QueryServoListRequest)) > 100
+        assert len(fake.sent) > len(asked.outcomes)
+
+    asking(use, depth=16)
+
+
+def test_a_line_that_takes_its_time_is_waited_for() -> None:
+    async def use(asked: Asked, fake: FakeBoard) -> None:
+        fake.taking = asyncio.Event()
+        assert asked.ask()
+        await asyncio.sleep(0.01)
+        fake.taking.set()
+        await asyncio.sleep(0.01)
+        assert asked.outcomes == [QueryServoListResponse((1, 2, 3, 4))]
+
+    asking(use)
+
+
+def test_a_line_that_is_lost_while_it_takes_a_query_is_an_error() -> None:
+    class Failing(asyncio.Event):
+        async def wait(self) -> Literal[True]:
+            await asyncio.sleep(0.05)
+            raise ConnectionLost("the device is gone")
+
+    async def use(asked: Asked, fake: FakeBoard) -> None:
+        fake.plan(QueryServoListRequest, SWALLOWED)
+        fake.taking = Failing()
+        assert asked.ask()
+        await asyncio.sleep(0.1)
+        assert [str(outcome) for outcome in asked.outcomes] == [
+            f"the connection to {fake.url} is gone: the device is gone"
+        ]
+
+    asking(use)
+
+
+def test_a_line_that_takes_nothing_any_more_is_an_error() -> None:
+    async def use(asked: Asked, fake: FakeBoard) -> None:
+        fake.gone = OSError("unplugged")  # who writes notices first
+        assert asked.ask()
+        await asyncio.sleep(0.1)
+        assert [type(outcome) for outcome in asked.outcomes] == [ConnectionLost]
+        with pytest.raises(ConnectionLost):
+            asked.ask()
+
+    asking(use)
