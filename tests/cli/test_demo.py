@@ -126,8 +126,9 @@ def test_a_check_that_fails_is_named(
     said = call(capsys, "demo", "--fast", *(["--json"] if as_json else []))
     assert said.code == 1
     if as_json:
-        assert said.objects[-1]["failed"] == ["damaged"]
-        assert [described["step"] for described in said.objects if not described["ok"]] == ["damaged", "end"]
+        failed = said.objects[-1]["failed"]  # a machine that stalls may fail the check of a late response, too
+        assert "damaged" in failed
+        assert [described["step"] for described in said.objects if not described["ok"]] == [*failed, "end"]
     else:
         assert "FAILED: exactly one response was damaged" in said.out
         assert "FAILED: damaged." in said.out
