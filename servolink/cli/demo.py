@@ -44,7 +44,7 @@ from servolink.virtual.serve import serve
 _SERVOS = 16
 _BOW, _LEAN, _RISE, _WAVE, _PAD, _BUTTON, _PROJECT = 1, 2, 3, 1, 1, 3, 42  # ids on the board
 _FAST = 0.05  # the duration of movements with `--fast`, as a share of the usual one
-_IMPATIENT, _TOO_LATE = 0.3, 0.6  # seconds that the client waits for a response, and that one is held back
+_IMPATIENT, _LATER = 0.3, 0.3  # seconds that the client waits for a held response, and that it comes after the move
 _REACTION = 2.0  # seconds in which a button event must have come
 
 
@@ -160,11 +160,11 @@ async def survive_damage(scene: Scene) -> Outcome:
 async def survive_delay(scene: Scene) -> Outcome:
     """Hold one response back until it is wrong: nobody waits for it, and the servos are elsewhere."""
     await scene.board.servos()  # so that nothing that was sent again before is still to be answered
-    before, delayed, old = scene.counters(), scene.line.delayed, scene.angles
+    before, held, old = scene.counters(), scene.line.held, scene.angles
     scene.stage.say(
         f"servo 1 is at {old[1]}°; all angles are read, and the response is held back until nobody waits for it"
     )
-    scene.line.delay_next(_TOO_LATE)
+    scene.line.hold_next()
     timed_out = False
     try:
         await scene.board.request(QueryServoRequest(ALL_SERVOS), timeout=_IMPATIENT)
@@ -172,12 +172,13 @@ async def survive_delay(scene: Scene) -> Outcome:
         timed_out = True
     await scene.board.move(dict.fromkeys(old, 0), duration=0.01)
     scene.stage.say("all servos go to 0°, and all angles are read again, while the old response is still to come")
+    asyncio.get_running_loop().call_later(_LATER, scene.line.release)
     read = {servo.servo_id: int(servo.angle) for servo in await scene.board.servos()}
-    since, delayed = scene.counted_since(before), scene.line.delayed - delayed
+    since, held = scene.counted_since(before), scene.line.held - held
     return Outcome(
-        {"delayed_responses": delayed, "late_angle": old[1], "angle": read[1], **since},
+        {"delayed_responses": held, "late_angle": old[1], "angle": read[1], **since},
         {
-            "exactly one response was delayed past its time": timed_out and delayed == 1,
+            "exactly one response was delayed past its time": timed_out and held == 1,
             "a fence showed the late response to be late": min(since["late_responses"], since["fences"]) > 0,
             f"servo 1 is read at {read[1]}°, and all angles are right": read == scene.angles != old,
         },

@@ -128,27 +128,32 @@ def _print_angles(elapsed: float, servos: Sequence[Servo]) -> None:
 
 
 class FaultyLine(WrappedTransport):
-    """A line without faults until it is told to damage or to delay the next response, or is pulled out."""
+    """A line without faults until it is told to damage or to hold back the next response, or is pulled out."""
 
     def __init__(self, inner: Transport) -> None:
         """Wrap `inner`."""
         super().__init__(inner)
         self.damaged = 0
         """The number of responses of which a bit was changed."""
-        self.delayed = 0
+        self.held = 0
         """The number of responses that were held back."""
-        self._damage = False
-        self._delay = 0.0
-        self._held: list[bytes] = []
-        self._timer: asyncio.TimerHandle | None = None
+        self._damage = self._hold = self._is_holding = False
+        self._chunks: list[bytes] = []
 
     def damage_next(self) -> None:
         """Change one bit in the middle of the next chunk."""
         self._damage = True
 
-    def delay_next(self, seconds: float) -> None:
-        """Hold back the next chunk; later ones stay behind it, as on any line."""
-        self._delay = seconds
+    def hold_next(self) -> None:
+        """Hold back the next chunk until `release`; later ones stay behind it, as on any line."""
+        self._hold = True
+
+    def release(self) -> None:
+        """Pass on what was held back."""
+        self._is_holding = False
+        held, self._chunks = self._chunks, []
+        for chunk in held:
+            self._deliver(chunk)
 
     def pull(self) -> None:
         """Pull the cable now."""
@@ -161,19 +166,12 @@ class FaultyLine(WrappedTransport):
             self.damaged += 1
             middle = len(chunk) // 2
             chunk = chunk[:middle] + bytes([chunk[middle] ^ 0x10]) + chunk[middle + 1 :]
-        if self._delay:
-            self.delayed += 1
-            self._timer = asyncio.get_running_loop().call_later(self._delay, self._release)
-            self._delay = 0.0
-        if self._timer is None:
-            self._deliver(chunk)
+        if self._hold:
+            self._hold, self._is_holding = False, True
+            self.held += 1
+        if self._is_holding:
+            self._chunks.append(chunk)
         else:
-            self._held.append(chunk)
-
-    def _release(self) -> None:
-        self._timer = None
-        held, self._held = self._held, []
-        for chunk in held:
             self._deliver(chunk)
 
 
