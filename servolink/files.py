@@ -44,13 +44,14 @@ def read_file(path: Path, limit: int) -> bytes:
     return content
 
 
-def open_file(path: Path) -> FileIO:
-    """Open a regular file for reading, without a buffer.
+def open_file(path: Path, *, writable: bool = False) -> FileIO:
+    """Open a regular file for reading, and for writing if it is to be `writable`, without a buffer.
 
     Raise OSError, without waiting, for a pipe or a device. Raise ValueError for a name that no system has.
     """
     _refuse_irregular(path, path.stat())  # a device must not even be opened: that alone can change its state
-    file = open(path, "rb", buffering=0, opener=_open_without_waiting)  # noqa: SIM115 - the caller closes it
+    mode: Literal["rb", "r+b"] = "r+b" if writable else "rb"
+    file = open(path, mode, buffering=0, opener=_open_without_waiting)  # noqa: SIM115 - the caller closes it
     try:
         _refuse_irregular(path, os.fstat(file.fileno()))  # it may be another file by now
     except BaseException:

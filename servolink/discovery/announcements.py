@@ -17,7 +17,7 @@ from typing import BinaryIO
 
 import msgspec
 
-from servolink.files import is_ours, user_folder
+from servolink.files import is_ours, open_file, user_folder
 from servolink.transports.device_info import DeviceInfo
 
 _SUFFIX = ".board"
@@ -105,7 +105,7 @@ def _write(board: DeviceInfo, folder: Path, stack: ExitStack) -> None:
 def _read(path: Path) -> DeviceInfo | None:
     """Return the board announced in `path`, None if it cannot be read; remove the file if its program is gone."""
     try:
-        with path.open("r+b", buffering=0) as file:
+        with open_file(path, writable=True) as file:  # some file systems lock no file that is only read
             content = file.read(_MOST_BYTES)
             left_over = bool(content) and lock(file, wait=False)  # an empty file is about to be written
             if left_over and sys.platform != "win32":  # while it is locked, or it may be another program's by then

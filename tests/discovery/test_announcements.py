@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from pathlib import Path
@@ -49,6 +50,18 @@ def test_what_is_no_announcement_is_passed_over(content: bytes, folder: Path) ->
     with announced(BOARD):
         (folder / "other.board").write_bytes(content)
         assert candidates() == [BOARD]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="named pipes are those of Unix")
+def test_a_pipe_is_passed_over_without_waiting_for_what_it_may_bring(folder: Path) -> None:
+    with announced(BOARD):
+        os.mkfifo(folder / "pipe.board")
+        number = os.open(folder / "pipe.board", os.O_RDWR)  # somebody may write to it, some day
+        try:
+            assert candidates() == [BOARD]
+        finally:
+            os.close(number)
+        assert (folder / "pipe.board").exists()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the mode is that of Unix")
