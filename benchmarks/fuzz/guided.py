@@ -15,7 +15,7 @@ def main() -> None:
     with atheris.instrument_imports(include=["servolink"]):
         from tests.fuzz.targets import TARGETS
     name, *options = sys.argv[1:]
-    atheris.Setup([sys.argv[0], *options], TARGETS[name].run)
+    atheris.Setup([sys.argv[0], *options], TARGETS[name].check)
     atheris.Fuzz()
 
 

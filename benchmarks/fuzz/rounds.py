@@ -46,7 +46,7 @@ def mutated(name: str, seconds: float, seed: int, most: int | None = None) -> Tu
     while (spent := perf_counter() - begun) < seconds and (most is None or inputs < most):
         for _ in range(_AT_ONCE):
             data = source.next()
-            if finding := _finding(target.run, data):
+            if finding := _finding(target.check, data):
                 return Turn(inputs, spent, finding)
             inputs += 1
     return Turn(inputs, spent)
@@ -79,9 +79,9 @@ def guided(name: str, seconds: float, corpus: Path) -> Turn:
     return Turn(int(executed[1]) if executed else 0, perf_counter() - begun, finding, edges, features)
 
 
-def _finding(run: Callable[[bytes], None], data: bytes) -> str:
+def _finding(check: Callable[[bytes], None], data: bytes) -> str:
     try:
-        run(data)
+        check(data)
     except Exception:  # noqa: BLE001 - whatever it is, it is a finding
         return f"{data.hex()}\n{traceback.format_exc()}"
     return ""

@@ -62,7 +62,7 @@ _REQUESTS: tuple[Request[Any], ...] = (
 """One request for each kind of lane and response. Fuzzers find zeros first, so zeros mean something here."""
 
 
-def talk(data: bytes) -> None:
+def check_talk(data: bytes) -> None:
     """Make some calls, concurrent or in sequence, to a board that sends what the recipe says."""
     cursor = Cursor(data)
     options = cursor.byte()
@@ -133,7 +133,7 @@ def _frame(cursor: Cursor, packet_id: int) -> bytes:
     return encode_frame(packet_id, content_for(cursor, packet_id, "little"), "little")
 
 
-def answer(data: bytes) -> None:
+def check_answer(data: bytes) -> None:
     """Make concurrent requests, and deliver frames and bytes, which may be responses to them."""
     _loop().run_until_complete(_answer(Cursor(data)))
 
@@ -193,7 +193,7 @@ class _Wire:
         self._lost(None)
 
 
-def command(data: bytes) -> None:
+def check_command(data: bytes) -> None:
     """Send anything to a virtual board at any time."""
     if len(data) < 2:
         return

@@ -18,7 +18,7 @@ from tests.protocol.declared import VECTORS
 class Target:
     """A function that takes any bytes and raises if a property does not hold."""
 
-    run: Callable[[bytes], None]
+    check: Callable[[bytes], None]
     what: str
     seeds: Callable[[], list[bytes]]
     share: int = 1
@@ -71,19 +71,21 @@ _FAULTS = (b"drop=0.01,flip=0.001,insert=1e-3,delay=.1,delay_time=2,duplicate=1,
 _SCRIPTS = (b"1.5 press 3\n2 long 4 # held\n", b"0 down 1\n1e3 up 4294967295\n2.0 push 1 -45\n")
 
 TARGETS: dict[str, Target] = {
-    "parse": Target(wire.parse, "streams, cut anyhow, to frames", _streams, 10),
-    "decode": Target(wire.decode, "contents to packets, to contents, to objects and back", _contents, 8),
-    "frame": Target(wire.decode_frame, "bytes to exactly one packet", lambda: [one.frame for one in VECTORS[::4]], 3),
-    "object": Target(wire.read_object, "JSON to packets", _objects, 2, 400),
-    "caption": Target(wire.use_encoding, "captions in any encoding", lambda: [b"utf-8\0wave", b"big5\0\xa4\xa4"]),
-    "answer": Target(ends.answer, "frames to requests that wait", _answers, 4),
-    "talk": Target(ends.talk, "calls to a board that sends anything", _answers, 2),
-    "command": Target(ends.command, "anything to a virtual board", _streams, 3),
-    "usb": Target(usb.plug_in, "anything to its USB device", lambda: [bytes.fromhex("0111800300000000") + bytes(60)]),
-    "address": Target(texts.address, "addresses to transports", lambda: list(_ADDRESSES), longest=120),
-    "faults": Target(texts.faults, "texts to faults of a line", lambda: list(_FAULTS), longest=120),
-    "script": Target(texts.script, "texts to button presses", lambda: list(_SCRIPTS), longest=120),
-    "project": Target(texts.project, "texts to projects and back", _projects, 2, 3000),
+    "parse": Target(wire.check_stream, "streams, cut anyhow, to frames", _streams, 10),
+    "decode": Target(wire.check_content, "contents to packets, to contents, to objects and back", _contents, 8),
+    "frame": Target(wire.check_frame, "bytes to exactly one packet", lambda: [one.frame for one in VECTORS[::4]], 3),
+    "object": Target(wire.check_json, "JSON to packets", _objects, 2, 400),
+    "caption": Target(wire.check_captions, "captions in any encoding", lambda: [b"utf-8\0wave", b"big5\0\xa4\xa4"]),
+    "answer": Target(ends.check_answer, "frames to requests that wait", _answers, 4),
+    "talk": Target(ends.check_talk, "calls to a board that sends anything", _answers, 2),
+    "command": Target(ends.check_command, "anything to a virtual board", _streams, 3),
+    "usb": Target(
+        usb.check_device, "anything to its USB device", lambda: [bytes.fromhex("0111800300000000") + bytes(60)]
+    ),
+    "address": Target(texts.check_address, "addresses to transports", lambda: list(_ADDRESSES), longest=120),
+    "faults": Target(texts.check_faults, "texts to faults of a line", lambda: list(_FAULTS), longest=120),
+    "script": Target(texts.check_script, "texts to button presses", lambda: list(_SCRIPTS), longest=120),
+    "project": Target(texts.check_project, "texts to projects and back", _projects, 2, 3000),
 }
 
 

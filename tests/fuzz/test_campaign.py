@@ -24,7 +24,7 @@ def _quick_targets(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(campaign, "GUIDED", False)
     monkeypatch.setattr(campaign, "_TURN", 0.01)
     for name, target in TARGETS.items():
-        monkeypatch.setitem(TARGETS, name, replace(target, run=lambda data: None))
+        monkeypatch.setitem(TARGETS, name, replace(target, check=lambda data: None))
 
 
 def test_counts_are_added_to_those_of_earlier_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -48,7 +48,7 @@ def test_a_run_ends_when_enough_inputs_were_run(tmp_path: Path, monkeypatch: pyt
 
 
 def test_a_finding_is_told_with_its_input(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setitem(TARGETS, "parse", replace(TARGETS["parse"], run=fragile))
+    monkeypatch.setitem(TARGETS, "parse", replace(TARGETS["parse"], check=fragile))
     finding = mutated("parse", 60.0, seed=1).finding
     assert finding.startswith("ff")
     assert finding.endswith("ValueError: it does not hold\n")

@@ -81,14 +81,14 @@ _BOARD = {"url": "tcp://127.0.0.1:1", "product": "board", "serial_number": "", "
 @given(files(_RECORDING, as_lines))
 def test_a_recording(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "file").write_bytes(content)
-    texts.recording(tmp_path / "file")
+    texts.check_recording(tmp_path / "file")
 
 
 @examples(60)
 @given(files(_STATE, as_json))
 def test_what_a_virtual_board_has_kept(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "file").write_bytes(content)
-    texts.saved_board(tmp_path / "file")
+    texts.check_saved_board(tmp_path / "file")
 
 
 @examples(60)
@@ -104,7 +104,7 @@ def test_what_a_virtual_board_has_kept(tmp_path: Path, content: bytes) -> None:
 def test_names_of_boards(tmp_path: Path, content: bytes) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-        texts.names_of_boards(content)
+        texts.check_names_of_boards(content)
 
 
 @examples(100)
@@ -120,13 +120,13 @@ def test_names_of_boards(tmp_path: Path, content: bytes) -> None:
 def test_the_profile_of_a_board(tmp_path: Path, content: bytes) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-        texts.profile_of_a_board(content)
+        texts.check_profile_of_a_board(content)
 
 
 @examples(60)
 @given(files(_JOURNAL, as_json))
 def test_the_journal_of_an_import(tmp_path: Path, content: bytes) -> None:
-    texts.journal(content, tmp_path, _MARKER)
+    texts.check_journal(content, tmp_path, _MARKER)
 
 
 @examples(60)
@@ -136,4 +136,4 @@ def test_what_a_served_board_says_of_itself(tmp_path: Path, content: bytes) -> N
         patch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
         (tmp_path / "servolink").mkdir(mode=0o700, exist_ok=True)
         (tmp_path / "servolink/x.board").write_bytes(content)
-        texts.announcement(tmp_path / "servolink/x.board")
+        texts.check_announcement(tmp_path / "servolink/x.board")

@@ -27,7 +27,7 @@ def test_any_bytes(name: str) -> None:
     @examples(40)
     @given(inputs(name))
     def run(data: bytes) -> None:
-        TARGETS[name].run(data)
+        TARGETS[name].check(data)
 
     run()
 
@@ -38,7 +38,7 @@ def test_mutated_seeds(name: str) -> None:
     for _ in range(MUTATIONS * target.share):
         data = source.next()
         try:
-            target.run(data)
+            target.check(data)
         except Exception as error:
             error.add_note(f"record it: Recorded({name!r}, {data!r}, ...)")
             raise

@@ -41,7 +41,7 @@ STARTS = (
 _KNOWN = {"serial", "tcp", "hid", "usb", "memory", "replay", "virtual"}
 
 
-def address(data: bytes) -> None:
+def check_address(data: bytes) -> None:
     """Read the text as an address, and make its transport without opening it."""
     if not data:
         return
@@ -59,7 +59,7 @@ def address(data: bytes) -> None:
         check(error)
 
 
-def faults(data: bytes) -> None:
+def check_faults(data: bytes) -> None:
     """Read the text as faults of a line, and as an address to listen on."""
     text = data.decode("utf-8", "surrogateescape")
     try:
@@ -76,7 +76,7 @@ def faults(data: bytes) -> None:
         check(error)
 
 
-def script(data: bytes) -> None:
+def check_script(data: bytes) -> None:
     """Read the text as a script of button presses."""
     try:
         deeds = parse_script(data.decode("utf-8", "replace"))
@@ -87,7 +87,7 @@ def script(data: bytes) -> None:
         assert all(0 <= deed.at <= 2e6 and all(0 <= number < 2**32 for number in deed[1:2]) for deed in deeds)
 
 
-def project(data: bytes) -> None:
+def check_project(data: bytes) -> None:
     """Read the bytes as a project file; what was read survives being written and read again."""
     for unchecked in (False, True):
         try:
@@ -100,7 +100,7 @@ def project(data: bytes) -> None:
             assert parse_project(text, unchecked=unchecked) == read.sorted()
 
 
-def recording(path: Path) -> None:
+def check_recording(path: Path) -> None:
     """Read the file as a recording."""
     asyncio.run(_replay(path))
 
@@ -114,7 +114,7 @@ async def _replay(path: Path) -> None:
     await transport.close()
 
 
-def saved_board(path: Path) -> None:
+def check_saved_board(path: Path) -> None:
     """Read the file as the saved state of a virtual board."""
     board = VirtualBoard(3, kind=BoardKind(memory=1000))
     try:
@@ -127,7 +127,7 @@ def saved_board(path: Path) -> None:
         load_state(board, path)
 
 
-def names_of_boards(data: bytes) -> None:
+def check_names_of_boards(data: bytes) -> None:
     """Read the bytes as the user's file of names."""
     path = aliases_path()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -142,7 +142,7 @@ def names_of_boards(data: bytes) -> None:
     assert load_aliases() == names | {"more": Alias("virtual://")}
 
 
-def profile_of_a_board(data: bytes) -> None:
+def check_profile_of_a_board(data: bytes) -> None:
     """Read the bytes as the profile of a board; what was read survives being written and read again."""
     path = profile_path("rex")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -161,7 +161,7 @@ def profile_of_a_board(data: bytes) -> None:
     assert 1 <= lines[0] <= data.count(b"\n") + 1
 
 
-def journal(content: bytes, folder: Path, marker: int) -> None:
+def check_journal(content: bytes, folder: Path, marker: int) -> None:
     """Read the bytes as the journal of an import."""
     (folder / "imports").mkdir(exist_ok=True)
     (folder / f"imports/{marker:08x}.json").write_bytes(content)
@@ -175,7 +175,7 @@ def journal(content: bytes, folder: Path, marker: int) -> None:
         assert BackupStore(folder).journals(marker) == found
 
 
-def announcement(path: Path) -> None:
+def check_announcement(path: Path) -> None:
     """Read the file as the announcement of a virtual board."""
     content = path.read_bytes()
     assert len(candidates()) <= 1

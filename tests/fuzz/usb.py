@@ -17,7 +17,7 @@ _ENDPOINTS = (0x00, 0x80, 0x01, 0x81, 0x82, 0x02, 0x83, 0x03, 0x84, 0x04, 0x85)
 _BIG = 4
 
 
-def plug_in(data: bytes) -> None:
+def check_device(data: bytes) -> None:
     """Attach the device, and send what the recipe describes: any messages, or URBs to existing endpoints."""
     cursor = Cursor(data)
     board = VirtualBoard(2)

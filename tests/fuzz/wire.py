@@ -24,7 +24,7 @@ _ENCODINGS = ("utf-8", "utf-8", "utf-8", "big5", "utf-16-le", "latin-1", "shift_
 _CODECS = {(order, name): Codec(order, name) for order in _ORDERS for name in _ENCODINGS}
 
 
-def parse(data: bytes) -> None:
+def check_stream(data: bytes) -> None:
     """Parse a stream whole, and cut and abandoned as its first bytes say."""
     if len(data) < 2:
         return
@@ -88,7 +88,7 @@ def _abandon(stream: bytes, order: ByteOrder, step: int) -> None:
     assert all(encode_frame(*frame, order) in stream for frame in frames)
 
 
-def decode(data: bytes) -> None:
+def check_content(data: bytes) -> None:
     """Decode a content, encode the packet again, and write it as JSON."""
     if len(data) < 3:
         return
@@ -141,7 +141,7 @@ def _check_object(packet: Packet) -> None:
         assert again == packet
 
 
-def decode_frame(data: bytes) -> None:
+def check_frame(data: bytes) -> None:
     """Read `data` as exactly one frame."""
     for order in _ORDERS:
         codec = _CODECS[order, "utf-8"]
@@ -153,7 +153,7 @@ def decode_frame(data: bytes) -> None:
             assert FrameParser(order).feed(data) == [(packet.packet_id, data[HEADER_SIZE:-1])]
 
 
-def read_object(data: bytes) -> None:
+def check_json(data: bytes) -> None:
     """Read `data` as the JSON of a packet."""
     try:
         described: Any = json.loads(data)
@@ -168,7 +168,7 @@ def read_object(data: bytes) -> None:
         assert Codec().decode_frame(frame) == packet
 
 
-def use_encoding(data: bytes) -> None:
+def check_captions(data: bytes) -> None:
     """Read the first bytes as the name of an encoding, and the others as a caption in it."""
     name, _, raw = data.partition(b"\0")
     try:
