@@ -117,6 +117,8 @@ class Call(Struct, eq=False):
     """What ended the call from outside: a stop, or its own time limit."""
     queued: bool = False
     """It has waited for its permit, and the scheduler is to be told when its packet is sent."""
+    is_aside: bool = False
+    """It has given its permit back while it pauses."""
     is_over: bool = False
     """The caller has its result or is gone: a later response is for nobody."""
     since: float | None = None

@@ -135,8 +135,15 @@ class Connection:
 
     @property
     def callers(self) -> int:
-        """How many callers keep the line full: one waits, as long as a greater depth may be tried."""
-        return min(self._window.queries.depth + 1, self._window.queries.bound)
+        """How many callers keep the line full: one waits, as long as a greater depth may be tried.
+
+        Those are not counted whose query the board may not know, and who let others send.
+        """
+        return min(self._window.queries.depth + 1, self._window.queries.bound) + self._scheduler.aside
+
+    def on_more_callers(self, tell: Callable[[], None]) -> None:
+        """Call `tell` when there is room for another caller because one lets others send."""
+        self._scheduler.on_aside = tell
 
     def bulk(self) -> AbstractContextManager[None]:
         """Return a context in which much is transferred: a stop may then take 0.1 s instead of 0.05 s."""

@@ -148,6 +148,9 @@ class ResponseDispatcher:
         """End a call. If it has no response, its latest slot keeps the permit for as long as one is expected."""
         call.is_over = True
         slot, call.latest = call.latest, None  # they refer to each other, and would be garbage only for the collector
+        if call.is_aside:
+            self._scheduler.step_back()
+            return
         if slot is not None and slot.open and not slot.overdue:
             if call.response is None:
                 slot.holds_permit_of = call.packet

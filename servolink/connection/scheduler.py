@@ -20,10 +20,16 @@ from servolink.escaping import escape
 from servolink.protocol.packet import Command, Query, Request
 from servolink.transports.base import Transport
 
+MOST_ASIDE = 8
+"""Callers that may have stepped aside at the same time."""
 
-class _Waiting(Struct, eq=False):
+
+class Waiting(Struct, eq=False):
+    """Somebody who waits for a permit."""
+
     packet: Request[Any] | Command
     granted: asyncio.Future[None]
+    """Done when it is granted; it fails if the connection ends."""
 
 
 class Load(Struct, frozen=True):
@@ -50,8 +56,12 @@ class RequestScheduler:
         self._changes = 0  # permits of packets that change something
         self._of_lane: dict[Lane, int] = {}  # permits
         self._paused = False
-        self.waiting: deque[_Waiting] = deque()
+        self.waiting: deque[Waiting] = deque()
         """Those who wait for a permit."""
+        self.aside = 0
+        """How many callers have given their permit back and will want another one."""
+        self.on_aside: Callable[[], None] = lambda: None
+        """Called when one does: somebody else may send."""
         self._granted: list[Request[Any] | Command] = []  # have a permit and are not in `slots` yet
 
     def acquire_at_once(self, packet: Request[Any] | Command) -> bool:
@@ -66,23 +76,33 @@ class RequestScheduler:
 
     async def acquire(self, packet: Request[Any] | Command, *, first: bool = False) -> None:
         """Wait for a permit, `first` before all who wait. `sent` must follow, then `release`."""
-        waiting = _Waiting(packet, asyncio.get_running_loop().create_future())
-        if first:
-            self.waiting.appendleft(waiting)
-        else:
-            self.waiting.append(waiting)
-        self.grant()
+        waiting = self.enqueue(packet, first=first)
         try:
             if waiting.granted.done() and self._granted[0] is not packet:
                 await asyncio.sleep(0)  # those who were granted theirs before wake up first, and send first
             await waiting.granted
         except asyncio.CancelledError:
-            if not waiting.granted.cancelled() and waiting.granted.exception() is None:
-                self.sent(packet)
-                self.release(packet)
-            elif self.waiting and self.waiting[0] is waiting:
-                self.grant()  # it held back those behind it
+            self.withdraw(waiting)
             raise
+
+    def enqueue(self, packet: Request[Any] | Command, *, first: bool) -> Waiting:
+        """Return what waits for a permit, as `acquire` does. If it is not wanted any more, `withdraw` it."""
+        waiting = Waiting(packet, asyncio.get_running_loop().create_future())
+        if first:
+            self.waiting.appendleft(waiting)
+        else:
+            self.waiting.append(waiting)
+        self.grant()
+        return waiting
+
+    def withdraw(self, waiting: Waiting) -> None:
+        """Wait for a permit no longer, and give it back if it was granted."""
+        granted = waiting.granted
+        if not granted.cancel() and not granted.cancelled() and granted.exception() is None:
+            self.sent(waiting.packet)
+            self.release(waiting.packet)
+        elif self.waiting and self.waiting[0] is waiting:
+            self.grant()  # it held back those behind it
 
     def sent(self, packet: Request[Any] | Command) -> None:
         """The packet has its slot, or will not be sent: those behind it may follow."""
@@ -102,6 +122,16 @@ class RequestScheduler:
                 self._of_lane[lane] = permits - 1
         if self.waiting:
             self.grant()
+
+    def step_aside(self, packet: Request[Any] | Command) -> None:
+        """Give the permit of `packet` back until its caller acquires another one. `step_back` must follow."""
+        self.aside += 1
+        self.release(packet)
+        self.on_aside()
+
+    def step_back(self) -> None:
+        """Count a caller that had stepped aside no longer: it has a permit again, or has ended."""
+        self.aside -= 1
 
     def take_extra(self) -> None:
         """Take a permit at once, whoever has the others; nobody gets another one before there is room again."""

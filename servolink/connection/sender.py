@@ -12,7 +12,7 @@ from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import outcome_unknown, same, timed_out
 from servolink.connection.frame_log import frame_logger
 from servolink.connection.opening import FENCES
-from servolink.connection.scheduler import PendingDrain, RequestScheduler
+from servolink.connection.scheduler import MOST_ASIDE, PendingDrain, RequestScheduler
 from servolink.connection.slots import FENCES_ONLY, Obstacle, Slots
 from servolink.errors import ConnectionLost, RequestError, ServolinkError
 from servolink.protocol.codec import Codec
@@ -117,8 +117,9 @@ class RequestSender:
         await self._end_latest(call)
         if call.response is None:
             await self._go_on(call)
-        if call.response is None and call.unanswered > _AT_ONCE and not call.open_slots:
-            await self._pause(call, packet)
+        if call.response is None and not call.open_slots and self._seems_unknown(call):
+            gives_way = isinstance(packet, Query) and self._scheduler.aside < MOST_ASIDE
+            await (self._give_way(call) if gives_way else self._pause(call))
 
     def _open_next(self, call: Call, packet: Request[Any], frame: bytes) -> tuple[asyncio.Future[None], bytes]:
         """Open a slot for what helps a call now, and return what its call waits for, and what must be written now."""
@@ -141,14 +142,48 @@ class RequestSender:
             raise self.given_up(call, self._loop.time())
         self._give_up_if_late(call, call.since)
 
-    async def _pause(self, call: Call, packet: Request[Any]) -> None:
+    def _seems_unknown(self, call: Call) -> bool:
+        """Return whether a request of which nothing is under way is lost each time, while others are answered."""
+        fenced = call.latest is not None and call.latest.is_fence
+        return call.unanswered > (1 if fenced else _AT_ONCE)
+
+    async def _pause(self, call: Call) -> None:
         """Wait before a request is sent again that is lost each time, and less if something happens to its call."""
-        seconds = self._answers.times.timeout(packet, call.unanswered - _AT_ONCE, after_write=False)
+        assert isinstance(call.packet, Request)  # noqa: S101 - narrows the type
+        seconds = self._answers.times.timeout(call.packet, call.tries - _AT_ONCE, after_write=False)
         left = call.patience - (self._loop.time() - (call.since or 0.0))
         call.woken = self._loop.create_future()
         ends = call.woken, self._answers.over
         await asyncio.wait(ends, timeout=min(seconds, left), return_when=asyncio.FIRST_COMPLETED)
         await self._go_on(call)
+
+    async def _give_way(self, call: Call) -> None:
+        """Let others send while a query pauses of which nothing is under way; then wait for a permit again."""
+        self._scheduler.step_aside(call.packet)
+        call.is_aside = True
+        await self._pause(call)
+        waiting = self._scheduler.enqueue(call.packet, first=True)
+        try:
+            while True:  # at least one turn: those who were granted their permits before send first
+                call.woken = self._loop.create_future()
+                await asyncio.wait((waiting.granted, call.woken), return_when=asyncio.FIRST_COMPLETED)
+                if waiting.granted.done():
+                    break
+                await self._check(call)
+            await waiting.granted
+        except BaseException:
+            self._scheduler.withdraw(waiting)
+            raise
+        self._scheduler.step_back()
+        call.is_aside, call.queued = False, True
+        try:
+            since = call.since
+            await self.clear_way(call)
+            call.since = since
+            await self._go_on(call)
+        except BaseException:
+            self.leave_queue(call)
+            raise
 
     def leave_queue(self, call: Call) -> None:
         """Tell the scheduler that a packet has its slot, or will not be sent: others may follow."""
@@ -184,6 +219,8 @@ class RequestSender:
             return True
         # Silent for long: a board that does not answer this request answers a fence, and is not given up as dead.
         fenced = call.latest is not None and call.latest.is_fence
+        if call.unanswered:  # once more, as it seems
+            return call.tries > _FENCE_AFTER and call.open_slots > 0 and not fenced
         return call.open_slots >= _FENCE_AFTER and call.tries % 2 == 1 and not fenced
 
     def open_request(self, call: Call, packet: Request[Any]) -> asyncio.Future[None]:
@@ -195,7 +232,7 @@ class RequestSender:
             self._stats.retries += 1
             if not call.open_slots:
                 owner = self._slots.lanes[packet.packet_id + 1].hand_down(call)
-        owner.latest = self._open(packet, owner, call.tries)
+        owner.latest = self._open(packet, owner, owner.open_slots)  # a loss that is proved shows no slow board
         owner.open_slots += 1
         call.tries += 1
         call.woken = woken = self._loop.create_future()

@@ -275,6 +275,7 @@ class Hub:
 
     async def _follow_connection(self) -> None:
         async for state in self.board.states():
+            self.board.connection.on_more_callers(self._upstream.send_waiting)  # another one after a reconnect
             if state != self._state:
                 self._state, self._another = state, ""
                 if state == "lost":

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 from msgspec import Struct
 
 from servolink.client.board import Board
+from servolink.connection.scheduler import MOST_ASIDE
 from servolink.errors import ServolinkError
 from servolink.escaping import escape
 from servolink.hub.exchanges import Exchange, RoundRobin
@@ -66,7 +67,7 @@ class Upstream:
 
     def start(self) -> None:
         """Begin to send."""
-        for _ in range(self._board.connection.depth_bound):
+        for _ in range(self._board.connection.depth_bound + MOST_ASIDE):
             first = self._loop.create_future()
             self._idle.append(first)
             self._tasks.append(self._loop.create_task(self._work(first)))

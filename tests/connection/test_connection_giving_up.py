@@ -262,8 +262,8 @@ def test_a_late_response_after_damaged_ones_ends_the_call_at_once() -> None:
         board.plan(QueryServoListRequest, *[damaged] * 3, Fate(after=0.06, mangle=cut_content), late(0.4))
         async with connected(board) as connection:
             assert (await connection.request(LIST)).servo_id_list == (1, 2, 3, 4)
-            assert len(board.sent) == 6
-            assert now() == pytest.approx(board.sent[4][0] + 0.4)
+            assert len(board.sent_of(QueryServoListRequest)) == 6
+            assert now() == pytest.approx(board.sent_of(QueryServoListRequest)[4] + 0.4)
 
     run(main())
 

@@ -1,0 +1,217 @@
+"""A query that the board does not know lets other requests be sent between its tries."""
+
+from __future__ import annotations
+
+import asyncio
+from itertools import pairwise
+
+import pytest
+
+from servolink.connection.connection import Connection
+from servolink.connection.scheduler import MOST_ASIDE
+from servolink.errors import ConnectionLost, RequestTimeout
+from servolink.protocol.editing import QueryActionRequest, QueryProjectIDRequest
+from servolink.protocol.packet import Packet
+from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, Step
+from tests.client.fake_board import LATENCY, LOST, FakeBoard, connected, late, now
+from tests.connection.unanswered import FENCE_KINDS, LIST, PROJECT, ask_for_ever
+from tests.virtual_time import run
+
+UNKNOWN = QueryActionRequest(7)
+MOVE = ExecuteActionRequest((Step(1, 30, 100),))
+
+
+def deaf_board() -> FakeBoard:
+    """Return a board that does not know one kind of query."""
+    board = FakeBoard()
+    board.usual_of[QueryActionRequest] = LOST
+    return board
+
+
+async def until_aside(connection: Connection) -> None:
+    """Wait until a call has stepped aside."""
+    while connection.callers == 1:
+        await asyncio.sleep(0.001)
+
+
+@pytest.mark.parametrize("depth", [1, 2])
+def test_others_are_answered_between_its_tries(depth: int) -> None:
+    async def main() -> None:
+        board = deaf_board()
+        async with connected(board, depth=depth) as connection:
+            await connection.request(PROJECT)
+            begun = now()
+            others = [asyncio.create_task(ask_for_ever(connection, LIST)) for _ in range(depth)]
+            with pytest.raises(RequestTimeout, match="the board answers other requests"):
+                await connection.request(UNKNOWN)
+            assert now() == pytest.approx(begun + 3, abs=0.3)
+            for other in others:
+                other.cancel()
+            await asyncio.wait(others)
+            lists = board.sent_of(QueryServoListRequest)
+            assert max(after - before for before, after in pairwise([begun, *lists])) < 0.8
+            assert len(lists) * LATENCY > 1.5, "half of the time is theirs"
+
+    run(main())
+
+
+def test_nothing_is_sent_beside_it_that_the_board_could_miss() -> None:
+    """At depth 1 a fence is answered behind each of its sendings before anything else is sent."""
+
+    async def main() -> None:
+        board = deaf_board()
+        async with connected(board) as connection:
+            asking = asyncio.create_task(connection.request(UNKNOWN))
+            while not asking.done():
+                await connection.send(MOVE)
+                await connection.request(LIST)
+            assert isinstance(asking.exception(), RequestTimeout)
+        sent = [packet for _, packet in board.sent]
+        tries = [at for at, packet in enumerate(sent) if packet == UNKNOWN]
+        assert len(tries) >= 6
+        assert all(sent[at + 1] == UNKNOWN or isinstance(sent[at + 1], FENCE_KINDS) for at in tries[:-1])
+
+    run(main())
+
+
+def test_a_board_that_is_only_slow_gets_nothing_else_meanwhile() -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        board.plan(QueryActionRequest, late(1.5))
+        async with connected(board) as connection:
+            await connection.request(PROJECT)
+            asking = asyncio.create_task(connection.request(UNKNOWN))
+            await asyncio.sleep(0)
+            await connection.send(MOVE)
+            assert asking.done()
+            assert board.sent_of(ExecuteActionRequest)[0] >= board.answered_at[1] - 0.001
+
+    run(main())
+
+
+def test_a_board_that_learns_to_answer_is_heard() -> None:
+    async def main() -> None:
+        board = deaf_board()
+        async with connected(board) as connection:
+            asking = asyncio.create_task(connection.request(UNKNOWN))
+            await until_aside(connection)
+            board.forget_plans()
+            begun = now()
+            await asking
+            assert now() < begun + 0.5
+
+    run(main())
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.02, 0.2, 0.5, 1.0])
+def test_who_is_cancelled_leaves_its_place(seconds: float) -> None:
+    async def main() -> None:
+        board = deaf_board()
+        async with connected(board) as connection:
+            other = asyncio.create_task(ask_for_ever(connection, LIST))
+            asking = asyncio.create_task(connection.request(UNKNOWN))
+            await until_aside(connection)
+            await asyncio.sleep(seconds)
+            asking.cancel()
+            await asyncio.wait((asking,))
+            begun, before = now(), len(board.sent)
+            await connection.request(PROJECT)
+            assert now() < begun + 0.3
+            await asyncio.sleep(1)
+            assert len(board.sent) > before + 200, "one after the other"
+            assert (connection.callers, connection.has_waiting) == (1, False)
+            other.cancel()
+            await asyncio.wait((other,))
+
+    run(main())
+
+
+@pytest.mark.parametrize("timeout", [0.6, 0.65, 0.7, 0.8, 1.0, 2.0])
+def test_its_timeout_counts_while_it_pauses_and_while_it_waits(timeout: float) -> None:
+    async def main() -> None:
+        board = deaf_board()
+        async with connected(board) as connection:
+            board.plan(QueryServoListRequest, *[late(0.4)] * 9)
+            other = asyncio.create_task(ask_for_ever(connection, LIST))
+            begun = now()
+            with pytest.raises(RequestTimeout):
+                await connection.request(UNKNOWN, timeout=timeout)
+            assert now() == pytest.approx(begun + timeout)
+            other.cancel()
+            await asyncio.wait((other,))
+            await connection.request(PROJECT)
+            assert connection.callers == 1
+
+    run(main())
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.1, 0.3])
+def test_the_end_of_the_connection_reaches_it(seconds: float) -> None:
+    async def main() -> None:
+        board = deaf_board()
+        async with connected(board) as connection:
+            board.plan(QueryServoListRequest, *[late(0.2)] * 9)
+            other = asyncio.create_task(ask_for_ever(connection, LIST))
+            asking = asyncio.create_task(connection.request(UNKNOWN))
+            await until_aside(connection)
+            await asyncio.sleep(seconds)
+            begun = now()
+            board.vanish()
+            await asyncio.wait((asking, other))
+            assert isinstance(asking.exception(), ConnectionLost)
+            assert now() == begun
+
+    run(main())
+
+
+def test_many_such_queries_end_as_one_does() -> None:
+    async def main() -> None:
+        board = deaf_board()
+        async with connected(board) as connection:
+            unknown = [asyncio.create_task(connection.request(QueryActionRequest(each))) for each in range(20)]
+            other = asyncio.create_task(ask_for_ever(connection, LIST))
+            await asyncio.wait(unknown)
+            assert all(isinstance(each.exception(), RequestTimeout) for each in unknown)
+            before = len(board.sent)
+            await asyncio.sleep(1)
+            assert len(board.sent) > before + 200
+            assert connection.callers == 1
+            other.cancel()
+            await asyncio.wait((other,))
+
+    run(main())
+
+
+def test_a_few_step_aside_at_once() -> None:
+    async def main() -> None:
+        board = deaf_board()
+        most = 0
+        async with connected(board, depth=4) as connection:
+            callers = connection.callers
+            unknown = [asyncio.create_task(connection.request(QueryActionRequest(each))) for each in range(40)]
+            while not all(each.done() for each in unknown):
+                most = max(most, connection.callers - callers)
+                await asyncio.sleep(0.01)
+            assert 1 < most <= MOST_ASIDE
+            assert connection.callers == callers
+
+    run(main())
+
+
+def test_an_equal_query_of_another_kind_of_lane_is_not_taken_for_it() -> None:
+    """Two callers ask what the board does not know, and others what it knows: each gets what it asked for."""
+
+    async def main() -> None:
+        board = deaf_board()
+        async with connected(board) as connection:
+            unknown = [asyncio.create_task(connection.request(UNKNOWN)) for _ in range(2)]
+            answers: list[Packet] = []
+            while not all(each.done() for each in unknown):
+                answers += [await connection.request(QueryProjectIDRequest()), await connection.request(LIST)]
+            assert all(isinstance(each.exception(), RequestTimeout) for each in unknown)
+            assert (
+                len({type(answer) for answer in answers[::2]}) == len({type(answer) for answer in answers[1::2]}) == 1
+            )
+            assert connection.stats.unsolicited == 0
+
+    run(main())
