@@ -119,19 +119,24 @@ async def _peak(board: LyingBoard) -> int:
         events = client.button_events(limit=100)
         subscribing = asyncio.ensure_future(anext(events))
         await asyncio.sleep(_AFTERWARDS)
+        await _ask(client)  # imports what is needed for that
         tracemalloc.start()
         try:
             until = loop.time() + _FLOODED
             while loop.time() < until:
-                with suppress(ServolinkError):
-                    await client.actions()
-                await asyncio.sleep(0.1)
+                await _ask(client)
             peak = tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()
         subscribing.cancel()
         await asyncio.gather(subscribing, events.aclose(), return_exceptions=True)
     return peak
+
+
+async def _ask(client: Board) -> None:
+    with suppress(ServolinkError):
+        await client.actions()
+    await asyncio.sleep(0.1)
 
 
 def test_events_that_nobody_reads_are_counted_and_dropped() -> None:
