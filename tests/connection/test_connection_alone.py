@@ -66,6 +66,24 @@ def test_nothing_overlaps_it(alone: Request[Any]) -> None:
 
 
 @pytest.mark.parametrize("alone", ALONE, ids=lambda packet: type(packet).__name__)
+def test_it_waits_for_the_last_of_several_fences(alone: Request[Any]) -> None:
+    async def main() -> None:
+        board = FakeBoard()
+        board.plan(QueryServoListRequest, LOST)
+        for kind in FENCE_KINDS:
+            board.plan(kind, late(0.4), late(0.3))
+        async with connected(board) as connection:
+            with pytest.raises(RequestTimeout):
+                await connection.request(QueryServoListRequest(), timeout=0.05)
+            await connection.request(alone)
+            fences = [at for at, packet in board.sent if isinstance(packet, FENCE_KINDS)]
+            assert len(fences) == 2
+            assert board.sent_of(type(alone)) == [pytest.approx(fences[1] + 0.3)]
+
+    run(main())
+
+
+@pytest.mark.parametrize("alone", ALONE, ids=lambda packet: type(packet).__name__)
 def test_two_of_them_do_not_overlap_and_what_was_not_sent_yet_counts(alone: Request[Any]) -> None:
     async def main() -> None:
         board = FakeBoard()
