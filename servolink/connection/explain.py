@@ -17,11 +17,20 @@ def described(packet: Packet) -> str:
 
 
 def timed_out(
-    packet: Packet, url: str, tries: int, waited: float, stats: Stats, *, answers_others: bool = False, held: str = ""
+    packet: Packet,
+    url: str,
+    tries: int,
+    waited: float,
+    stats: Stats,
+    *,
+    answers_others: bool = False,
+    through_hub: bool = False,
+    held: str = "",
 ) -> RequestTimeout:
     """Return the error for a request that was never answered, with the likely causes in order.
 
-    `answers_others`: the board has answered what was sent after it. `held`: why it cannot answer now.
+    `answers_others`: the board has answered what was sent after it. `through_hub`: a hub that reaches the board has
+    repeated the request. `held`: why the board cannot answer now.
     """
     asked = f"{described(packet)} was not answered by {escape(url)}"
     times = "1 try" if tries == 1 else f"{tries} tries"
@@ -29,6 +38,11 @@ def timed_out(
     skipped = sum(stats.skipped.values())
     if held:
         causes = f"{escape(held)}; try again later"
+    elif through_hub and tries:
+        causes = (
+            "the hub has sent it several times and got no response either: the board may not know it or what it asks "
+            "about, or the line is bad"
+        )
     elif answers_others and not skipped:
         causes = "the board answers other requests, so it may not know this one or what it asks about"
     elif stats.frames_received:

@@ -388,6 +388,7 @@ class RequestSender:
             waited,
             self._stats,
             answers_others=answers_others,
+            through_hub=not self._repeats,
             held=self._answers.held or self.silence,
         )
 

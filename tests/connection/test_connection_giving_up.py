@@ -252,6 +252,16 @@ def test_a_timeout_blames_the_line_when_the_board_has_answered_before() -> None:
     run(main())
 
 
+def test_a_timeout_says_that_the_hub_has_tried() -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=LOST)
+        async with connected(board, repeats=False) as connection:
+            with pytest.raises(RequestTimeout, match=r"\(1 try\): the hub has sent it several times and got no"):
+                await connection.request(LIST)
+
+    run(main())
+
+
 # --- damaged responses --------------------------------------------------------------------------------------------
 
 
