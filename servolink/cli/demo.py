@@ -45,7 +45,7 @@ _SERVOS = 16
 _BOW, _LEAN, _RISE, _WAVE, _PAD, _BUTTON, _PROJECT = 1, 2, 3, 1, 1, 3, 42  # ids on the board
 _FAST = 0.05  # the duration of movements with `--fast`, as a share of the usual one
 _IMPATIENT, _LATER = 0.3, 0.3  # seconds that the client waits for a held response, and that it comes after the move
-_REACTION = 2.0  # seconds in which a button event must have come
+_REACTION = 30.0  # seconds in which a button event must have come, however slow the machine
 
 
 async def show_servos(scene: Scene) -> Outcome:

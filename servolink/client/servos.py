@@ -211,12 +211,13 @@ class ServoController:
         start = loop.time()
         before: dict[int, int] = {}
         while True:
+            # By when it was asked: if the loop stalls, this is where the servos were before, not after that.
+            too_late = loop.time() - start >= seconds + _GRACE
             servos = await self.servos()
             elapsed = loop.time() - start
             yield servos
             here = _angles(goals, servos)
             away = [servo_id for servo_id in goals if _distance(servo_id, here[servo_id], goals[servo_id]) > _ARRIVED]
-            too_late = elapsed >= seconds + _GRACE
             if elapsed >= seconds and not away and (too_late or not settle or here == before):
                 return
             if too_late:

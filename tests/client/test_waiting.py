@@ -17,7 +17,7 @@ from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommand
 from servolink.protocol.servos import ExecuteActionExRequest
 from tests.client.fake_board import FakeBoard, now, opened
 from tests.project.pulled import contents_of
-from tests.virtual_time import run
+from tests.virtual_time import VirtualTimeLoop, run
 
 WAVE = Action(1, "wave", (Step(1, 40, 50), Step(2, -40, 100)))
 BACK = Action(2, "back", (Step(1, -40, 50),))
@@ -92,6 +92,26 @@ def test_all_servos_that_do_not_arrive_are_named() -> None:
             RequestTimeout, match=r"^servo 1 is at 0, not at 90; servo 3 is at 0, not at 90, 1 s after they"
         ):
             await board.run_action(3, wait=True)
+
+    used(use)
+
+
+def test_a_stalled_loop_does_not_take_servos_on_their_way_for_stuck_ones() -> None:
+    async def use(board: Board, fake: FakeBoard) -> None:
+        loop, began, deliver = asyncio.get_running_loop(), now(), fake.deliver
+        assert isinstance(loop, VirtualTimeLoop)
+        stalls = iter([5.0])
+
+        def stalling(data: bytes) -> None:
+            deliver(data)
+            if now() > began + 0.5:
+                loop.stall(next(stalls, 0.0))
+
+        fake.deliver = stalling  # type: ignore[method-assign]
+        await board.move({1: 90}, duration=1.0)
+        readings = [servos[0].angle async for servos in board.follow({1: 90}, 1.0)]
+        assert (30 < readings[-2] < 90, readings[-1]) == (True, 90)
+        assert fake.virtual.servos[1].angle == 90
 
     used(use)
 
