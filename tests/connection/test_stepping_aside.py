@@ -258,7 +258,7 @@ def test_a_few_step_aside_at_once() -> None:
     run(main())
 
 
-def test_an_equal_query_of_another_kind_of_lane_is_not_taken_for_it() -> None:
+def test_each_caller_gets_the_response_to_its_own_query() -> None:
     """Two callers ask what the board does not know, and others what it knows: each gets what it asked for."""
 
     async def main() -> None:
