@@ -60,9 +60,9 @@ def servos_of(board: VirtualBoard) -> Watched:
 
 def _head(board: VirtualBoard, urls: list[str]) -> Iterator[Line]:
     yield from ((f"listening {url}", "") for url in urls)
-    power = "on" if board.powered else "off"
-    hosts = counted(len(board.sessions), "program")
-    yield f"power {power}  battery {board.battery / 10:.1f} %  {hosts} connected", "bold green" if board.powered else ""
+    power, style = ("on", "bold green") if board.powered else ("off", "")
+    requests = counted(board.work.received, "request")
+    yield f"power {power}  battery {board.battery / 10:.1f} %  {requests} received", style
     down = ", ".join(map(str, board.buttons_down))
     last = "" if board.button_pressed_last is None else f"; pressed last: {board.button_pressed_last}"
     yield f"buttons down: {down or 'none'}{last}", "bold" if down else ""

@@ -43,11 +43,14 @@ class WorkQueue:
         self._most = most
         self._waiting: deque[Received] = deque()
         self._response: tuple[Requester, bytes] | None = None
+        self.received = 0
+        """How many requests were received, also those that were lost."""
         self.due: float | None = None
         """When the work on a request ends; None if there is none."""
 
     def take(self, request: Received, now: float) -> None:
         """Work on a request, now or when those before it are finished; it is lost if too many wait."""
+        self.received += 1
         if self.due is None and not self._waiting:  # a host may ask again at once, while others still wait
             self._begin(request, now)
         elif len(self._waiting) < self._most:

@@ -11,6 +11,7 @@ from servolink.cli.virtual_view import picture
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.records import ServoParameter
+from servolink.protocol.settings import QueryRemainPowerRequest
 from servolink.virtual.board import VirtualBoard
 from tests.cli.programs import in_terminal
 
@@ -27,14 +28,14 @@ def test_the_picture_of_a_virtual_board() -> None:
     board.press_button(12, 1.0)
     head, power, buttons, _, _, first, second, *_ = texts(board)
     assert head == "listening tcp://127.0.0.1:7878"
-    assert power == "power on  battery 100.0 %  0 programs connected"
+    assert power == "power on  battery 100.0 %  0 requests received"
     assert buttons == "buttons down: 3, 12; pressed last: 12"
     assert first.split()[:3] == ["1", "90°", "..................|#########........."]
     assert first.endswith("ready")
     assert second.split()[:2] == ["2", "3°"]
     board.release_button(3, 1.1)
     board.switch(on=False)
-    off = "power off  battery 100.0 %  0 programs connected"
+    off = "power off  battery 100.0 %  0 requests received"
     assert texts(board)[1:3] == [off, "buttons down: none; pressed last: 12"]
     assert texts(board)[5].endswith("released")
 
@@ -43,8 +44,8 @@ def test_nothing_is_cut_off_at_40_columns() -> None:
     lines = texts(VirtualBoard(30), 40, 12)
     assert lines[:4] == [
         "listening tcp://127.0.0.1:7878",
-        "power on  battery 100.0 %  0 programs",
-        "connected",
+        "power on  battery 100.0 %  0 requests",
+        "received",
         "buttons down: none",
     ]
     assert "29 more: a larger terminal shows them" in lines
@@ -55,6 +56,15 @@ def test_captions_are_shown_in_the_encoding_of_the_board() -> None:
     parameters = AddServoParameterRequest((ServoParameter(1, -3, "hip"), ServoParameter(3, 0, "左膝\x1b")))
     board.attach(lambda frame: None).receive(board.codec.encode(parameters, unchecked=True), 0.0)
     assert [line[:10].strip() for line in texts(board)[5:8]] == ["1 hip", "2", r"3 左膝\x1b"]
+
+
+def test_requests_are_counted() -> None:
+    board = VirtualBoard(1)
+    host, request = board.attach(lambda frame: None), board.codec.encode(QueryRemainPowerRequest())
+    host.receive(request, 0.0)
+    assert texts(board)[1].endswith("  1 request received")
+    host.receive(request * 2, 0.0)
+    assert texts(board)[1].endswith("  3 requests received")
 
 
 def test_angles_are_shown_in_degrees_also_if_hosts_ask_for_others() -> None:
