@@ -396,7 +396,7 @@ def test_bench(board: Board) -> None:
         assert result["requests_per_second"] > 0
         times = result["round_trip_seconds"]
         assert 0 < times["p50"] <= times["p90"] <= times["p99"]
-    assert described["stats"]["timeouts"] == 0
+    assert described["stats"]["frames_received"] >= 3 * 20
     said = board("bench", "--requests", "5")
     assert (len(said.out.splitlines()), said.err) == (6, "")
 
