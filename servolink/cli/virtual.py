@@ -29,7 +29,7 @@ from servolink.virtual.hardware import MAX_SERVOS
 from servolink.virtual.kind import OPTIONS, BoardKind, KindOption
 from servolink.virtual.script import HELP, ButtonChange, Event, Keys, Push, parse_script
 from servolink.virtual.serve import serve
-from servolink.virtual.state_file import load_state, save_state
+from servolink.virtual.state_file import StateFile
 from servolink.virtual.transport import StateSaver
 
 
@@ -84,23 +84,22 @@ def run(args: argparse.Namespace) -> int:
     pushed = {event.servo_id for event in args.script if isinstance(event, Push)}
     if unknown := sorted(pushed - board.servos.keys()):
         usage_error(args, f"--script pushes servo {unknown[0]}, and the board has {args.servos} servos")
-    if args.state:
-        load_state(board, args.state)
-    try:
-        asyncio.run(_serve(board, args))
-    finally:
-        if args.state:
-            save_state(board, args.state)
+    with StateFile(board, args.state) if args.state else nullcontext() as file:
+        try:
+            asyncio.run(_serve(board, args, file))
+        finally:
+            if file is not None:
+                file.save()
     return OK
 
 
-async def _serve(board: VirtualBoard, args: argparse.Namespace) -> None:
+async def _serve(board: VirtualBoard, args: argparse.Namespace, file: StateFile | None) -> None:
     stop = _stop_on_signals()
     is_chosen = args.pty or args.tcp or args.usbip
     pty = args.pty or (AVAILABLE and not is_chosen)
     tcp = args.tcp or (None if pty or is_chosen else "127.0.0.1:0")
-    if args.state:
-        StateSaver(board, args.state)  # until the loop ends
+    if file is not None:
+        StateSaver(board, file)  # until the loop ends
     async with serve(board, pty=pty, tcp=tcp, usbip=args.usbip, faults=args.faults, seed=args.seed) as urls:
         with _announced(urls, board), _playing(board, args.script), _keyboard(board):
             for url in urls:

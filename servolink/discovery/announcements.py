@@ -18,37 +18,12 @@ from typing import BinaryIO
 import msgspec
 
 from servolink.files import is_ours, open_file, user_folder
+from servolink.locks import lock
 from servolink.transports.device_info import DeviceInfo
 
 _SUFFIX = ".board"
 _PRIVATE = 0o700
 _MOST_BYTES = 65536
-
-if sys.platform == "win32":
-    import msvcrt
-
-    _FAR = 2**30  # a lock keeps others from reading the bytes it covers, so it covers one that is never written
-
-    def lock(file: BinaryIO, *, wait: bool) -> bool:
-        """Lock a file until it is closed, however that happens. Return whether it is locked."""
-        file.seek(_FAR)
-        try:
-            msvcrt.locking(file.fileno(), msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
-        except OSError:
-            return False
-        finally:
-            file.seek(0)
-        return True
-else:
-    import fcntl
-
-    def lock(file: BinaryIO, *, wait: bool) -> bool:
-        """Lock a file until it is closed, however that happens. Return whether it is locked."""
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        except OSError:
-            return False
-        return True
 
 
 @contextmanager

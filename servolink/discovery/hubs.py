@@ -12,16 +12,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Self
 
-from servolink.discovery.announcements import lock, private_folder, read_all, write
+from servolink.discovery.announcements import private_folder, read_all, write
 from servolink.discovery.search import identity_of, is_same_place
 from servolink.errors import OpenError
 from servolink.escaping import quote
 from servolink.files import is_name, reason
+from servolink.locks import open_locked
 from servolink.transports.device_info import ANY_DEVICE, DeviceInfo
 
 _SUFFIX = ".hub"
 _PRIVATE = 0o700
-_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 _TRIES, _PAUSE = 10, 0.01  # of locking a name; the search for boards locks what was left over for a moment
 
 
@@ -116,23 +116,8 @@ def _file_of(name: str, folder: Path) -> Path:
 async def _locked(path: Path) -> BinaryIO | None:
     """Return the file, empty and locked, None if another program has it. Raise OSError if it cannot be had at all."""
     for _ in range(_TRIES):
-        number = os.open(path, _FLAGS, 0o600)
-        file = os.fdopen(number, "r+b", buffering=0)
-        try:
-            if lock(file, wait=False) and _is_at(path, file):
-                file.truncate()
-                return file
-        except BaseException:
-            file.close()
-            raise
-        file.close()
+        if (file := open_locked(path)) is not None:
+            file.truncate()
+            return file
         await asyncio.sleep(_PAUSE)  # this loop may serve other hubs, with dead-man times to keep
     return None
-
-
-def _is_at(path: Path, file: BinaryIO) -> bool:
-    """Return whether the file is still the one at `path`: a program that ended may have removed it meanwhile."""
-    try:
-        return os.path.samestat(os.fstat(file.fileno()), path.lstat())
-    except FileNotFoundError:
-        return False

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import msgspec
 
-from servolink.discovery.announcements import lock
 from servolink.discovery.search import is_same_place, only, search
 from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
 from servolink.files import MIB, is_name, read_file, reason, user_folder, write_atomically
+from servolink.locks import lock
 from servolink.profiles.store import profile_names
 from servolink.profiles.toml_text import toml_value
 from servolink.transports.address import Address, refusal

@@ -18,9 +18,9 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from servolink.discovery.announcements import lock
 from servolink.errors import OpenError
 from servolink.files import reason, user_folder, write_atomically
+from servolink.locks import lock
 
 MOST_KEPT = 4096
 """Commands that are remembered; the oldest are forgotten first."""

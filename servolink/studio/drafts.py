@@ -17,11 +17,11 @@ from typing import Annotated, Any, Literal, TypeAlias, cast
 import msgspec
 from msgspec import Meta, Struct
 
-from servolink.discovery.announcements import lock
 from servolink.errors import EncodeError, ProjectError
 from servolink.escaping import escape
 from servolink.files import is_name, read_file, reason, user_folder, write_atomically
 from servolink.json_text import MAX_SIZE
+from servolink.locks import lock
 from servolink.protocol.json_errors import convert
 from servolink.protocol.json_form import json_type
 from servolink.protocol.record_types import STORED_TYPES

@@ -6,15 +6,19 @@ protected by the frames' checksums, and readable with `servolink decode`.
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
 import msgspec
 from msgspec import Meta, Struct
 
 from servolink.errors import OpenError, PacketError, ServolinkError
 from servolink.files import MIB, read_file, reason, write_atomically
+from servolink.locks import open_locked
 from servolink.protocol import editing, joystick
 from servolink.protocol.frame import HEADER_SIZE, ByteOrder, encode_frame
 from servolink.protocol.packet import Packet
@@ -32,12 +36,70 @@ class BoardState(Struct, frozen=True, forbid_unknown_fields=True):
     requests: list[str]
 
 
+class StateFile:
+    """The file of one board. No other board can use it, in this program or another, until its context ends.
+
+    Two boards would overwrite what the other one stored.
+    """
+
+    def __init__(self, board: Hardware, path: Path) -> None:
+        """Load `path` as `load_state` does. Raise OpenError too if another board uses it, or if it cannot be locked."""
+        self._board = board
+        self._path = path
+        target = Path(os.path.realpath(path))
+        # Beside the file, which is replaced when it is saved, and a lock would go with the old one.
+        self._lock_path = target.with_name(f".{target.name}.servolink-lock") if target.name else target
+        try:
+            lock = open_locked(self._lock_path)
+        except OSError as error:
+            load_state(board, path)  # its error says more if nothing can be saved there at all
+            raise OpenError(f"{path}: cannot be locked: {self._lock_path}: {reason(error)}") from error
+        if lock is None:
+            raise OpenError(
+                f"{path}: another virtual board uses this file; close that one first. To share one board, run "
+                f"`servolink virtual --state {path}` and connect to the address that it prints"
+            )
+        self._lock = lock
+        try:
+            load_state(board, path)
+        except BaseException:
+            self.__exit__()
+            raise
+        self._contents = board.storage.contents
+        self._angles = _angles(board) if path.exists() else None  # None: the file is to be written at the end
+
+    def __enter__(self) -> Self:
+        """Return the file."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave the file to others."""
+        with self._lock, suppress(OSError):
+            self._lock_path.unlink()
+        if sys.platform == "win32":  # where an open file cannot be removed
+            with suppress(OSError):
+                self._lock_path.unlink()
+
+    @property
+    def is_outdated(self) -> bool:
+        """Whether records, parameters or the project id were changed since they were loaded or last saved."""
+        return self._board.storage.contents is not self._contents
+
+    def save(self) -> None:
+        """Save the board, unless nothing was stored or moved since. Raise ServolinkError if that fails."""
+        angles = _angles(self._board)
+        if self.is_outdated or angles != self._angles:
+            self._contents, self._angles = self._board.storage.contents, None
+            save_state(self._board, self._path)
+            self._angles = angles
+
+
 def save_state(board: Hardware, path: Path) -> None:
     """Write what `board` stores to `path`, whole or not at all. Raise ServolinkError if the file cannot be written."""
     state = BoardState(
         byte_order=board.codec.byte_order,
         battery=board.battery,
-        angles={servo.servo_id: servo.angle for servo in board.servos.values()},
+        angles=_angles(board),
         requests=[frame.hex() for frame in _requests(board)],
     )
     try:
@@ -75,6 +137,10 @@ def load_state(board: Hardware, path: Path) -> None:
     for servo_id, angle in state.angles.items():
         if (servo := board.servos.get(servo_id)) is not None:
             servo.angle = angle
+
+
+def _angles(board: Hardware) -> dict[int, float]:
+    return {servo.servo_id: servo.angle for servo in board.servos.values()}
 
 
 def _requests(board: Hardware) -> Iterator[bytes]:

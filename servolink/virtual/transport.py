@@ -16,7 +16,7 @@ from servolink.transports.lifecycle import BaseTransport
 from servolink.virtual.board import Session, VirtualBoard
 from servolink.virtual.hardware import MAX_SERVOS, Hardware
 from servolink.virtual.kind import OPTIONS, BoardKind
-from servolink.virtual.state_file import load_state, save_state
+from servolink.virtual.state_file import StateFile
 
 SAVE_AFTER = 0.5
 """Seconds from a change of what is stored until it is saved."""
@@ -64,12 +64,11 @@ class BoardDriver:
 class StateSaver:
     """Saves what a board stores a moment after each change, so that a program that is killed loses little."""
 
-    def __init__(self, board: Hardware, path: Path) -> None:
-        """Start at once, on the running loop, until `stop`; what `board` stores now counts as saved."""
+    def __init__(self, board: Hardware, file: StateFile) -> None:
+        """Start at once, on the running loop, until `stop`; `file` is that of `board`."""
         self._board = board
-        self._path = path
+        self._file = file
         self._loop = asyncio.get_running_loop()
-        self._saved = board.storage.contents
         self._timer: asyncio.TimerHandle | None = None
         board.watch(self._changed)
 
@@ -79,19 +78,14 @@ class StateSaver:
         if self._timer is not None:
             self._timer.cancel()
 
-    def save(self) -> None:
-        """Save now. Raise ServolinkError if that fails."""
-        self._saved = self._board.storage.contents
-        save_state(self._board, self._path)
-
     def _changed(self) -> None:
-        if self._timer is None and self._board.storage.contents is not self._saved:
+        if self._timer is None and self._file.is_outdated:
             self._timer = self._loop.call_later(SAVE_AFTER, self._save)
 
     def _save(self) -> None:
         self._timer = None
         try:
-            self.save()
+            self._file.save()
         except ServolinkError as error:  # it is tried again after the next change, and at the end
             _logger.warning("%s", error)
 
@@ -138,6 +132,7 @@ class VirtualTransport(BaseTransport):
         super().__init__(url)
         self.board = board
         self._state = state
+        self._file: StateFile | None = None
         self._saver: StateSaver | None = None
         self._session: Session | None = None
         self._driver: BoardDriver | None = None
@@ -149,10 +144,10 @@ class VirtualTransport(BaseTransport):
         self._lose(ConnectionError("it was unplugged"))
 
     async def _open(self) -> None:
-        """Attach to the board. Raise OpenError if the state cannot be loaded."""
+        """Attach to the board. Raise OpenError if the state cannot be loaded, or belongs to another open board."""
         if self._state is not None:
-            load_state(self.board, self._state)
-            self._saver = StateSaver(self.board, self._state)
+            self._file = StateFile(self.board, self._state)
+            self._saver = StateSaver(self.board, self._file)
         self._session = self.board.attach(self._receive, lambda: self._unsent)
         self._driver = BoardDriver(self.board)
 
@@ -163,10 +158,11 @@ class VirtualTransport(BaseTransport):
     async def _close(self) -> None:
         """Detach from the board. Raise ServolinkError if its state cannot be saved."""
         self._abort()  # first: a board may lose its power with its last host, and with it a part of a write
-        if self._saver is not None:
-            saver, self._saver = self._saver, None
+        if self._file is not None and self._saver is not None:
+            file, saver, self._file, self._saver = self._file, self._saver, None, None
             saver.stop()
-            saver.save()
+            with file:
+                file.save()
 
     def _abort(self) -> None:
         if self._session is not None and self._driver is not None:

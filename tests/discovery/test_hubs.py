@@ -13,12 +13,14 @@ from typing import BinaryIO
 
 import pytest
 
+from servolink import locks
 from servolink.discovery import hubs, search
-from servolink.discovery.announcements import announced, lock
+from servolink.discovery.announcements import announced
 from servolink.discovery.hubs import claim_hub, hub_of
 from servolink.discovery.names import Alias, resolve_board, resolve_url, save_alias
 from servolink.discovery.search import boards, only
 from servolink.errors import OpenError
+from servolink.locks import lock
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from tests.virtual_time import run
 
@@ -109,7 +111,7 @@ def test_a_file_that_is_replaced_while_it_is_locked_is_not_taken_for_the_name(
         files.append(file)
         return lock(file, wait=wait)
 
-    monkeypatch.setattr(hubs, "lock", removed_first)
+    monkeypatch.setattr(locks, "lock", removed_first)
     with hub("rex", TCP):
         assert [each.url for each in hubs.candidates()] == ["share://rex"]
     assert len(files) == 2
@@ -123,7 +125,7 @@ def test_a_failing_disk_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         patch.setattr(hubs, "write", fail)
         with pytest.raises(OpenError, match=r"programs could not find it: .*rex\.hub: No space left"):
             claim.announce(TCP)
-    monkeypatch.setattr(hubs, "lock", fail)
+    monkeypatch.setattr(locks, "lock", fail)
     with pytest.raises(OpenError, match="no hub can run here: No space left"):
         run(claim_hub("rex"))
 

@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 
 import servolink
 from servolink.discovery import names, search
-from servolink.discovery.announcements import lock
 from servolink.discovery.names import (
     Alias,
     _toml,
@@ -32,6 +31,7 @@ from servolink.discovery.names import (
 )
 from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
 from servolink.files import is_name
+from servolink.locks import lock
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]))

@@ -34,7 +34,7 @@ from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.script import PowerCycle, Push
-from servolink.virtual.state_file import load_state, save_state
+from servolink.virtual.state_file import StateFile, load_state
 from tests import processes
 from tests.cli.programs import call
 from tests.virtual.receiving import GUARD, Heard, ask
@@ -162,8 +162,21 @@ def test_what_is_stored_outlives_a_program_that_is_killed(tmp_path: Path) -> Non
             process.kill()
             await process.wait()
         board = VirtualBoard()
-        load_state(board, path)
-        assert board.storage.project_id == 77
+        with StateFile(board, path):  # no lock of the dead program keeps it closed
+            assert board.storage.project_id == 77
+        assert list(tmp_path.iterdir()) == [path]
+
+    asyncio.run(main())
+
+
+def test_a_state_file_is_served_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    async def main() -> None:
+        options = (*TCP, "--state", str(tmp_path / "board.json"))
+        async with served(*options) as process:
+            await url(process)
+            assert servolink(["virtual", *options]) == 3
+            assert "another virtual board uses this file; close that one first" in capsys.readouterr().err
+            assert await ended(process, signal.SIGTERM) == (0, "", "")
 
     asyncio.run(main())
 
@@ -171,16 +184,17 @@ def test_what_is_stored_outlives_a_program_that_is_killed(tmp_path: Path) -> Non
 def test_a_second_signal_does_not_keep_it_from_saving(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(board: VirtualBoard, path: Path) -> None:
+    def interrupted(file: StateFile) -> None:
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGTERM)
-        save_state(board, path)
+        save(file)
 
     def start(urls: list[str], servos: int) -> AbstractContextManager[None]:
         signal.raise_signal(signal.SIGINT)
         return nullcontext()
 
-    monkeypatch.setattr(virtual, "save_state", interrupted)
+    save = StateFile.save
+    monkeypatch.setattr(StateFile, "save", interrupted)
     monkeypatch.setattr(virtual, "_announced", start)
     before = {number: signal.getsignal(number) for number in ENDING}
     try:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, OpenError, TransportUnavailable
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (
@@ -18,6 +20,7 @@ from servolink.protocol.editing import (
     WriteProjectIDResponse,
 )
 from servolink.protocol.joystick import LONG_PRESS, PRESS, ButtonEventResponse, SubscribeButtonEventRequest
+from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import MACRO
 from servolink.protocol.records import MacroCommand, Step
 from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, QueryServoListResponse
@@ -27,6 +30,7 @@ from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.state_file import load_state
 from servolink.virtual.transport import FaultyVirtualTransport, VirtualTransport, from_address
+from tests.client.reconnections import until
 from tests.virtual.receiving import Heard, ask
 from tests.virtual_time import run
 
@@ -341,6 +345,69 @@ def test_a_state_file_is_loaded_on_opening_and_saved_on_closing(tmp_path: Path) 
     before = run(free())
     run(store())
     assert run(free()) == before - 38
+
+
+def test_two_boards_never_overwrite_what_the_other_one_stored(tmp_path: Path) -> None:
+    path = tmp_path / "board.json"
+    (tmp_path / "link.json").symlink_to(path)
+
+    async def main() -> None:
+        first, heard = made(f"virtual://?state={path}"), Heard()
+        await first.open(heard)
+        for name in ("board.json", "link.json"):
+            second = made(f"virtual://?state={tmp_path / name}")
+            with pytest.raises(OpenError, match=r"another virtual board uses this file.*servolink virtual --state"):
+                await second.open(Heard())
+            await second.close()
+        await ask(first, heard, WriteProjectIDRequest(7))
+        await first.close()
+        third = made(f"virtual://?state={path}")
+        await third.open(Heard())
+        assert third.board.storage.project_id == 7
+        await third.close()
+
+    run(main())
+    assert sorted(tmp_path.iterdir()) == [path, tmp_path / "link.json"], "a lock was left"
+
+
+def test_a_board_on_which_nothing_changed_writes_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "board.json"
+
+    async def talk(packet: Packet) -> None:
+        transport = made(f"virtual://?state={path}")
+        await transport.open(Heard())
+        await transport.send(Codec().encode(packet))
+        await asyncio.sleep(60)
+        await transport.close()
+
+    run(talk(WriteProjectIDRequest(7)))
+    before = path.stat()
+    run(talk(QueryServoListRequest()))
+    assert os.path.samestat(before, path.stat()), "the file was replaced"
+    run(talk(ExecuteActionRequest((Step(1, 90, 100),))))
+    assert not os.path.samestat(before, path.stat()), "servo 1 stands elsewhere, and the file does not say so"
+
+
+def test_a_state_file_that_cannot_be_locked_opens_nothing(tmp_path: Path) -> None:
+    (tmp_path / ".board.json.servolink-lock").mkdir()
+
+    async def main() -> None:
+        with pytest.raises(OpenError, match=r"cannot be locked: .*\.board\.json\.servolink-lock: Is a directory"):
+            await made(f"virtual://?state={tmp_path / 'board.json'}").open(Heard())
+
+    run(main())
+
+
+def test_a_connection_with_a_state_file_is_restored_after_a_loss(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with connect(f"virtual://?state={tmp_path / 'board.json'}", reconnect=True) as board:
+            await board.write_project_id(7)
+            assert isinstance(board.connection.transport, VirtualTransport)
+            board.connection.transport.unplug()
+            await until(board, "connected")
+            assert await board.project_id() == 7
+
+    run(main())
 
 
 def test_changes_are_saved_a_moment_later(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

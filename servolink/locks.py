@@ -1,0 +1,64 @@
+"""Files that one program has for itself. A lock ends with the process, however that ends."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import BinaryIO
+
+_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+_PRIVATE = 0o600
+
+if sys.platform == "win32":
+    import msvcrt
+
+    _FAR = 2**30  # a lock keeps others from reading the bytes it covers, so it covers one that is never written
+
+    def lock(file: BinaryIO, *, wait: bool) -> bool:
+        """Lock a file until it is closed, however that happens. Return whether it is locked."""
+        file.seek(_FAR)
+        try:
+            msvcrt.locking(file.fileno(), msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
+        except OSError:
+            return False
+        finally:
+            file.seek(0)
+        return True
+else:
+    import fcntl
+
+    def lock(file: BinaryIO, *, wait: bool) -> bool:
+        """Lock a file until it is closed, however that happens. Return whether it is locked."""
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except OSError:
+            return False
+        return True
+
+
+def open_locked(path: Path) -> BinaryIO | None:
+    """Return the file at `path`, locked, and made if there is none. None if somebody else has it, this program too.
+
+    Who removes the file does so while it is locked. Raise OSError if it cannot be opened.
+    """
+    while True:
+        file = os.fdopen(os.open(path, _FLAGS, _PRIVATE), "r+b", buffering=0)
+        try:
+            is_locked = lock(file, wait=False)
+            if is_locked and _is_at(path, file):
+                return file
+        except BaseException:
+            file.close()
+            raise
+        file.close()
+        if not is_locked:
+            return None
+
+
+def _is_at(path: Path, file: BinaryIO) -> bool:
+    """Return whether the file is still the one at `path`: a program that ended may have removed it meanwhile."""
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.lstat())
+    except FileNotFoundError:
+        return False
