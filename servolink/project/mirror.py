@@ -14,15 +14,17 @@ from servolink.errors import ProjectError
 from servolink.project.model import Project
 from servolink.project.records import (
     by_type,
+    dependency_order,
     free_id,
     name_of,
     servos_used,
     with_caption,
+    with_dependencies,
     with_id,
     with_records,
 )
-from servolink.protocol.record_types import Record, RecordType, type_of
-from servolink.protocol.records import Action, ServoParameter, Step
+from servolink.protocol.record_types import MACRO, Record, RecordType, type_of
+from servolink.protocol.records import Action, Macro, ServoParameter, Step
 
 _OTHER = {"left": "right", "right": "left", "l": "r", "r": "l", "左": "右", "右": "左"}
 
@@ -116,11 +118,25 @@ def mirror_project(project: Project, records: Iterable[Record], mirror: Mirror) 
     or endless record.
     """
     imaging = _Imaging(project, mirror)
+    records = list(records)
+    for macro_id in _macros_to_image(project, records):
+        imaging.image(MACRO, macro_id)  # before those that run it: macros may nest deeper than Python calls
     for record in records:
         kind = type_of(record)
         if imaging.image(kind, kind.id_of(record)) == kind.id_of(record):
             imaging.changes.append(f"{name_of(record)} looks the same in the mirror: nothing added")
     return imaging.project(), imaging.changes
+
+
+def _macros_to_image(project: Project, records: Iterable[Record]) -> list[int]:
+    """Return the ids of the macros among `records` and in what they run, each after those that it runs."""
+    macros = MACRO.by_id(project)
+    stored = [macros.get(one.macro_id, one) if isinstance(one, Macro) else one for one in records]
+    found = {one.macro_id for one in with_dependencies(project, stored) if isinstance(one, Macro)} & macros.keys()
+    order = dependency_order(macros)
+    if endless := sorted(found.difference(order)):
+        raise ProjectError(f"{name_of(macros[endless[0]])} never ends, because it runs itself or a macro that does")
+    return [macro_id for macro_id in order if macro_id in found]
 
 
 class _Imaging:
@@ -131,7 +147,7 @@ class _Imaging:
         self._before = project
         self._mirror = mirror
         self._records = by_type(project)
-        self._images: dict[tuple[str, int], int | None] = {}  # None while the image is being made
+        self._images: dict[tuple[str, int], int] = {}
 
     def project(self) -> Project:
         return with_records(self._before, self._records)
@@ -140,11 +156,8 @@ class _Imaging:
         """Return the id of a record's image, which is its own if the record is symmetric."""
         key = kind.field, record_id
         if key not in self._images:
-            self._images[key] = None
             self._images[key] = self._make_image(kind, record_id)
-        if (image := self._images[key]) is None:
-            raise ProjectError(f"{kind} {record_id} runs itself")
-        return image
+        return self._images[key]
 
     def _make_image(self, kind: RecordType[Any], record_id: int) -> int:
         shelf = self._records[kind.field]

@@ -141,8 +141,21 @@ def test_captions_of_other_servos_do_not_matter() -> None:
 def test_a_macro_that_runs_itself_ends() -> None:
     one, two = Macro(1, "One", (MacroCommand(2, 2),)), Macro(2, "Two", (MacroCommand(1, 2), MacroCommand(1)))
     project = Project(servo_parameters=HUMANOID.servo_parameters, actions=(RAISE,), macros=(one, two))
-    with pytest.raises(ProjectError, match="macro 1 runs itself"):
+    with pytest.raises(ProjectError, match=r"macro 1 'One' never ends, because it runs itself"):
         mirror_project(project, [one], mirror_by_captions(project, [one]))
+
+
+def test_macros_nest_as_deep_as_they_like() -> None:
+    deep = 2000  # more than the calls that Python allows
+    inner = (Macro(one, "", (MacroCommand(one - 1, 2),)) for one in range(2, deep + 1))
+    project = msgspec.structs.replace(HUMANOID, macros=(Macro(1, "", (MacroCommand(1),)), *inner))
+    mirrored, changes = mirror_project(project, [project.macros[-1]], ARMS)
+    assert len(mirrored.macros) == 2 * deep
+    assert mirrored.macros[-1].commands[0].command_id == 2 * deep - 1
+    assert changes[-1] == f"macro {deep} '' mirrored as macro {2 * deep} ' mirrored'"
+    endless = msgspec.structs.replace(project, macros=(Macro(1, "", (MacroCommand(deep, 2),)), *project.macros[1:]))
+    with pytest.raises(ProjectError, match="macro 1 '' never ends"):
+        mirror_project(endless, [endless.macros[-1]], ARMS)
 
 
 def test_a_call_of_nothing_is_named() -> None:
