@@ -10,13 +10,13 @@ from servolink.client.servos import Servo
 from servolink.errors import MotionRefused, NotFound, RequestError
 from servolink.project.model import Project
 from servolink.project.records import name_of
+from servolink.protocol.macro_playing import MAX_NESTING
 from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of
 from servolink.protocol.records import Action, Macro
 
 if TYPE_CHECKING:  # imported late: most programs run nothing that is stored
     from servolink.project.speed import Run
 
-_DEEPEST = 32  # macros within macros: no robot needs more, and a board that makes them up is not read for ever
 _MOST = ACTION.list_limit + MACRO.list_limit  # no board can list more
 
 Get: TypeAlias = Callable[[RecordType[Any], int], Awaitable[Any]]
@@ -36,9 +36,11 @@ async def collect(get: Get, kind: RecordType[Any], record_id: int) -> Project:
         for called in type_of(caller).references(caller):
             if called in found:
                 continue
-            if depth == _DEEPEST or len(found) == _MOST:
+            if depth == MAX_NESTING or len(found) == _MOST:
                 many = f"it runs {len(found):,} records, in macros up to {depth + 1} deep"
-                raise MotionRefused(f"{name_of(record)} was not run: {many}")
+                raise MotionRefused(
+                    f"{name_of(record)} was not run: {many}; at most {_MOST:,} and {MAX_NESTING} are read first"
+                )
             try:
                 found[called] = await get(*called)
             except NotFound as error:

@@ -13,12 +13,13 @@ from servolink.errors import EncodeError
 from servolink.motion.limits import MotionLimits, SpeedCap, motion_limits
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.project.model import Project, is_unfinished
-from servolink.project.records import dependency_order, name_of, total_size, wrong_durations
+from servolink.project.records import dependency_levels, dependency_order, name_of, total_size, wrong_durations
 from servolink.project.speed import servo_moves
 from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.json_errors import convert
 from servolink.protocol.json_form import json_type, record_to_json
 from servolink.protocol.layout import layout
+from servolink.protocol.macro_playing import MAX_NESTING
 from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import MACRO, RECORD_TYPES, SERVO_PARAMETER, TABLE
 from servolink.protocol.records import Button, Macro, MacroCommandType, ServoParameter, Step
@@ -64,6 +65,7 @@ def validate_project(
         *_unstorable(project, caption_encoding, memory),
         *_wrong_references(project),
         *_endless(project),
+        *_nested_too_deep(project),
         *_duplicate_parts(project),
         *_wrong_durations(project),
         *_unknown_servos(project, servo_ids),
@@ -236,6 +238,16 @@ def _endless(project: Project) -> Iterator[Diagnostic]:
             here = following[here]
         if here in path:
             yield _endless_macro(project, macros[here], following[here], path[path.index(here) :])
+
+
+def _nested_too_deep(project: Project) -> Iterator[Diagnostic]:
+    """Find the macros just beyond the limit of virtual boards; macros that nest even deeper run one of them."""
+    beyond = next(iter(dependency_levels(MACRO.by_id(project))[MAX_NESTING:]), ())
+    for at, macro in enumerate(project.macros):
+        if macro.macro_id in beyond:
+            nests = f"{name_of(macro)} nests macros {MAX_NESTING + 1} levels deep"
+            text = f"{nests}; a virtual board plays {MAX_NESTING}, other boards may differ"
+            yield Diagnostic(f"macros[{at}]", text, "warning")
 
 
 def _endless_macro(project: Project, macro: Macro, called: int, cycle: list[int]) -> Diagnostic:

@@ -7,6 +7,12 @@ from dataclasses import dataclass
 
 from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
 
+MAX_NESTING = 32
+"""How deep macros may run macros, itself included, on virtual boards and where a program follows what a macro runs.
+
+The document has no such limit.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class MacroPlaying:

@@ -69,12 +69,12 @@ class DryRun:
             raise ProjectError(f"the id of one {record_type} is 0, which no board takes")
 
     def begin(self, record: Action | Macro) -> None:
-        """Run `record` at the time 0. Raise ProjectError if a record is missing or runs itself."""
+        """Run `record` at the time 0. Raise ProjectError, which says why, if that is impossible."""
         self.hardware.advance(0.0)
         if isinstance(record, Action):
             self.hardware.player.run_action(record.action_id, 0.0)
         elif not self.hardware.player.run_macro(record.macro_id, 0.0):
-            raise ProjectError("it cannot be played: a record that it needs is missing, or it runs itself")
+            raise ProjectError(f"it cannot be played: {self.hardware.player.why_refused(record.macro_id)}")
 
     def play(self, record: Action | Macro) -> Timeline:
         """Run `record` to its end, without waiting. Raise ProjectError as `begin` does."""

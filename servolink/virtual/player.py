@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from servolink.protocol.codec import Codec, in_range
 from servolink.protocol.editing import AddMacroRequest
-from servolink.protocol.macro_playing import MacroPlaying
+from servolink.protocol.macro_playing import MAX_NESTING, MacroPlaying
 from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro, MacroCommandType, Step
@@ -18,13 +18,14 @@ from servolink.virtual.kind import INTERVAL_UNIT
 from servolink.virtual.servo import Servo
 from servolink.virtual.storage import Storage
 
-MAX_NESTING = 32
-"""How deep macros may run macros; a cycle is endlessly deep."""
-
 # A macro can have billions of commands that take no time, and its host can sleep for hours while it runs. After so much
 # work at one time the macro continues a little later, and is late from then on.
 _WORK_AT_ONCE = 2000
 _BREAK = 0.01
+
+_TOO_DEEP = (
+    f"it nests macros more than {MAX_NESTING} levels deep, the most that a virtual board plays; other boards may differ"
+)
 
 T = TypeVar("T", bound=Struct)
 
@@ -41,7 +42,7 @@ def is_playable(request: Packet) -> bool:
 
 
 class _Unplayable(Exception):
-    """The macro needs a record that is not stored, or runs itself."""
+    """Why the macro cannot be played."""
 
 
 @dataclass(slots=True)
@@ -96,14 +97,16 @@ class Player:
         itself or is nested too deep.
         """
         snapshot = _Snapshot()
-        try:
-            self._collect(macro_id, snapshot, above=0)
-        except _Unplayable:
+        if self._refusal(macro_id, snapshot):
             return False
         playing = MacroPlaying(snapshot.actions, snapshot.macros, self._move_now, self._slowness)
         self._running = playing.play(macro_id)
         self.macro_id, self._next_macro, self._continue_at = macro_id, 0, now
         return True
+
+    def why_refused(self, macro_id: int) -> str:
+        """Return why `run_macro` has no effect, empty if it has one."""
+        return self._refusal(macro_id, _Snapshot())
 
     def run_after(self, macro_id: int) -> None:
         """Run a stored macro when the one that runs has ended."""
@@ -140,6 +143,14 @@ class Player:
         request = self._storage.decode(record_type, record_id, self._codec)
         return record_type.record_in(request) if request is not None and is_playable(request) else None
 
+    def _refusal(self, macro_id: int, snapshot: _Snapshot) -> str:
+        """Add a macro and everything that it needs to `snapshot`; return what makes that impossible, empty if none."""
+        try:
+            self._collect(macro_id, snapshot, above=0)
+        except _Unplayable as why:
+            return str(why)
+        return ""
+
     def _collect(self, macro_id: int, snapshot: _Snapshot, above: int) -> int:
         """Add a macro and everything that it needs to `snapshot`; return how deep it nests, itself included.
 
@@ -147,9 +158,12 @@ class Player:
         some of them only, and collecting it again for each would take exponential time.
         """
         if (height := snapshot.heights.get(macro_id)) is None:
-            macro = self._record(MACRO, macro_id)
-            if macro is None or above >= MAX_NESTING:
-                raise _Unplayable
+            if macro_id in snapshot.macros:  # and has no height yet
+                raise _Unplayable(f"macro {macro_id} runs itself")
+            if above >= MAX_NESTING:
+                raise _Unplayable(_TOO_DEEP)
+            if (macro := self._record(MACRO, macro_id)) is None:
+                raise _Unplayable(f"macro {macro_id} is missing, or has values that no board plays")
             snapshot.macros[macro_id] = macro
             height = 1
             for command in macro.commands:
@@ -159,11 +173,11 @@ class Player:
                     self._collect_action(command.command_id, snapshot)
             snapshot.heights[macro_id] = height
         if above + height > MAX_NESTING:
-            raise _Unplayable
+            raise _Unplayable(_TOO_DEEP)
         return height
 
     def _collect_action(self, action_id: int, snapshot: _Snapshot) -> None:
         if action_id not in snapshot.actions:
             if (action := self._record(ACTION, action_id)) is None:
-                raise _Unplayable
+                raise _Unplayable(f"action {action_id} is missing, or has values that no board plays")
             snapshot.actions[action_id] = action

@@ -207,6 +207,14 @@ def test_an_endless_macro_that_others_call_is_found_whichever_is_called_first() 
     assert len(said(Project(macros=tuple(macros)))) == 1  # 4 runs itself too: said when this is put right
 
 
+def test_macros_that_nest_deeper_than_virtual_boards_play_are_named() -> None:
+    macros = tuple(Macro(one, "", (MacroCommand(one - 1, 2 if one > 1 else 1),)) for one in range(1, 41))
+    assert not said(Project(macros=macros[:32]))
+    assert said(Project(macros=macros)) == [
+        "macros[32]: macro 33 '' nests macros 33 levels deep; a virtual board plays 32, other boards may differ"
+    ]
+
+
 def test_servos_are_looked_up_if_it_is_known_which_there_are() -> None:
     assert said(SOUND, servo_ids={2}) == [
         "!servo_parameters[0].servo_id: there is no servo 1",

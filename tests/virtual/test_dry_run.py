@@ -75,10 +75,25 @@ def test_endless_work_in_no_time_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> 
     assert len(timeline.moves) < 200_000
 
 
-@pytest.mark.parametrize("commands", [(MacroCommand(9),), (MacroCommand(9, 2),), (MacroCommand(5, 2),)])
-def test_what_cannot_be_played_is_refused(commands: tuple[MacroCommand, ...]) -> None:
-    with pytest.raises(ProjectError, match="a record that it needs is missing, or it runs itself"):
-        play(Macro(5, "", commands))
+@pytest.mark.parametrize(
+    ("command", "why"),
+    [
+        (MacroCommand(9), "action 9 is missing, or has values that no board plays"),
+        (MacroCommand(9, 2), "macro 9 is missing, or has values that no board plays"),
+        (MacroCommand(5, 2), "macro 5 runs itself"),
+        (MacroCommand(6, 2), "macro 5 runs itself"),
+    ],
+)
+def test_what_cannot_be_played_is_refused_with_the_reason(command: MacroCommand, why: str) -> None:
+    with pytest.raises(ProjectError, match=f"it cannot be played: {why}"):
+        play(Macro(5, "", (command,)), Macro(6, "", (MacroCommand(5, 2),)))
+
+
+def test_macros_nest_as_deep_as_a_virtual_board_plays() -> None:
+    macros = [Macro(one, "", (MacroCommand(one - 1, 2 if one > 1 else 1),)) for one in range(1, 34)]
+    assert play(*reversed(macros[:32])).is_whole
+    with pytest.raises(ProjectError, match="macros more than 32 levels deep, the most that a virtual board plays"):
+        play(*reversed(macros))
 
 
 def test_what_no_board_takes_is_refused() -> None:
