@@ -112,10 +112,11 @@ def project_to_form(project: Project, *, unchecked: bool = False, figure: Figure
 def save_project(
     path: str | os.PathLike[str], project: Project, *, unchecked: bool = False, figure: Figure | None = None
 ) -> None:
-    """Write `project` to the file `path`, whole or not at all. Raise ProjectError if that fails.
+    """Write `project` to the file `path`, whole or not at all.
 
-    `unchecked` marks the file as an export of values that servolink would not write unasked: `servolink apply` then
-    writes them as they are. Without `figure`, a project file that is replaced keeps its own.
+    Raise ProjectError if that fails, or if `load_project` would refuse the file. `unchecked` marks the file as an
+    export of values that servolink would not write unasked: `servolink apply` then writes them as they are. Without
+    `figure`, a project file that is replaced keeps its own.
     """
     if isinstance(path, Project):
         raise TypeError("save_project(path, project): the path comes first, then the project")
@@ -123,6 +124,20 @@ def save_project(
     if not isinstance(project, Project):
         raise TypeError(f"save_project(path, project): the project must be a Project, not {quote(project)}")
     content = format_project(project, unchecked=unchecked, figure=figure or _figure_in(file)).encode()
+    try:
+        parse_project_file(content)
+    except ProjectError as error:
+        raise ProjectError(f"{file}: was not written, because it could not be loaded again: {error}") from error
+    _write(file, content)
+
+
+def save_repaired(path: str | os.PathLike[str], project: Project, *, unchecked: bool = False) -> None:
+    """Write the file `path` as `save_project` does, even if errors remain that it had before."""
+    file = Path(path)
+    _write(file, format_project(project, unchecked=unchecked, figure=_figure_in(file)).encode())
+
+
+def _write(file: Path, content: bytes) -> None:
     if len(content) > MAX_SIZE:
         raise ProjectError(f"{file}: would be larger than {MAX_SIZE >> 20} MiB, the most that can be read again")
     try:

@@ -200,3 +200,14 @@ def test_a_command_must_be_given(capsys: pytest.CaptureFixture[str]) -> None:
     assert call(capsys, "project").code == 2
     assert call(capsys, "project", "dance").code == 2
     assert "preflight" in call(capsys, "project", "--help").out
+
+
+def test_a_file_is_repaired_although_other_errors_remain(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    step = '{"servo_id": 1, "degree": 0, "interval_ms": -10}'
+    action = f'{{"action_id": 1, "action_caption": "up", "steps": [{step}]}}'
+    (tmp_path / "p").write_text(f'{{"schema": 1, "actions": [{action}, {action}]}}', encoding="utf-8")
+    said = call(capsys, "project", "check", str(tmp_path / "p"), "--fix")
+    assert said.code == 1
+    assert "fixed: " in said.out
+    assert "steps[0].interval_ms: -10 is outside" in said.out
+    assert len(load_project(tmp_path / "p", unchecked=True).actions) == 1

@@ -127,7 +127,7 @@ def test_what_calls_nothing_is_shown_all_the_same(tmp_path: Path, capsys: pytest
         macros=(Macro(1, "Lost", (MacroCommand(9), MacroCommand(8, 2), MacroCommand(7, 9))),),
         joystick_tables=(JoystickTable(1, "Empty"), JoystickTable(2, "Pad", (Button(3, "", 9),))),
     )
-    save_project(tmp_path / "p", project)
+    save_project(tmp_path / "p", project, unchecked=True)
     said = call(capsys, "project", "show", str(tmp_path / "p"))
     assert said.code == 0
     assert said.out.splitlines()[4:] == [
@@ -151,7 +151,7 @@ def test_hostile_captions_are_text(caption: str, tmp_path: Path, capsys: pytest.
         macros=(Macro(1, caption, (MacroCommand(1),)),),
         joystick_tables=(JoystickTable(1, caption, (Button(1, caption, 1),)),),
     )
-    save_project(tmp_path / "p", project)
+    save_project(tmp_path / "p", project, unchecked=True)
     for arguments in [(), ("action:1",), ("--json",), ("nothing",)]:
         said = call(capsys, "project", "show", str(tmp_path / "p"), *arguments)
         assert all(character == "\n" or character.isprintable() for character in said.out + said.err)

@@ -14,7 +14,7 @@ from servolink.profiles.profile import ProfileInUse
 from servolink.project.fix import fix_project
 from servolink.project.model import Project
 from servolink.project.preflight import preflight
-from servolink.project.project_file import read_project_file, save_project
+from servolink.project.project_file import read_project_file, save_repaired
 from servolink.project.records import find, find_servo
 from servolink.project.validate import Diagnostic, validate_project
 from servolink.protocol.record_types import ACTION, MACRO
@@ -47,7 +47,7 @@ def run_check(args: argparse.Namespace) -> int:
             result, fixes = fix_project(project)
             if fixes:
                 unchecked = read_project_file(args.source, unchecked=True).unchecked
-                save_project(args.source, result, unchecked=unchecked)
+                save_repaired(args.source, result, unchecked=unchecked)
                 project = result
         found = validate_project(
             project,
