@@ -10,9 +10,9 @@ from typing import Any
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import print_json, print_text
 from servolink.errors import ProjectError
-from servolink.project.figure import Figure
+from servolink.project.build import refuse_new_errors
 from servolink.project.model import Project
-from servolink.project.project_file import load_project, read_project_file, save_project
+from servolink.project.project_file import ProjectFile, load_project, read_project_file, save_project
 from servolink.project.validate import validate_project
 
 
@@ -66,13 +66,18 @@ def add_force(parser: argparse.ArgumentParser) -> None:
 def write_edited(args: argparse.Namespace, before: Project, after: Project, changes: list[str], **more: Any) -> int:
     """Write `after` where `args` says, whole or not at all, and print the changes.
 
-    Raise ProjectError, and write nothing, if a board could not store it.
+    Raise ProjectError, and write nothing, if a board could not store it. An export of values that servolink would not
+    write unasked stays one; no others may be added to it.
     """
     target: Path = Path(args.source) if args.in_place else args.output
     is_new = not args.in_place or after != before
     if is_new:
-        figure = None if is_address(args.source) else read_project_file(args.source, unchecked=True).figure
-        write_new(args, target, after, figure)
+        file = _edited(args, before)
+        if file.unchecked:
+            _refuse_new_errors(args, before, after)
+        else:
+            _refuse_errors(args, after)
+        _write(args, target, after, file)
     if args.json:
         print_json({"file": str(target), "written": is_new, "changes": changes, **more})
         return OK
@@ -82,15 +87,42 @@ def write_edited(args: argparse.Namespace, before: Project, after: Project, chan
     return OK
 
 
-def write_new(args: argparse.Namespace, target: Path, project: Project, figure: Figure | None = None) -> None:
+def write_new(args: argparse.Namespace, target: Path, project: Project) -> None:
     """Write `project` to a file that does not exist yet, or that `args` allows to replace.
 
     Raise ProjectError if no board could store it, with captions in the encoding of `args`.
     """
+    _refuse_errors(args, project)
+    _write(args, target, project, ProjectFile(project, unchecked=False))
+
+
+def _edited(args: argparse.Namespace, before: Project) -> ProjectFile:
+    """Return the file that is edited; for the project of a board, the one that an export would write."""
+    if is_address(args.source):
+        return ProjectFile(before, unchecked=bool(_errors(args, before)))
+    return read_project_file(args.source, unchecked=True)
+
+
+def _errors(args: argparse.Namespace, project: Project) -> list[str]:
     found = validate_project(project, caption_encoding=args.caption_encoding or "utf-8")
-    if errors := [str(problem) for problem in found if problem.severity == "error"]:
+    return [str(one) for one in found if one.severity == "error"]
+
+
+def _refuse_new_errors(args: argparse.Namespace, before: Project, after: Project) -> None:
+    try:
+        refuse_new_errors(before, after, args.caption_encoding or "utf-8")
+    except ProjectError as error:
+        raise ProjectError(f"nothing was written, because the result would have a new error: {error}") from error
+
+
+def _refuse_errors(args: argparse.Namespace, project: Project) -> None:
+    if errors := _errors(args, project):
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
         raise ProjectError(f"nothing was written, because a board could not store the result: {errors[0]}{more}")
+
+
+def _write(args: argparse.Namespace, target: Path, project: Project, like: ProjectFile) -> None:
+    """Write `project` with the mark and the figure of the file `like`."""
     if target.exists() and not (args.force or getattr(args, "in_place", False)):
         raise ProjectError(f"{target}: exists already; --force replaces it")
-    save_project(target, project, figure=figure)
+    save_project(target, project, unchecked=like.unchecked, figure=like.figure)
