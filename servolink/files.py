@@ -64,13 +64,16 @@ def write_atomically(path: Path, content: bytes, *, private: bool = False) -> No
     """Replace the content of `path`, whole or, on any failure, not at all. Raise OSError for a failure.
 
     A link stays a link, and an existing file keeps its permissions. A new file gets the usual ones, or, if `private`,
-    only its owner can read it. Anything but a regular file, such as a device or a pipe, is left alone.
+    only its owner can read it. Anything but a regular file, such as a device or a pipe, is left alone, and so is a file
+    that this user may not write.
     Temporary files left here by a program that was killed are removed.
     """
     if path.is_symlink():
         path = Path(os.path.realpath(path))
     if path.exists() and not path.is_dir():  # the system itself refuses a folder, in clear words
         _refuse_irregular(path, path.stat())
+        if not os.access(path, os.W_OK):  # of which replacing it would take no notice
+            raise PermissionError(errno.EACCES, "is write-protected; allow writing to it first", str(path))
     temporary = path.with_name(f".servolink-{os.urandom(8).hex()}")
     try:
         with open(temporary, "xb", opener=_create_private if private else None) as file:

@@ -74,6 +74,22 @@ def test_what_is_no_file_is_left_alone(tmp_path: Path) -> None:
     assert sorted(tmp_path.iterdir()) == [link, pipe]
 
 
+def test_a_write_protected_file_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"before")
+    path.chmod(0o444)
+    access = os.access
+    # As it is for a user: root may write everything.
+    monkeypatch.setattr(
+        os, "access", lambda asked, mode: access(asked, mode) and not (asked == path and mode & os.W_OK)
+    )
+    with pytest.raises(PermissionError, match="is write-protected; allow writing to it first"):
+        write_atomically(path, b"after")
+    assert path.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [path]
+    path.chmod(0o644)  # Windows removes no file that is write-protected
+
+
 @POSIX
 def test_a_folder_that_is_not_there_is_not_passed_over_on_the_way_up(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
