@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import sys
@@ -202,6 +203,21 @@ def test_a_folder_that_cannot_be_is_an_error(folder: Path) -> None:
         store.keep(Project(), URL, "utf-8")
     with pytest.raises(ProjectError, match="the journal of the import cannot be written"):
         store.write(JOURNAL)
+
+
+def test_a_full_disk_is_an_error_that_names_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(number: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    store = BackupStore(tmp_path)
+    what_to_do = f"{os.strerror(errno.ENOSPC)}; correct that in this folder, and try again"
+    with pytest.raises(ProjectError) as caught:
+        store.keep(Project(), URL, "utf-8")
+    assert str(caught.value) == f"{tmp_path / 'backups'}: the backup cannot be written: {what_to_do}"
+    with pytest.raises(ProjectError) as caught:
+        store.write(JOURNAL)
+    assert str(caught.value) == f"{tmp_path / 'imports'}: the journal of the import cannot be written: {what_to_do}"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="where the data folder is")

@@ -18,7 +18,7 @@ from msgspec import Struct
 
 from servolink.errors import ProjectError
 from servolink.escaping import escape
-from servolink.files import read_file, user_folder, write_atomically
+from servolink.files import read_file, reason, user_folder, write_atomically
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import format_project, load_project
 from servolink.project.transfer.journal import Journal, journal_of
@@ -59,8 +59,7 @@ class BackupStore:
 
     def keep(self, project: Project, url: str, caption_encoding: str) -> Path:
         """Write a backup of the board at `url`, read it back and return its path; it is never overwritten."""
-        with _naming("the backup cannot be written"):
-            folder = self._create("backups")
+        with self._creating("backups", "the backup") as folder:
             number = 1 + max((backup.number for backup in self.backups()), default=0)
             what = f"{_slug(url)}-{_slug_of_encoding(caption_encoding)}-{_digest(project)}"
             path = folder / f"{number:06}-{self.now():{_TIME}}-{what}{_SUFFIX}"
@@ -99,8 +98,7 @@ class BackupStore:
 
     def write(self, journal: Journal) -> None:
         """Write `journal`, over an earlier state of it."""
-        with _naming("the journal of the import cannot be written"):
-            self._create("imports")
+        with self._creating("imports", "the journal of the import"):
             # ASCII, in which an address that is not valid text can be written too.
             content = json.dumps(msgspec.to_builtins(journal)).encode() + b"\n"
             write_atomically(self._journal(journal.marker), content, private=True)
@@ -146,10 +144,21 @@ class BackupStore:
     def _journal(self, marker: int) -> Path:
         return self.folder / "imports" / f"{marker:08x}.json"
 
-    def _create(self, name: str) -> Path:
+    @contextmanager
+    def _creating(self, name: str, what: str) -> Iterator[Path]:
+        """Pass the folder of this name, which is made if there is none. Raise ProjectError for an error of the system.
+
+        It says that `what` cannot be written.
+        """
         folder = self.folder / name
-        folder.mkdir(parents=True, exist_ok=True)
-        return folder
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            yield folder
+        except ProjectError:
+            raise
+        except (OSError, ValueError) as error:  # ValueError: NUL in the name of the folder
+            why = f"{what} cannot be written: {reason(error)}"
+            raise ProjectError(f"{folder}: {why}; correct that in this folder, and try again") from error
 
     def _files(self, name: str) -> list[Path]:
         folder = self.folder / name
@@ -183,17 +192,6 @@ def _data_folder() -> Path:
         return user_folder("data")
     except OSError as error:
         raise ProjectError(f"backups of boards cannot be kept: {error.strerror}") from error
-
-
-@contextmanager
-def _naming(what: str) -> Iterator[None]:
-    """Raise ProjectError, beginning with `what`, for an error of the system."""
-    try:
-        yield
-    except ProjectError:
-        raise
-    except (OSError, ValueError) as error:  # ValueError: NUL in the name of the folder
-        raise ProjectError(f"{what}: {error}") from error
 
 
 def _read(path: Path, marker: int) -> Journal:
