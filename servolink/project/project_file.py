@@ -123,7 +123,7 @@ def save_project(
     file = _checked_path(path, "save_project(path, project)")
     if not isinstance(project, Project):
         raise TypeError(f"save_project(path, project): the project must be a Project, not {quote(project)}")
-    content = format_project(project, unchecked=unchecked, figure=figure or _figure_in(file)).encode()
+    content = _content(file, project, unchecked=unchecked, figure=figure)
     try:
         parse_project_file(content)
     except ProjectError as error:
@@ -134,12 +134,17 @@ def save_project(
 def save_repaired(path: str | os.PathLike[str], project: Project, *, unchecked: bool = False) -> None:
     """Write the file `path` as `save_project` does, even if errors remain that it had before."""
     file = Path(path)
-    _write(file, format_project(project, unchecked=unchecked, figure=_figure_in(file)).encode())
+    _write(file, _content(file, project, unchecked=unchecked, figure=None))
+
+
+def _content(file: Path, project: Project, *, unchecked: bool, figure: Figure | None) -> bytes:
+    content = format_project(project, unchecked=unchecked, figure=figure or _figure_in(file)).encode()
+    if len(content) > MAX_SIZE:
+        raise ProjectError(f"{file}: would be larger than {MAX_SIZE >> 20} MiB, the most that can be read again")
+    return content
 
 
 def _write(file: Path, content: bytes) -> None:
-    if len(content) > MAX_SIZE:
-        raise ProjectError(f"{file}: would be larger than {MAX_SIZE >> 20} MiB, the most that can be read again")
     try:
         write_atomically(file, content)
     except (OSError, ValueError) as error:
