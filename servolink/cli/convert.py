@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 
 from servolink.cli.arguments import not_empty
-from servolink.cli.main import OK, usage_error
+from servolink.cli.main import OK, refuse_input, usage_error
 from servolink.cli.output import counted, print_error, print_json, print_text
 from servolink.cli.show import add_selection, selection
-from servolink.recorder.channels import Recorded, Wire
+from servolink.recorder.channels import CHANNELS, Recorded, Wire
 from servolink.recorder.pcapng import save_pcapng
 from servolink.recorder.reading import Recording, Selection
 from servolink.recorder.tables import write_tables
@@ -57,6 +57,7 @@ def _write_tables(args: argparse.Namespace, recording: Recording) -> dict[Path, 
     def path_of(channel: str) -> Path:
         return out if args.output and len(wanted.topics) == 1 else out.with_suffix(f".{channel}{out.suffix}")
 
+    refuse_input(args, recording.path, (path_of(topic.removeprefix("/")) for topic in wanted.topics or CHANNELS))
     return write_tables(recording.entries(wanted), path_of, replace=args.force)
 
 
@@ -65,6 +66,7 @@ def _write_capture(args: argparse.Namespace, recording: Recording) -> dict[Path,
     if wanted != Selection(wanted.since, wanted.until):
         usage_error(args, "--pcap writes all bytes of the line: only --from and --to select a part")
     out = Path(args.output) if args.output else recording.path.with_suffix(".pcapng")
+    refuse_input(args, recording.path, [out])
     entries = recording.entries(Selection(wanted.since, wanted.until, frozenset({"/wire"})))
     wire = ((entry.time, entry.message) for entry in entries if isinstance(entry.message, Wire))
     recorded = recording.about or Recorded("", "", recording.path.name, "board")

@@ -6,7 +6,9 @@ import argparse
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import NoReturn
 
 from servolink.cli.output import (
@@ -23,7 +25,7 @@ from servolink.errors import ServolinkError
 from servolink.escaping import escape
 from servolink.script import FAILED, INTERRUPTED, NO_BOARD, OK, USAGE, exit_code
 
-__all__ = ["FAILED", "INTERRUPTED", "NO_BOARD", "OK", "USAGE", "fail", "run", "usage_error"]
+__all__ = ["FAILED", "INTERRUPTED", "NO_BOARD", "OK", "USAGE", "fail", "refuse_input", "run", "usage_error"]
 
 _TRACEBACK = 2  # so many -v print the traceback of an error
 
@@ -67,6 +69,16 @@ def usage_error(args: argparse.Namespace, text: str) -> NoReturn:
     parser.print_usage(sys.stderr)
     lines = "\n".join(map(escape, text.split("\n")))
     parser.exit(USAGE, f"{parser.prog}: error: {lines}\n")
+
+
+def refuse_input(args: argparse.Namespace, source: Path, outputs: Iterable[Path]) -> None:
+    """End as wrong usage if one of `outputs` is the file that is read, `source`, under whatever name."""
+    for path in outputs:
+        with suppress(OSError, ValueError):  # there is no such file
+            if path.samefile(source):
+                usage_error(
+                    args, f"{path} is the file that is read, and would be lost; choose another name with --output"
+                )
 
 
 def _parse(argv: Sequence[str] | None) -> argparse.Namespace:

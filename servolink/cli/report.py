@@ -19,7 +19,7 @@ import msgspec
 
 from servolink.cli.arguments import not_empty, number
 from servolink.cli.doctor import described
-from servolink.cli.main import FAILED, OK, usage_error
+from servolink.cli.main import FAILED, OK, refuse_input, usage_error
 from servolink.cli.output import Table, print_error, print_json, print_table, print_text
 from servolink.cli.session import Interruption, refuse_without_answer, run_interruptible
 from servolink.cli.terminal import confirm
@@ -72,6 +72,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Collect what is known, show what would be written, ask, and write it."""
     refuse_without_answer(args)
+    if args.recording:
+        refuse_input(args, Path(args.recording), [Path(args.output)])
     check_free(Path(args.output), replace=args.force)  # before people wait for the recording
 
     async def main(interruption: Interruption) -> int:

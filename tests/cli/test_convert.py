@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from servolink.protocol.codec import Codec
 from servolink.protocol.servos import QueryServoListRequest
 from servolink.recorder.channels import Event, Wire
+from servolink.recorder.mcap_reader import MAGIC
 from tests.cli.programs import call
 from tests.recorder.files import START, write
 from tests.recorder.test_pcapng import blocks, read_back
@@ -66,6 +69,41 @@ def test_existing_file_is_kept(recording: Path, capsys: pytest.CaptureFixture[st
     assert [path.name for path in recording.parent.iterdir() if path.suffix == ".csv"] == ["out.events.csv"]
     assert out.read_text() == "precious"
     assert call(capsys, "convert", str(recording), "--csv", "--force").code == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "out"),
+    [
+        (("--csv", "--channel", "wire"), "wire.mcap"),
+        (("--csv", "--channel", "wire"), "link.mcap"),
+        (("--csv",), "x.mcap"),  # to which the name of the channel is added
+        (("--csv",), "none/../x.mcap"),
+        (("--pcap",), "wire.mcap"),
+        (("--pcap",), "link.mcap"),
+    ],
+)
+def test_the_recording_is_never_replaced(
+    options: tuple[str, ...], out: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path / "x.wire.mcap", MESSAGES)
+    content = path.read_bytes()
+    (tmp_path / "none").mkdir()
+    os.link(path, tmp_path / "wire.mcap")
+    os.link(path, tmp_path / "link.mcap")
+    said = call(capsys, "convert", str(path), *options, "-o", str(tmp_path / out), "--force")
+    assert said.code == 2
+    assert "is the file that is read, and would be lost; choose another name with --output" in said.err
+    assert path.read_bytes() == content
+    assert len(list(tmp_path.iterdir())) == 4
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
+def test_the_target_of_a_linked_recording_is_not_replaced(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    link = recording.with_name("link.mcap")
+    link.symlink_to(recording)
+    for source, out in ((link, recording), (recording, link)):
+        assert call(capsys, "convert", str(source), "--pcap", "-o", str(out), "--force").code == 2
+    assert recording.read_bytes().startswith(MAGIC)
 
 
 def test_texts_are_no_formulas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

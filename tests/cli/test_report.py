@@ -77,6 +77,16 @@ def test_report_of_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert call(capsys, "--board", "virtual://", "report", "--with-project", *options, "--force").code == 2
 
 
+def test_the_recording_is_never_replaced_by_its_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "wave.mcap"
+    path.write_bytes(WAVE.read_bytes())
+    options = ("--recording", str(path), "-o", str(path), "--force", "--yes")
+    said = call(capsys, "--board", "virtual://", "report", *options)
+    assert said.code == 2
+    assert "is the file that is read, and would be lost; choose another name with --output" in said.err
+    assert path.read_bytes() == WAVE.read_bytes()
+
+
 def test_board_that_is_not_there_has_a_report_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "report.zip"
     said = call(capsys, "--board", "serial:///dev/zyx-1", "report", "--yes", "-o", str(path))
