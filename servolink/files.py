@@ -9,10 +9,11 @@ import stat
 import sys
 import time
 import warnings
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
-from typing import IO, Literal
+from typing import IO, BinaryIO, Literal
 
 MIB = 1024 * 1024
 
@@ -61,23 +62,30 @@ def open_file(path: Path, *, writable: bool = False) -> FileIO:
 
 
 def write_atomically(path: Path, content: bytes, *, private: bool = False) -> None:
-    """Replace the content of `path`, whole or, on any failure, not at all. Raise OSError for a failure.
+    """Replace the content of `path` as `atomic_file` does. Raise OSError for a failure."""
+    with atomic_file(path, private=private) as file:
+        file.write(content)
+
+
+@contextmanager
+def atomic_file(path: Path, *, private: bool = False) -> Iterator[BinaryIO]:
+    """Yield a file that replaces `path` when the context ends, whole or, on any failure, not at all.
 
     A link stays a link, and an existing file keeps its permissions. A new file gets the usual ones, or, if `private`,
     only its owner can read it. Anything but a regular file, such as a device or a pipe, is left alone, and so is a file
-    that this user may not write.
-    Temporary files left here by a program that was killed are removed.
+    that this user may not write. Temporary files left here by a program that was killed are removed. Raise OSError for a
+    failure.
     """
     if path.is_symlink():
         path = Path(os.path.realpath(path))
-    if path.exists() and not path.is_dir():  # the system itself refuses a folder, in clear words
+    if path.exists():
         _refuse_irregular(path, path.stat())
         if not os.access(path, os.W_OK):  # of which replacing it would take no notice
             raise PermissionError(errno.EACCES, "is write-protected; allow writing to it first", str(path))
     temporary = path.with_name(f".servolink-{os.urandom(8).hex()}")
     try:
         with open(temporary, "xb", opener=_create_private if private else None) as file:
-            file.write(content)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         with suppress(FileNotFoundError):

@@ -26,13 +26,13 @@ from servolink.cli.terminal import confirm
 from servolink.doctor.examine import Report, examine
 from servolink.doctor.system import SystemFacts
 from servolink.errors import ServolinkError
+from servolink.recorder.new_file import check_free
 from servolink.recorder.private_text import PrivateText
 from servolink.recorder.report import (
     FACTS,
     PROJECT,
     RECORDING,
     blank_recording,
-    check_free,
     facts_text,
     pack,
     write_report,

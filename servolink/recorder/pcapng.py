@@ -11,12 +11,11 @@ from pathlib import Path
 from struct import Struct
 from typing import BinaryIO, Final, NamedTuple
 
-from servolink.errors import RecordingError
 from servolink.escaping import escape
-from servolink.files import reason
 from servolink.protocol.frame import ByteOrder, Frame, encode_frame
 from servolink.protocol.parser import FrameParser
 from servolink.recorder.channels import Direction, Recorded, Wire
+from servolink.recorder.new_file import new_file
 
 LINKTYPE_USER0: Final = 147
 """The link type of captures without a registered one; the dissector of `servolink wireshark` reads it."""
@@ -53,21 +52,10 @@ def write_pcapng(file: BinaryIO, wire: Iterable[tuple[int, Wire]], recorded: Rec
 def save_pcapng(path: Path, wire: Iterable[tuple[int, Wire]], recorded: Recorded, *, replace: bool = False) -> int:
     """Write a capture to a file, as `write_pcapng` does.
 
-    Raise RecordingError if it exists and `replace` is not set, or cannot be written; what was begun is removed.
+    Raise RecordingError if it exists and `replace` is not set, or cannot be written; then nothing is changed.
     """
-    is_begun = False
-    try:
-        with path.open("wb" if replace else "xb") as file:
-            is_begun = True
-            return write_pcapng(file, wire, recorded)
-    except BaseException as error:
-        if is_begun:
-            path.unlink(missing_ok=True)
-        if isinstance(error, FileExistsError):
-            raise RecordingError(f"{path} exists already; --force replaces it") from error
-        if isinstance(error, (OSError, ValueError)) and not isinstance(error, RecordingError):
-            raise RecordingError(f"the capture cannot be written: {reason(error)}") from error
-        raise
+    with new_file(path, replace=replace) as file:
+        return write_pcapng(file, wire, recorded)
 
 
 def write_packets(file: BinaryIO, packets: Iterable[Captured], *, comment: str, link_type: int = LINKTYPE_USER0) -> int:

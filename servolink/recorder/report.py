@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from servolink.errors import RecordingError
-from servolink.files import MIB, open_file, read_file, reason, write_atomically
+from servolink.files import MIB, open_file, read_file, reason
 from servolink.json_text import read_json
 from servolink.recorder.blanking import blanked
 from servolink.recorder.channels import TOPICS, Recorded, encode
 from servolink.recorder.mcap_stream import McapStream
+from servolink.recorder.new_file import new_file
 from servolink.recorder.private_text import PrivateText
 from servolink.recorder.reading import Recording, Selection
 
@@ -80,24 +81,10 @@ def pack(files: Mapping[str, bytes]) -> bytes:
     return packed.getvalue()
 
 
-def check_free(path: Path, *, replace: bool) -> None:
-    """Raise RecordingError if a report cannot be written at `path`, or would replace a file without `replace`."""
-    try:
-        if path.exists() and not replace:
-            raise RecordingError(f"{path} exists already; --force replaces it")
-        if not path.parent.is_dir():
-            raise RecordingError(f"{path} cannot be written: the folder does not exist; create it first")
-    except OSError as error:
-        raise RecordingError(f"{path} cannot be written: {reason(error)}") from error
-
-
 def write_report(path: Path, packed: bytes, *, replace: bool) -> None:
     """Write a report. Raise RecordingError if the file exists and `replace` is not set, or cannot be written."""
-    check_free(path, replace=replace)
-    try:
-        write_atomically(path, packed, private=True)
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"{path} cannot be written: {reason(error)}") from error
+    with new_file(path, replace=replace, private=True) as file:
+        file.write(packed)
 
 
 def facts_text(facts: Mapping[str, Any]) -> bytes:

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import msgspec
 
-from servolink.errors import RecordingError
 from servolink.escaping import escape
-from servolink.files import reason
 from servolink.recorder.channels import CHANNELS, Message, ServosRead, ServoState
+from servolink.recorder.new_file import naming, new_file
 from servolink.recorder.reading import Entry
 
 _FIRST = ("seconds", "time_ns")
+_UTF_8 = codecs.getwriter("utf-8")
 _FORMULA = tuple("=+-@|%\t\r'")
 
 
@@ -38,31 +39,43 @@ def rows(entry: Entry) -> Iterator[tuple[Any, ...]]:
 def write_tables(entries: Iterable[Entry], path_of: Callable[[str], Path], *, replace: bool = False) -> dict[Path, int]:
     """Write a CSV file for each channel of `entries`, where `path_of` its name says; return their rows.
 
-    Raise RecordingError if a file exists and `replace` is not set, or cannot be written; what was begun is removed.
+    Raise RecordingError if a file exists and `replace` is not set, or cannot be written; then no file is changed,
+    unless the fault is in the last step, in which they are replaced one after the other.
     """
-    written: dict[Path, int] = {}
-    try:
-        with ExitStack() as files:
-            tables: dict[str, Any] = {}
-            for entry in entries:
+    tables: dict[str, _Table] = {}
+    with ExitStack() as files:
+        for entry in entries:
+            if entry.topic not in tables:
                 path = path_of(entry.topic.removeprefix("/"))
-                if entry.topic not in tables:
-                    file = files.enter_context(path.open("w" if replace else "x", encoding="utf-8", newline=""))
-                    written[path] = 0
-                    tables[entry.topic] = csv.writer(file, lineterminator="\n")
-                    tables[entry.topic].writerow(columns(entry.topic))
-                for row in rows(entry):
-                    tables[entry.topic].writerow(row)
-                    written[path] += 1
-    except BaseException as error:
-        for path in written:
-            path.unlink(missing_ok=True)
-        if isinstance(error, FileExistsError):
-            raise RecordingError(f"{error.filename} exists already; --force replaces it") from error
-        if isinstance(error, (OSError, ValueError)) and not isinstance(error, RecordingError):
-            raise RecordingError(f"the table cannot be written: {reason(error)}") from error
-        raise
-    return written
+                tables[entry.topic] = _Table(path, files.enter_context(new_file(path, replace=replace)), entry.topic)
+            tables[entry.topic].add(entry)
+        for table in tables.values():  # the disk may be full: before the first of them replaces anything
+            table.flush()
+    return {table.path: table.count for table in tables.values()}
+
+
+class _Table:
+    """The table of one channel, as it is written."""
+
+    def __init__(self, path: Path, file: BinaryIO, topic: str) -> None:
+        self.path = path
+        self.count = 0
+        """The rows so far."""
+        self._file = file
+        self._writer = csv.writer(_UTF_8(file), lineterminator="\n")
+        self._writer.writerow(columns(topic))
+
+    def add(self, entry: Entry) -> None:
+        """Write the rows of a message. Raise RecordingError, which names the file, if that fails."""
+        with naming(self.path):
+            for row in rows(entry):
+                self._writer.writerow(row)
+                self.count += 1
+
+    def flush(self) -> None:
+        """Pass everything on to the system. Raise RecordingError, which names the file, if that fails."""
+        with naming(self.path):
+            self._file.flush()
 
 
 def _values(message: Message) -> Iterator[list[Any]]:

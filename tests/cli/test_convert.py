@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import csv
+import errno
 import os
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
 from servolink.protocol.codec import Codec
 from servolink.protocol.servos import QueryServoListRequest
-from servolink.recorder.channels import Event, Wire
+from servolink.recorder import tables as tables_module
+from servolink.recorder.channels import Event, Message, Wire
 from servolink.recorder.mcap_reader import MAGIC
+from tests import processes
 from tests.cli.programs import call
 from tests.recorder.files import START, write
 from tests.recorder.test_pcapng import blocks, read_back
@@ -123,7 +127,7 @@ def test_nothing_to_write(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 def test_file_that_cannot_be_written(place: str, recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, "convert", str(recording), "--csv", "-o", str(recording.parent / place))
     assert said.code == 1
-    assert "the table cannot be written" in said.err
+    assert "csv cannot be written: " in said.err
 
 
 def test_the_wire_is_a_capture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -143,4 +147,77 @@ def test_the_wire_is_a_capture(tmp_path: Path, capsys: pytest.CaptureFixture[str
 def test_a_capture_that_cannot_be_written(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, "convert", str(recording), "--pcap", "-o", str(recording.parent / "none/x.pcapng"))
     assert said.code == 1
-    assert "the capture cannot be written" in said.err
+    assert "x.pcapng cannot be written: the folder does not exist; create it first" in said.err
+
+
+FORMS = pytest.mark.parametrize("form", [("--csv", "--channel", "events"), ("--pcap",)], ids=["csv", "pcap"])
+NOISE = Wire("sent", b"x" * 99, 0.0)
+MANY: list[tuple[float, Message]] = [
+    each for at in range(500) for each in ((float(at), Event("mark", "mark", "x" * 99)), (at + 0.5, NOISE))
+]
+
+
+def full(*_: object) -> NoReturn:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@FORMS
+@pytest.mark.parametrize("before", [b"precious", None])
+def test_on_a_full_disk_what_was_there_stays(
+    form: tuple[str, ...],
+    before: bytes | None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path, out = write(tmp_path / "out.mcap", MANY), tmp_path / "x"
+    if before is not None:
+        out.write_bytes(before)
+    monkeypatch.setattr(os, "fsync", full)
+    said = call(capsys, "convert", str(path), *form, "-o", str(out), "--force")
+    assert (said.code, said.err) == (1, f"servolink: {out} cannot be written: {os.strerror(errno.ENOSPC)}\n")
+    assert (out.read_bytes() if out.exists() else None) == before
+    assert {each.name for each in tmp_path.iterdir()} == {"out.mcap", "x"} - ({"x"} if before is None else set())
+
+
+def test_no_table_is_replaced_if_one_of_them_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path / "out.mcap", [*MANY, (999.0, Wire("sent", b"last", 999.0))])
+    tables = [path.with_name(f"out.{channel}.csv") for channel in ("events", "wire")]
+    for each in tables:
+        each.write_text("precious")
+    rows = tables_module.rows
+    monkeypatch.setattr(
+        tables_module, "rows", lambda entry: full() if getattr(entry.message, "data", b"") == b"last" else rows(entry)
+    )
+    said = call(capsys, "convert", str(path), "--csv", "--force")
+    assert (said.code, said.err) == (1, f"servolink: {tables[1]} cannot be written: {os.strerror(errno.ENOSPC)}\n")
+    assert [each.read_text() for each in tables] == ["precious", "precious"]
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links and limits of POSIX")
+@FORMS
+def test_a_link_outlives_a_file_that_may_not_grow(form: tuple[str, ...], tmp_path: Path) -> None:
+    path, out, target = write(tmp_path / "out.mcap", MANY), tmp_path / "x", tmp_path / "target"
+    target.write_text("precious")
+    out.symlink_to(target)
+    limit = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000)); "
+    program = f"{limit}from servolink.__main__ import main; sys.exit(main(sys.argv[1:]))"
+    line = [sys.executable, "-c", program, "convert", str(path), *form, "-o", str(out), "--force"]
+    said = processes.run(line)
+    assert (said.returncode, said.stderr) == (1, f"servolink: {out} cannot be written: {os.strerror(errno.EFBIG)}\n")
+    assert out.readlink() == target
+    assert target.read_text() == "precious"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a pipe of POSIX")
+@FORMS
+def test_a_pipe_is_left_alone(form: tuple[str, ...], recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pipe = recording.with_name("pipe")
+    os.mkfifo(pipe)
+    said = call(capsys, "convert", str(recording), *form, "-o", str(pipe), "--force")
+    assert said.code == 1
+    assert said.err == f"servolink: {pipe} is not a regular file, and is left alone; choose another name\n"
+    assert pipe.is_fifo()

@@ -1,0 +1,46 @@
+"""Files made of recordings: each is whole or not there, and replaces another one only if that is wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from servolink.errors import RecordingError
+from servolink.files import atomic_file, reason
+
+
+def check_free(path: Path, *, replace: bool) -> None:
+    """Raise RecordingError if no file can be written at `path`, or if it would replace one without `replace`."""
+    with naming(path):
+        if path.exists():
+            if not path.is_file():
+                raise RecordingError(f"{path} is not a regular file, and is left alone; choose another name")
+            if not replace:
+                raise RecordingError(f"{path} exists already; --force replaces it")
+        if not path.parent.is_dir():
+            raise RecordingError(f"{path} cannot be written: the folder does not exist; create it first")
+
+
+@contextmanager
+def new_file(path: Path, *, replace: bool, private: bool = False) -> Iterator[BinaryIO]:
+    """Yield a file that is at `path` when the context ends; after any failure, what was there before still is.
+
+    If `private`, only its owner can read a new file. Raise RecordingError if a file exists and `replace` is not set, or
+    if it cannot be written.
+    """
+    check_free(path, replace=replace)
+    with naming(path), atomic_file(path, private=private) as file:
+        yield file
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Raise RecordingError, which names the file, if it cannot be written in this context."""
+    try:
+        yield
+    except RecordingError:
+        raise
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"{path} cannot be written: {reason(error)}") from error
