@@ -1,11 +1,13 @@
 """Read MCAP records from a file that anybody may have written: in order, in bounded memory, and cut anywhere.
 
 The file is read from the beginning to the end and no offset in it is followed, so that no loop is possible. Indexes,
-attachments and whatever else is not needed is skipped without being read.
+attachments and whatever else is not needed is skipped without being read. Behind a damaged record the next one is
+searched for.
 """
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from collections import Counter
@@ -13,20 +15,23 @@ from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from struct import Struct
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from servolink.errors import RecordingError
 from servolink.escaping import quote
 from servolink.files import MIB, open_file, reason
+from servolink.recorder.mcap_search import find_record
 
 MAGIC = b"\x89MCAP0\r\n"
 """The first and the last bytes of a file."""
 LARGEST = 16 * MIB
 """The largest record, and the largest content of a chunk, that is read; a recorder's chunks have 256 KiB."""
 
-FOOTER, CHANNEL, MESSAGE, CHUNK, METADATA = 0x02, 0x04, 0x05, 0x06, 0x0C
+FOOTER, CHANNEL, MESSAGE, CHUNK, STATISTICS, METADATA = 0x02, 0x04, 0x05, 0x06, 0x0B, 0x0C
 _IN_CHUNKS = {CHANNEL, MESSAGE}
-_READ = {CHANNEL, MESSAGE, CHUNK, METADATA}
+_READ = {CHANNEL, MESSAGE, CHUNK, STATISTICS, METADATA}
+_KNOWN = range(0x01, 0x10)
+_FOOTER_SIZE = 20
 _HEAD = Struct("<BQ")
 _MESSAGE = Struct("<HIQQ")
 _CHUNK = Struct("<QQQI")
@@ -34,6 +39,7 @@ _LONG, _SHORT, _ID = Struct("<Q"), Struct("<I"), Struct("<H")
 _LONGEST_NAME, _LONGEST_TEXT = 256, 0x10000
 _MOST_METADATA = 100  # entries
 _DAMAGED = "damaged chunks were left out"
+_NO_RECORDS = "bytes that belong to no record were left out"
 
 
 class Message(NamedTuple):
@@ -64,6 +70,10 @@ class McapReader:
         self.is_cut = False
         """Whether the file ends too early: its writer was killed, or the disk was full."""
         self._channels: dict[int, tuple[str, str]] = {}
+        self._messages = 0  # read so far
+        self._counted: int | None = None  # how many there are, as the file says
+        self._sure = len(MAGIC)  # where the search begins if no record is where one should be
+        self._read_again = 0  # bytes
         try:
             self._file = open_file(path)
         except (OSError, ValueError) as error:
@@ -79,36 +89,66 @@ class McapReader:
     def records(self) -> Iterator[Message | Metadata]:
         """Yield everything that can be read, once, and close the file. Raise RecordingError for a broken disk."""
         with self._file:
-            while (record := self._next(self._file)) is not None:
+            while (record := self._next()) is not None:
                 yield from self._understood(*record)
 
-    def _next(self, file: IO[bytes]) -> tuple[int, bytes] | None:
+    def _next(self) -> tuple[int, bytes] | None:
         """Return kind and content of the next record that is needed; None at the end of the file."""
         while True:
+            start = self._file.tell()
             head = self._take(_HEAD.size)
-            if len(head) < _HEAD.size:
-                self.is_cut = True
-                return None
-            kind, size = _HEAD.unpack(head)
-            if kind == FOOTER:
-                return None
-            if kind in _READ and size <= LARGEST:
+            kind, size = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, 0)
+            if kind == FOOTER and size == _FOOTER_SIZE:
+                if self._take(size + len(MAGIC))[size:] == MAGIC:
+                    self._compare()
+                    return None
+            elif kind in _READ and size <= LARGEST:
                 content = self._take(size)
                 if len(content) == size:
+                    self._sure = start + 1
                     return kind, content
-            elif size <= self._left(file):
+            elif kind not in {0, FOOTER} and size <= self._left():
                 if kind in _READ:
                     self.remarks[f"records larger than {LARGEST // MIB} MiB were left out"] += 1
-                file.seek(size, 1)
+                elif kind not in _KNOWN:
+                    self.remarks["records of unknown kinds were left out"] += 1
+                self._sure = start + 1
+                self._file.seek(size, 1)
                 continue
-            self.is_cut = True
-            return None
+            if not self._go_on(start):
+                return None
 
-    def _left(self, file: IO[bytes]) -> int:
-        place = file.tell()
-        end = file.seek(0, 2)
-        file.seek(place)
-        return end - place
+    def _go_on(self, start: int) -> bool:
+        """Go to the next record, if there is none at `start`. Return whether there is one.
+
+        The length of the record before may be what is wrong, so the search begins in it. Only so often that everything
+        is read twice: a hostile file must not have the same bytes read again and again.
+        """
+        self._read_again += start - self._sure
+        end = self._end()
+        begin = self._sure if self._read_again <= end else start + 1
+        self._file.seek(begin)
+        found = find_record(self._take, begin, end)
+        if found is None:
+            self.is_cut = True
+            self.remarks += Counter({_NO_RECORDS: end - start})
+            return False
+        self.remarks[_NO_RECORDS] += found - min(begin, start)  # 0 if only a length was wrong and nothing is lost
+        self._file.seek(found)
+        return True
+
+    def _compare(self) -> None:
+        """Note what is behind the end of the file, and messages that the file counts and that were not read."""
+        self.remarks += Counter({"bytes behind the end of the recording were left out": self._left()})
+        missing = 0 if self._counted is None else self._counted - self._messages
+        self.remarks += Counter({"messages are missing, by the count at the end of the file": missing})
+        self.remarks += Counter({"messages are too many, by the count at the end of the file": -missing})
+
+    def _left(self) -> int:
+        return self._end() - self._file.tell()
+
+    def _end(self) -> int:
+        return os.fstat(self._file.fileno()).st_size
 
     def _take(self, size: int) -> bytes:
         try:
@@ -146,9 +186,13 @@ class McapReader:
                 self._keep_channel(_Fields(content))
             elif kind == METADATA:
                 yield _metadata(_Fields(content))
+            elif kind == STATISTICS:
+                self._counted = _Fields(content).take(_LONG)
             else:
                 channel, _, time, _ = _MESSAGE.unpack_from(content)
-                yield Message(*self._channels[channel], time, bytes(content[_MESSAGE.size :]))
+                message = Message(*self._channels[channel], time, bytes(content[_MESSAGE.size :]))
+                self._messages += 1
+                yield message
         except KeyError:
             self.remarks["messages of unknown channels were left out"] += 1
         except (struct.error, ValueError):
@@ -165,6 +209,7 @@ class McapReader:
         fields = _Fields(memoryview(content), _CHUNK.size)
         compression = fields.text(_LONGEST_NAME)
         packed = fields.raw(fields.take(_LONG))
+        self._sure += _HEAD.size - 1 + fields.at  # its own lengths agree, so the next record can only be behind it
         if size > LARGEST:
             raise _Unusable(f"chunks larger than {LARGEST // MIB} MiB were left out")
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
@@ -15,7 +14,7 @@ from msgspec import Struct
 from servolink.errors import RecordingError
 from servolink.files import reason
 from servolink.recorder.channels import CHANNELS, MESSAGE_ENCODING, METADATA, Recorded
-from servolink.recorder.mcap_reader import MAGIC, McapReader, Message, Metadata
+from servolink.recorder.mcap_reader import McapReader, Message, Metadata
 from servolink.recorder.mcap_stream import McapStream
 from servolink.recorder.recording_file import RecordingFile
 from servolink.recorder.writer import CHUNK_BYTES
@@ -51,7 +50,7 @@ def repair(path: Path) -> Repaired:
             if not file.put(block):
                 raise RecordingError(f"cannot write {new}: {file.problem}")
         file.close()
-        if mending.was_whole and _has_end(path):
+        if mending.was_whole:
             return Repaired(mending.messages, "")
         if not mending.is_ours:
             raise RecordingError(f"nothing of a recording is left in {path}, and it was not changed")
@@ -118,10 +117,3 @@ def _description(record: Message | Metadata | None) -> Recorded | None:
         with suppress(msgspec.ValidationError):
             return msgspec.convert(record.texts, Recorded)
     return None
-
-
-def _has_end(path: Path) -> bool:
-    """Return whether the last bytes of a file are those that every whole one has."""
-    with path.open("rb") as file:
-        file.seek(-len(MAGIC), os.SEEK_END)
-        return file.read() == MAGIC

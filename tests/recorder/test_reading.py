@@ -155,7 +155,7 @@ BOMB = bytes(8 * LARGEST)
         (record(MESSAGE_RECORD, struct.pack("<HIQQ", 9, 0, 0, 0)), "unknown channels"),
         (record(MESSAGE_RECORD, b"short"), "contradict themselves"),
         (record(MESSAGE_RECORD, struct.pack("<HIQQ", 1, 0, 0, 0) + b"[" * 9999), "messages of /events"),
-        (record(0x99, bytes(1000)), ""),
+        (record(0x99, bytes(1000)), "records of unknown kinds"),
     ],
 )
 def test_hostile_record_is_left_out(tmp_path: Path, hostile: bytes, remark: str) -> None:

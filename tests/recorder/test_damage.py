@@ -1,0 +1,151 @@
+"""Damage in a recording costs what it hits, and is told: by `show` and by `record --repair`."""
+
+from __future__ import annotations
+
+import random
+import struct
+from pathlib import Path
+
+import pytest
+
+from servolink.recorder.channels import Event, encode
+from servolink.recorder.mcap_reader import LARGEST, McapReader
+from servolink.recorder.mcap_search import find_record
+from servolink.recorder.mcap_stream import MAGIC, McapStream
+from servolink.recorder.reading import Entry, Recording
+from servolink.recorder.repair import repair
+from tests.recorder.test_reading import CHANNEL, MARK, chunk, record
+from tests.recorder.test_repair import ABOUT, blocks
+from tests.sampling import every, some
+
+CHUNKS, EACH = 5, 12
+KIND, LENGTH = 0, 1  # places in a record
+
+
+def read(path: Path) -> tuple[list[Entry], list[str]]:
+    """Return the messages of a file, and what is said of it."""
+    with Recording(path) as recording:
+        return list(recording.entries()), recording.remarks
+
+
+def damaged(path: Path, block: int, place: int, bit: int) -> list[bytes]:
+    """Write a recording in which one bit of one block is wrong; return its blocks as they were."""
+    made = blocks(CHUNKS, EACH)
+    wrong = bytearray(made[block])
+    wrong[place] ^= 1 << bit
+    path.write_bytes(b"".join((*made[:block], wrong, *made[block + 1 :])))
+    return made
+
+
+@every(211)
+def test_one_wrong_bit_loses_nothing_silently(step: int, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    stream = McapStream(ABOUT)
+    parts = [stream.head()]
+    for at in range(3):
+        stream.add("/events", at, encode(Event("mark", "mark", text=f"{at}")))
+        parts.append(stream.chunk())
+    whole = b"".join((*parts, stream.end()))
+    path.write_bytes(whole)
+    messages, said = read(path)
+    assert (len(messages), said) == (3, [])
+    for at in some(8 * len(MAGIC), 8 * len(whole), step):
+        wrong = bytearray(whole)
+        wrong[at // 8] ^= 1 << at % 8
+        path.write_bytes(wrong)
+        found, said = read(path)
+        assert found == messages or said, f"bit {at % 8} of byte {at // 8} of {len(whole)}"
+
+
+@pytest.mark.parametrize("bit", range(8))
+def test_a_wrong_kind_costs_one_chunk(bit: int, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    damaged(path, 2, KIND, bit)
+    done = repair(path)
+    assert done.messages == (CHUNKS - 1) * EACH
+    assert f"messages are missing, by the count at the end of the file ({EACH})" in done.remarks
+    assert done.original
+    assert not repair(path).original
+
+
+@pytest.mark.parametrize("bit", range(64))
+def test_a_wrong_length_costs_one_chunk_at_most(bit: int, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    made = damaged(path, 2, LENGTH + bit // 8, bit % 8)
+    times = [message.time for message in read(path)[0]]
+    assert set(times) >= {chunk * 1000 + number for chunk in (0, 2, 3, 4) for number in range(EACH)}
+    assert times == sorted(set(times))
+    done = repair(path)
+    assert done.original
+    assert done.messages == len(times)
+    lost = CHUNKS * EACH - len(times)
+    assert lost in (0, EACH)
+    assert (f"messages are missing, by the count at the end of the file ({lost})" in done.remarks) == bool(lost)
+    assert Path(done.original).stat().st_size == sum(map(len, made))
+
+
+@pytest.mark.parametrize("place", [0, 1, 2, 8])
+def test_damage_in_front_costs_no_message(place: int, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    damaged(path, 0, len(MAGIC) + place, 0)
+    assert len(read(path)[0]) == CHUNKS * EACH
+
+
+def test_bytes_between_records_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    made = blocks(CHUNKS, EACH)
+    noise = bytes(1) + random.Random(1).randbytes(300_000)
+    path.write_bytes(b"".join((*made[:3], noise, *made[3:])))
+    messages, (said,) = read(path)
+    assert len(messages) == CHUNKS * EACH
+    count = int(said.removeprefix("bytes that belong to no record were left out (").removesuffix(")"))
+    assert len(noise) <= count < len(noise) + len(made[2])
+
+
+def test_a_recording_behind_another_one_is_not_passed_over_in_silence(tmp_path: Path) -> None:
+    path = tmp_path / "both.mcap"
+    one, other = (b"".join(blocks(chunks, EACH)) for chunks in (2, 3))
+    path.write_bytes(one + other)
+    done = repair(path)
+    assert done.messages == 2 * EACH
+    assert done.remarks == (f"bytes behind the end of the recording were left out ({len(other)})",)
+    assert Path(done.original).read_bytes() == one + other
+
+
+def test_hostile_lengths_take_no_more_time_than_they_have_bytes(tmp_path: Path) -> None:
+    """Records that swallow what follows, and chunks in between: no byte is read more than some times."""
+    path = tmp_path / "x.mcap"
+    lying = struct.pack("<BQ", 0x05, LARGEST // 8)
+    small = chunk(MARK, b"", MARK)
+    path.write_bytes(MAGIC + CHANNEL + (lying + small) * 2000 + bytes(LARGEST // 4))
+    took = 0
+    reader = McapReader(path)
+    take = reader._take
+
+    def counting(size: int) -> bytes:
+        nonlocal took
+        data = take(size)
+        took += len(data)
+        return data
+
+    reader._take = counting  # type: ignore[method-assign]
+    assert len(list(reader.records())) >= 1
+    assert took < 16 * path.stat().st_size
+    assert reader.is_cut
+
+
+@pytest.mark.parametrize("gap", [0, 1, 4095, 4096, 4100, 70_000])
+def test_a_chunk_is_found_wherever_the_window_ends(gap: int) -> None:
+    whole = bytes(gap) + chunk(MARK, b"", MARK) + record(0x99, b"")
+    chunks = iter([whole[at : at + 1000] for at in range(0, len(whole), 1000)])
+    assert find_record(lambda _: next(chunks, b""), 0, len(whole)) == gap
+
+
+def test_a_chunk_whose_lengths_do_not_agree_is_not_found() -> None:
+    wrong = bytearray(chunk(MARK, b"", MARK))
+    wrong[45] ^= 1
+    data = iter([bytes(wrong)])
+    assert find_record(lambda _: next(data, b""), 0, len(wrong)) is None
+    short = chunk(MARK, b"", MARK)[:-1]
+    data = iter([short])
+    assert find_record(lambda _: next(data, b""), 0, len(short)) is None
