@@ -1,4 +1,7 @@
-"""RecordingFile: a file that at any time ends with a whole block, whatever the disk does."""
+"""RecordingFile: a file that at any time ends with a whole block, whatever the disk does.
+
+It is locked while it is written, so that nobody repairs what is not finished. The lock ends with the process.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
+from servolink.discovery.announcements import lock
 from servolink.errors import RecordingError
-from servolink.files import reason
+from servolink.files import open_file, reason
 
 
 class Disk(Protocol):
@@ -45,6 +49,9 @@ class RecordingFile:
         except (OSError, ValueError) as error:
             raise RecordingError(f"cannot record to {path}: {reason(error)}; choose another file") from error
 
+        with os.fdopen(self._descriptor, "wb", buffering=0, closefd=False) as file:
+            lock(file, wait=False)  # until the descriptor is closed; some file systems have no locks
+
     def put(self, block: bytes) -> bool:
         """Write a block behind the one that waits, if one does. Return whether all of it is on the disk."""
         self._waiting = self._waiting + block if self._waiting else block
@@ -75,3 +82,15 @@ class RecordingFile:
             descriptor, self._descriptor = self._descriptor, -1
             with suppress(OSError):
                 os.close(descriptor)
+
+
+def is_being_written(path: Path) -> bool:
+    """Return whether somebody writes this recording, or its file system has no locks.
+
+    Raise OSError if there is no such file, or it cannot be opened.
+    """
+    try:
+        with open_file(path, writable=True) as file:
+            return not lock(file, wait=False)
+    except PermissionError:  # a file that was protected after it was recorded
+        return False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 from itertools import chain
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from servolink.files import reason
 from servolink.recorder.channels import CHANNELS, MESSAGE_ENCODING, METADATA, Recorded
 from servolink.recorder.mcap_reader import McapReader, Message, Metadata
 from servolink.recorder.mcap_stream import McapStream
-from servolink.recorder.recording_file import RecordingFile
+from servolink.recorder.recording_file import RecordingFile, is_being_written
 from servolink.recorder.writer import CHUNK_BYTES
 
 _UNKNOWN = Recorded("", "", "", "board")
@@ -38,12 +38,20 @@ class Repaired(Struct, frozen=True):
 def repair(path: Path) -> Repaired:
     """Replace a recording that was cut by one of its whole chunks, and keep it under another name.
 
-    Raise RecordingError, and leave everything as it was, if nothing in it is from a recorder of ours, or if the new
-    file cannot be written.
+    Raise RecordingError, and leave everything as it was, if it is still being recorded, if nothing in it is from a
+    recorder of ours, or if the new file cannot be written.
     """
+    with closing(McapReader(path)) as reader:
+        try:
+            return _repair(path, Mending(reader))
+        except OSError as error:
+            raise RecordingError(f"cannot repair {path}: {reason(error)}") from error
+
+
+def _repair(path: Path, mending: Mending) -> Repaired:
+    if is_being_written(path):
+        raise RecordingError(f"{path} is still being recorded; end the recorder first, or repair a copy of the file")
     new, old = Path(f"{path}{_NEW}"), Path(f"{path}{_OLD}")
-    reader = McapReader(path)
-    mending = Mending(reader)
     file = RecordingFile(new)
     try:
         for block in mending.blocks():
@@ -58,10 +66,7 @@ def repair(path: Path) -> Repaired:
             raise RecordingError(f"{old} exists already, and would be lost; remove or rename it")
         path.rename(old)
         new.rename(path)
-    except OSError as error:
-        raise RecordingError(f"cannot repair {path}: {reason(error)}") from error
     finally:
-        reader.close()
         file.close()
         new.unlink(missing_ok=True)
     return Repaired(mending.messages, str(old), mending.remarks)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import random
+import sys
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+import servolink
 from servolink.errors import RecordingError
 from servolink.recorder.channels import Event, Recorded, Wire, decode, encode
 from servolink.recorder.mcap_reader import McapReader
 from servolink.recorder.mcap_stream import MAGIC, McapStream
 from servolink.recorder.reading import Recording
+from servolink.recorder.recording_file import RecordingFile
 from servolink.recorder.repair import Mending, repair
 from tests.cli.programs import call
 
@@ -138,6 +142,45 @@ def test_what_is_no_recording_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="not an MCAP file"):
         repair(path)
     assert [each.name for each in tmp_path.iterdir()] == ["out.mcap"]
+
+
+def test_a_recording_under_way_is_left_to_its_recorder(tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    made = blocks()
+    file = RecordingFile(path)
+    for block in made[:20]:
+        assert file.put(block)
+    with pytest.raises(RecordingError, match="is still being recorded; end the recorder first"):
+        repair(path)
+    for block in made[20:]:
+        assert file.put(block)
+    file.close()
+    assert path.read_bytes() == b"".join(made)
+    assert [each.name for each in tmp_path.iterdir()] == ["out.mcap"]
+    assert repair(path).messages == 12 * 40
+
+
+def test_the_recorder_of_a_program_has_its_file_for_itself(tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    with (
+        servolink.sync.connect("virtual://?servos=2") as board,
+        servolink.sync.record(path, board, hz=0),
+        pytest.raises(RecordingError, match="is still being recorded"),
+    ):
+        repair(path)
+    assert not repair(path).original
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="permissions of POSIX")
+def test_a_protected_file_is_repaired(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "out.mcap"
+    path.write_bytes(b"".join(blocks()[:5]))
+
+    def refused(*_: object, **__: object) -> None:  # also where tests run as root
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("servolink.recorder.recording_file.open_file", refused)
+    assert repair(path).messages == 48
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
