@@ -52,6 +52,10 @@ def _repair(path: Path, mending: Mending) -> Repaired:
     if is_being_written(path):
         raise RecordingError(f"{path} is still being recorded; end the recorder first, or repair a copy of the file")
     new, old = Path(f"{path}{_NEW}"), Path(f"{path}{_OLD}")
+    with suppress(FileNotFoundError):  # what a repair has left that was killed
+        if is_being_written(new):
+            raise RecordingError(f"{path} is being repaired already, to {new}; wait for the end")
+        new.unlink()
     file = RecordingFile(new)
     try:
         for block in mending.blocks():

@@ -171,6 +171,27 @@ def test_the_recorder_of_a_program_has_its_file_for_itself(tmp_path: Path) -> No
     assert not repair(path).original
 
 
+def test_what_a_killed_repair_has_left_is_replaced(tmp_path: Path) -> None:
+    path, left = tmp_path / "out.mcap", tmp_path / "out.mcap.repairing"
+    made = blocks()
+    path.write_bytes(b"".join(made[:20]))
+    left.write_bytes(b"".join(made[:10]))
+    assert repair(path).messages == 12 * 19
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["out.mcap", "out.mcap.cut"]
+
+
+def test_two_repairs_do_not_meet(tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    cut = b"".join(blocks()[:20])
+    path.write_bytes(cut)
+    other = RecordingFile(tmp_path / "out.mcap.repairing")
+    with pytest.raises(RecordingError, match="is being repaired already"):
+        repair(path)
+    other.close()
+    assert path.read_bytes() == cut
+    assert other.path.exists()
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="permissions of POSIX")
 def test_a_protected_file_is_repaired(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "out.mcap"
