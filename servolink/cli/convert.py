@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _write_tables(args: argparse.Namespace, recording: Recording) -> dict[Path, int]:
     wanted = selection(args)
-    out = Path(args.output) if args.output else recording.path.with_suffix(".csv")
+    out = Path(args.output) if args.output else _beside(recording.path, ".csv")
 
     def path_of(channel: str) -> Path:
         return out if args.output and len(wanted.topics) == 1 else out.with_suffix(f".{channel}{out.suffix}")
@@ -65,9 +65,14 @@ def _write_capture(args: argparse.Namespace, recording: Recording) -> dict[Path,
     wanted = selection(args)
     if wanted != Selection(wanted.since, wanted.until):
         usage_error(args, "--pcap writes all bytes of the line: only --from and --to select a part")
-    out = Path(args.output) if args.output else recording.path.with_suffix(".pcapng")
+    out = Path(args.output) if args.output else _beside(recording.path, ".pcapng")
     refuse_input(args, recording.path, [out])
     entries = recording.entries(Selection(wanted.since, wanted.until, frozenset({"/wire"})))
     wire = ((entry.time, entry.message) for entry in entries if isinstance(entry.message, Wire))
     recorded = recording.about or Recorded("", "", recording.path.name, "board")
     return {out: save_pcapng(out, wire, recorded, replace=args.force)}
+
+
+def _beside(path: Path, suffix: str) -> Path:
+    """Return the name for another form of a recording: no part of it but `.mcap` is dropped, as names may have dots."""
+    return path.with_name((path.stem if path.suffix.lower() == ".mcap" else path.name) + suffix)

@@ -64,6 +64,16 @@ def test_one_channel_in_a_part_of_the_time(recording: Path, capsys: pytest.Captu
     assert len(table(out)) == 1
 
 
+@pytest.mark.parametrize(("form", "ending"), [("--csv", ".wire.csv"), ("--pcap", ".pcapng")])
+def test_names_with_dots_stay_apart(form: str, ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names = ("2024.01.02", "2024.01.03", "2024.01.04.mcap", "2024.01.05.MCAP", ".mcap")
+    for name in names:
+        write(tmp_path / name, [(0.0, Wire("sent", b"x", 0.0))])
+        assert call(capsys, "convert", str(tmp_path / name), form).code == 0
+    written = {path.name for path in tmp_path.iterdir()} - set(names)
+    assert written == {f"{name}{ending}" for name in ("2024.01.02", "2024.01.03", "2024.01.04", "2024.01.05", ".mcap")}
+
+
 def test_existing_file_is_kept(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = recording.with_name("out.events.csv")
     out.write_text("precious")
