@@ -102,17 +102,14 @@ class McapReader:
                 if self._take(size + len(MAGIC))[size:] == MAGIC:
                     self._compare()
                     return None
-            elif kind in _READ and size <= LARGEST:
-                content = self._take(size)
-                if len(content) == size:
-                    self._sure = start + 1
-                    return kind, content
             elif kind not in {0, FOOTER} and size <= self._left():
+                self._sure = start + 1
+                if kind in _READ and size <= LARGEST:
+                    return kind, self._take(size)
                 if kind in _READ:
                     self.remarks[f"records larger than {LARGEST // MIB} MiB were left out"] += 1
                 elif kind not in _KNOWN:
                     self.remarks["records of unknown kinds were left out"] += 1
-                self._sure = start + 1
                 self._file.seek(size, 1)
                 continue
             if not self._go_on(start):

@@ -17,7 +17,7 @@ _CHUNK = re.compile(
 _CHANNEL = re.compile(rb"\x04(?P<size>..\x00{6}).{4}[^\x00]\x00{3}/[a-z]{1,32}\x04\x00{3}json", re.DOTALL)
 _LONGEST: Final = 64
 """Bytes that the longest match can have."""
-_FIRST, _MOST = 4096, MIB  # bytes looked at together: few at first, as the next record is mostly near
+_FIRST, _MOST = 512, MIB  # bytes looked at together: few at first, as the next record is mostly near
 
 
 def find_record(read: Callable[[int], bytes], start: int, end: int) -> int | None:
