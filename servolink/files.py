@@ -73,8 +73,8 @@ def atomic_file(path: Path, *, private: bool = False) -> Iterator[BinaryIO]:
 
     A link stays a link, and an existing file keeps its permissions. A new file gets the usual ones, or, if `private`,
     only its owner can read it. Anything but a regular file, such as a device or a pipe, is left alone, and so is a file
-    that this user may not write. Temporary files left here by a program that was killed are removed. Raise OSError for a
-    failure.
+    that this user may not write. Temporary files left here by a program that was killed are removed. Raise OSError for
+    a failure.
     """
     if path.is_symlink():
         path = Path(os.path.realpath(path))

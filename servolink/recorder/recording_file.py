@@ -10,9 +10,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
-from servolink.discovery.announcements import lock
 from servolink.errors import RecordingError
 from servolink.files import open_file, reason
+from servolink.locks import lock
 
 
 class Disk(Protocol):
