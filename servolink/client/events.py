@@ -24,7 +24,7 @@ class ButtonSubscription(Source[Reader[ButtonEvent]]):
 
     def __init__(self, session: Session) -> None:
         """Start without readers, not subscribed."""
-        self._loop = session.loop
+        super().__init__(session.loop)
         self._readers: set[Reader[ButtonEvent]] = set()
         self._subscribed: bool | None = False
         """Whether the board sends events; None after a request to change that was not answered."""

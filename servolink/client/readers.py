@@ -54,6 +54,10 @@ class Reader(Generic[T]):
 class Source(ABC, Generic[ReaderT]):
     """What gives items to its readers."""
 
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Give items in `loop`."""
+        self._loop = loop
+
     @abstractmethod
     async def join(self, reader: ReaderT) -> None:
         """Give items to `reader` from now on."""
@@ -64,7 +68,12 @@ class Source(ABC, Generic[ReaderT]):
 
     @abstractmethod
     def leave_soon(self, reader: ReaderT) -> None:
-        """Leave in the background, for callers that cannot await."""
+        """Leave in the background, for callers in the loop that cannot await."""
+
+    def leave_later(self, reader: ReaderT) -> None:
+        """Leave when the loop has its next turn: Python calls finalizers anywhere, and in any thread."""
+        with suppress(RuntimeError):  # the loop has ended, and nobody reads any more
+            self._loop.call_soon_threadsafe(self.leave_soon, reader)
 
 
 class SharedIterator(AsyncIterator[T], Generic[T, ReaderT]):
@@ -118,7 +127,7 @@ class SharedIterator(AsyncIterator[T], Generic[T, ReaderT]):
     def __del__(self) -> None:
         """Leave after `break` has left an `async for` loop."""
         if getattr(self, "_joined", False):  # it is not there if the arguments were refused
-            self._source.leave_soon(self._reader)
+            self._source.leave_later(self._reader)
 
     async def _join(self) -> None:
         if not self._joined and not self._reader.ended:

@@ -79,9 +79,9 @@ class ServoWatch(Source[_RatedReader]):
 
     def __init__(self, session: Session, servos: ServoController) -> None:
         """Start without readers."""
+        super().__init__(session.loop)
         self._session = session
         self._servos = servos
-        self._loop = session.loop
         self._readers: set[_RatedReader] = set()
         self._queries: set[asyncio.Task[None]] = set()
         self._resuming: asyncio.Task[None] | None = None
@@ -201,7 +201,8 @@ class ServoWatch(Source[_RatedReader]):
         servos = await self._servos.servos()
         self._has_read = True
         reading = ServoReading(self._loop.time(), servos)
-        stopping = [reader for reader in self._readers if reader.offer(due, reading)]
+        readers = tuple(self._readers)  # a copy: no reader that comes or goes meanwhile may swallow a stop
+        stopping = [reader for reader in readers if reader.offer(due, reading)]
         if stopping and self._stopping is None:
             self._stopping = self._loop.create_task(self._stop())
         if self._period is None:

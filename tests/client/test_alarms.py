@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 from typing import Any
 
 import pytest
 
 from servolink.client.alarms import Alarm, AlarmWatch
 from servolink.client.servos import Servo
+from servolink.client.watch import _RatedReader
 from servolink.errors import OutcomeUnknown
 from servolink.protocol.servos import SetServoParameterRequest
 from tests.client.fake_board import LOST, FakeBoard, opened
@@ -120,6 +122,31 @@ def test_a_slow_program_is_told_what_was_raised_meanwhile_and_the_stop_does_not_
             assert [each.alarm for each in reading.alarms] == alarms
             assert reading.servos[0].state == "stopped"
             assert (await anext(found)).alarms == ()
+
+    run(main())
+
+
+def test_an_iterator_that_python_collects_while_alarms_are_checked_swallows_no_stop(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    offer = _RatedReader.offer
+
+    def collecting(reader: _RatedReader, *of: Any) -> bool:
+        gc.collect()
+        return offer(reader, *of)
+
+    async def main() -> None:
+        fake = FakeBoard(servos=1)
+        async with opened(fake) as board:
+            async with board.watch(50, alarms=[Alarm.parse("temperature_raw>0", stops=True)]):
+                dropped = board.watch(50)
+                await dropped.__aenter__()
+                cycle: list[object] = [dropped]
+                cycle.append(cycle)
+                del dropped, cycle
+                monkeypatch.setattr(_RatedReader, "offer", collecting)
+                await asyncio.sleep(1)
+            assert len(fake.executed_of(SetServoParameterRequest)) == 1
 
     run(main())
 

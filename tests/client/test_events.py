@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+from threading import Thread
 
 import pytest
 
@@ -66,6 +67,24 @@ def test_break_unsubscribes() -> None:
                 assert event.button_id == 1
                 break
             gc.collect()
+            assert await subscriptions(fake) == [START, END]
+
+    run(main())
+
+
+def test_an_iterator_that_python_collects_in_another_thread_unsubscribes() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with opened(fake) as board:
+            asyncio.get_running_loop().set_debug(True)  # refuses calls from other threads, which are unsafe
+            events = board.button_events()
+            await events.__aenter__()
+            cycle: list[object] = [events]
+            cycle.append(cycle)
+            del events, cycle
+            collecting = Thread(target=gc.collect)
+            collecting.start()
+            collecting.join()
             assert await subscriptions(fake) == [START, END]
 
     run(main())
