@@ -182,7 +182,7 @@ class ServoController:
             units_sent = connection.units_sent
             if await connection.send(request, unless_stopped_since=stops, unless_units_since=units_sent):
                 break
-        self.soft_start.moved(moving, longest)
+        self.soft_start.moved(moving, longest, (connection, stops))
         if wait:
             await asyncio.sleep(longest)
             async for _ in self.until_arrived(goals, 0.0):
@@ -240,7 +240,8 @@ class ServoController:
                 self._check_speed(step, abs(step.degree - here[step.servo_id]), is_first=step.servo_id in first)
             if await connection.send(packet, unless_stopped_since=stops, unless_units_since=units_sent):
                 break
-        self.soft_start.moved(moving, max((step.interval for step in packet.steps), default=0) * self._interval_unit)
+        longest = max((step.interval for step in packet.steps), default=0) * self._interval_unit
+        self.soft_start.moved(moving, longest, (connection, stops))
 
     async def stop(self) -> None:
         """Stop and hold all servos, ahead of everything that waits to be sent (see `Board.stop`)."""

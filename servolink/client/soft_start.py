@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable
 
 from servolink.client.session import Session
+from servolink.connection.connection import Connection
 from servolink.motion.limits import MotionLimits
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 
@@ -36,9 +37,15 @@ class SoftStart:
             if self._limits.soft_speed_of(servo_id) is not None and now < self._known_at.get(servo_id, math.inf)
         }
 
-    def moved(self, servo_ids: Iterable[int], seconds: float) -> None:
-        """Count a movement that was just sent and takes `seconds` as the first one of servos that had none."""
+    def moved(self, servo_ids: Iterable[int], seconds: float, since: tuple[Connection, int]) -> None:
+        """Count a movement that was just sent and takes `seconds` as the first one of servos that had none.
+
+        But not if all servos were stopped `since` it was asked for on a connection with so many stops: a stop overtakes
+        a movement that waits for room on the line.
+        """
         self._forget_old()
+        if since != self._epoch:
+            return
         end = asyncio.get_running_loop().time() + seconds
         for servo_id in servo_ids:
             self._known_at.setdefault(servo_id, end)
@@ -58,5 +65,5 @@ class SoftStart:
             self._epoch = epoch
             self._known_at.clear()
 
-    def _now(self) -> tuple[object, int]:
+    def _now(self) -> tuple[Connection, int]:
         return self._session.connection, self._session.connection.stops
