@@ -151,11 +151,14 @@ class RequestSender:
         """Wait before a request is sent again that is lost each time, and less if something happens to its call."""
         assert isinstance(call.packet, Request)  # noqa: S101 - narrows the type
         seconds = self._answers.times.timeout(call.packet, call.tries - _AT_ONCE, after_write=False)
-        left = call.patience - (self._loop.time() - (call.since or 0.0))
         call.woken = self._loop.create_future()
         ends = call.woken, self._answers.over
-        await asyncio.wait(ends, timeout=min(seconds, left), return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait(ends, timeout=min(seconds, self._left(call)), return_when=asyncio.FIRST_COMPLETED)
         await self._go_on(call)
+
+    def _left(self, call: Call) -> float:
+        """Return how many seconds are left of the patience of a call, which has begun."""
+        return call.patience - (self._loop.time() - (call.since or 0.0))
 
     async def _give_way(self, call: Call) -> None:
         """Let others send while a query pauses of which nothing is under way; then wait for a permit again."""
@@ -166,10 +169,11 @@ class RequestSender:
         try:
             while True:  # at least one turn: those who were granted their permits before send first
                 call.woken = self._loop.create_future()
-                await asyncio.wait((waiting.granted, call.woken), return_when=asyncio.FIRST_COMPLETED)
+                ends = waiting.granted, call.woken
+                await asyncio.wait(ends, timeout=self._left(call), return_when=asyncio.FIRST_COMPLETED)
                 if waiting.granted.done():
                     break
-                await self._check(call)
+                await self._go_on(call)
             await waiting.granted
         except BaseException:
             self._scheduler.withdraw(waiting)

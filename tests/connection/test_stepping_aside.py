@@ -14,6 +14,7 @@ from servolink.protocol.editing import QueryActionRequest, QueryProjectIDRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.records import Step
 from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, QueryServoListResponse
+from servolink.protocol.settings import ClearAllDataRequest
 from tests.client.fake_board import LATENCY, LOST, FakeBoard, connected, late, now
 from tests.connection.unanswered import FENCE_KINDS, LIST, PROJECT, ask_for_ever
 from tests.virtual_time import run
@@ -145,6 +146,26 @@ def test_its_timeout_counts_while_it_pauses_and_while_it_waits_for_its_turn(time
             await asyncio.sleep(5)
             await connection.request(PROJECT)
             assert connection.callers == 1
+
+    run(main())
+
+
+def test_its_patience_counts_while_it_waits_for_its_turn() -> None:
+    async def main() -> None:
+        board = deaf_board()
+        async with connected(board) as connection:
+            await connection.request(PROJECT)
+            begun = now()
+            asking = asyncio.create_task(connection.request(UNKNOWN))
+            await until_aside(connection)
+            board.plan(ClearAllDataRequest, late(20.0))
+            erasing = asyncio.create_task(connection.request(ClearAllDataRequest()))
+            with pytest.raises(RequestTimeout):
+                await asking
+            assert now() == pytest.approx(begun + connection.patience)
+            assert not erasing.done()
+            await erasing
+            assert (connection.callers, connection.has_waiting) == (1, False)
 
     run(main())
 
