@@ -7,6 +7,8 @@ import asyncio
 from servolink.client.names import servo_id as id_of_servo
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
+from servolink.connection.explain import timed_out
+from servolink.connection.options import check_seconds
 from servolink.errors import EncodeError, Rejected
 from servolink.escaping import quote
 from servolink.motion.angles import AngleUnit
@@ -71,19 +73,41 @@ class AngleUnits:
         self, packet: SetAngleUnitRequest, *, timeout: float | None = None, unchecked: bool = False
     ) -> SetAngleUnitResponse:
         """Send a packet that sets a unit, and return the response, whatever it says (see `Board.request`)."""
-        async with self._setting:
-            response = await self._sent(packet, timeout=timeout, unchecked=unchecked)
+        begun_at = await self._acquire(packet, timeout)
+        try:
+            response = await self._sent(packet, timeout=timeout, unchecked=unchecked, begun_at=begun_at)
             if _is_accepted(packet, response):
                 self._learn(packet)
             return response
+        finally:
+            self._setting.release()
+
+    async def _acquire(self, packet: SetAngleUnitRequest, timeout: float | None) -> float | None:
+        """Take the lock, and return from when `timeout` counts. Raise RequestTimeout if it is not free in this time."""
+        if timeout is None:
+            await self._setting.acquire()
+            return None
+        check_seconds("timeout", timeout)
+        begun_at = asyncio.get_running_loop().time()
+        try:
+            async with asyncio.timeout(timeout):
+                await self._setting.acquire()
+        except TimeoutError:
+            raise timed_out(packet, self._session.url, 0, timeout, self._session.stats) from None
+        return begun_at
 
     async def _sent(
-        self, packet: SetAngleUnitRequest, *, timeout: float | None = None, unchecked: bool = False
+        self,
+        packet: SetAngleUnitRequest,
+        *,
+        timeout: float | None = None,
+        unchecked: bool = False,
+        begun_at: float | None = None,
     ) -> SetAngleUnitResponse:
         connection = self._session.connection
         sent = connection.units_sent
         try:
-            return await self._session.request(packet, timeout=timeout, unchecked=unchecked)
+            return await connection.request(packet, timeout=timeout, unchecked=unchecked, begun_at=begun_at)
         except BaseException:
             # Sent, and the response is missing: the board may be in either unit. Forget what is known, so that all
             # servos are set again before the next angle.

@@ -251,15 +251,17 @@ class Connection:
         first: bool = False,
         unchecked: bool = False,
         unless_units_since: int | None = None,
+        begun_at: float | None = None,
     ) -> Coroutine[Any, Any, R]:
         """Return what sends `packet`, when it is awaited, and returns its response.
 
         What may be repeated is repeated until `patience` ends, and raises RequestTimeout. What changes the board
-        otherwise is sent once, and raises OutcomeUnknown. `timeout` limits the whole call, waiting included. `first`
-        goes before all who wait; `unchecked` sends back what was read from a board (see Codec.encode). If `units_sent`
-        is no longer `unless_units_since`, RequestError is raised and nothing sent, as for a movement after a stop.
+        otherwise is sent once, and raises OutcomeUnknown. `timeout` limits the whole call, waiting included, and counts
+        from `begun_at` (loop time) if the caller has waited already. `first` goes before all who wait; `unchecked`
+        sends back what was read from a board (see Codec.encode). If `units_sent` is no longer `unless_units_since`,
+        RequestError is raised and nothing sent, as for a movement after a stop.
         """
-        asking = self._request(packet, timeout, first, unchecked, unless_units_since)
+        asking = self._request(packet, timeout, first, unchecked, unless_units_since, begun_at)
         return self.taps.follow(packet, asking) if self.taps.heard_by else asking
 
     async def _request(
@@ -269,6 +271,7 @@ class Connection:
         first: bool,  # noqa: FBT001 - passed on by `request`, on the way of every request
         unchecked: bool,  # noqa: FBT001 - likewise
         unless_units_since: int | None,
+        begun_at: float | None,
     ) -> R:
         if asyncio.get_running_loop() is not self._loop:
             raise other_loop(self.transport.url, has_ended=self._loop.is_closed())
@@ -277,11 +280,14 @@ class Connection:
             self._slots.lanes[packet.packet_id + 1].request_size = len(frame)
         call = self._call(packet, timeout)
         call.units = unless_units_since
+        if begun_at is not None:
+            call.begun_at = begun_at
+        deadline = None if timeout is None else call.begun_at + timeout
         if self.guard is not None and not isinstance(packet, Query):
-            await self._pass_guard(self.guard(packet), call, timeout)
+            await self._pass_guard(self.guard(packet), call, deadline)
         if not self._may_send_at_once(packet):
-            await self._acquire(call, timeout, first=first)
-        limit = None if timeout is None else self._limit(call, timeout)
+            await self._acquire(call, deadline, first=first)
+        limit = None if deadline is None else self._limit(call, deadline)
         try:
             return await self._sender.converse(call, packet, frame)  # type: ignore[return-value]  # the lane's id vouches for it
         finally:
@@ -363,26 +369,26 @@ class Connection:
             self._begin_opening()
         return self._scheduler.acquire_at_once(packet)
 
-    async def _pass_guard(self, passing: Awaitable[None], call: Call, timeout: float | None) -> None:
+    async def _pass_guard(self, passing: Awaitable[None], call: Call, deadline: float | None) -> None:
         try:
-            async with asyncio.timeout(timeout):
+            async with asyncio.timeout_at(deadline):
                 await passing
         except TimeoutError as error:
             if isinstance(error, ServolinkError):
                 raise
             raise timed_out(call.packet, self.transport.url, 0, call.patience, self.stats) from None
 
-    async def _acquire(self, call: Call, timeout: float | None, *, first: bool = False) -> None:
-        """Wait for a permit, then until nothing stands in the way. After `timeout` seconds raise RequestTimeout."""
-        if timeout is None:
+    async def _acquire(self, call: Call, deadline: float | None, *, first: bool = False) -> None:
+        """Wait for a permit, then until nothing stands in the way. At `deadline` (loop time) raise RequestTimeout."""
+        if deadline is None:
             await self._wait_in_queue(call, first=first)
             return
         try:
-            async with asyncio.timeout(timeout):
+            async with asyncio.timeout_at(deadline):
                 await self._wait_in_queue(call, first=first)
         except TimeoutError:
             held = self.answers.held or self._sender.silence
-            raise timed_out(call.packet, self.transport.url, 0, timeout, self.stats, held=held) from None
+            raise timed_out(call.packet, self.transport.url, 0, call.patience, self.stats, held=held) from None
 
     async def _wait_in_queue(self, call: Call, *, first: bool) -> None:
         await self._scheduler.acquire(call.packet, first=first)
@@ -399,13 +405,13 @@ class Connection:
         self._sender.leave_queue(call)
         self.answers.leave(call)
 
-    def _limit(self, call: Call, timeout: float) -> DeadlineTimer:
+    def _limit(self, call: Call, deadline: float) -> DeadlineTimer:
         def passed(now: float) -> None:
             call.error = self._sender.given_up(call, now)
             call.wake()
 
         timer = DeadlineTimer(passed, lambda: self.stats.bytes_received)
-        timer.arm(call.begun_at + timeout)
+        timer.arm(deadline)
         return timer
 
     def _check_loop(self) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from servolink.client import connect as connecting
 from servolink.client.connect import connect
-from servolink.errors import EncodeError, OutcomeUnknown, Rejected
+from servolink.errors import EncodeError, OutcomeUnknown, Rejected, RequestTimeout
 from servolink.motion.angles import Adc, Degrees
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
@@ -21,7 +21,18 @@ from servolink.protocol.servos import (
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.servo import to_adc
-from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, Fate, connected, late, lie, opened, turns_of_the_loop
+from tests.client.fake_board import (
+    LOST,
+    SWALLOWED,
+    FakeBoard,
+    Fate,
+    connected,
+    late,
+    lie,
+    now,
+    opened,
+    turns_of_the_loop,
+)
 from tests.client.sockets import Socket
 from tests.virtual_time import run
 
@@ -207,6 +218,34 @@ def test_a_change_that_is_given_up_before_it_is_sent_changes_nothing() -> None:
             changing.cancel()
             assert isinstance((await reading).angle, Adc)
             assert board.unit_of(2) == "adc"
+
+    run(main())
+
+
+@pytest.mark.parametrize("timeout", [0.1, 2.9, 4.5])
+def test_a_timeout_counts_while_another_change_is_under_way(timeout: float) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        fake.usual_of[SetAngleUnitRequest] = LOST
+        async with opened(fake, patience=3.0) as board:
+            changing = asyncio.create_task(board.set_angle_unit("adc"))
+            await turns_of_the_loop(2)
+            begun = now()
+            with pytest.raises((RequestTimeout, OutcomeUnknown), match=f" in {timeout} s"):
+                await board.request(SetAngleUnitRequest(255, 0), timeout=timeout)
+            assert now() == pytest.approx(begun + timeout)
+            await asyncio.wait((changing,))
+            assert isinstance(changing.exception(), OutcomeUnknown)
+
+    run(main())
+
+
+@pytest.mark.parametrize("timeout", [0, "1"])
+def test_a_timeout_that_is_none_is_refused(timeout: float) -> None:
+    async def main() -> None:
+        async with opened(FakeBoard()) as board:
+            with pytest.raises((TypeError, ValueError), match="timeout must be"):
+                await board.request(SetAngleUnitRequest(255, 0), timeout=timeout)
 
     run(main())
 

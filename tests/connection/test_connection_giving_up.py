@@ -14,6 +14,7 @@ from servolink.protocol.editing import (
     QueryActionRequest,
 )
 from servolink.protocol.joystick import ButtonEventResponse
+from servolink.protocol.packet import Packet
 from servolink.protocol.servos import (
     QueryServoListRequest,
     QueryServoRequest,
@@ -168,6 +169,26 @@ def test_a_timeout_counts_on_when_the_request_has_its_turn() -> None:
                 await connection.request(LIST, timeout=2.5)
             assert now() == pytest.approx(begun + 2.5)
             await clearing
+
+    run(main())
+
+
+def test_a_timeout_counts_while_a_guard_looks_and_then_while_the_request_waits_for_others() -> None:
+    async def guard(packet: Packet) -> None:
+        await asyncio.sleep(0.9)
+
+    async def main() -> None:
+        board = FakeBoard()
+        board.plan(QueryServoListRequest, late(2))
+        async with connected(board) as connection:
+            connection.guard = guard
+            listing = asyncio.create_task(connection.request(LIST))
+            await asyncio.sleep(0)
+            begun = now()
+            with pytest.raises(RequestTimeout, match=r"and not sent in 1\.0 s"):
+                await connection.request(AddActionRequest(1), timeout=1.0)
+            assert now() == pytest.approx(begun + 1.0)
+            await listing
 
     run(main())
 
