@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from servolink.errors import RequestError as RequestError
     from servolink.errors import RequestTimeout as RequestTimeout
     from servolink.errors import ServolinkError as ServolinkError
+    from servolink.errors import TargetNotReached as TargetNotReached
     from servolink.errors import TransportError as TransportError
     from servolink.errors import TransportUnavailable as TransportUnavailable
     from servolink.errors import WrongBoard as WrongBoard
@@ -157,6 +158,7 @@ else:
         "ServoReadings": "servolink.client.watch",
         "Stats": "servolink.connection.stats",
         "Step": "servolink.protocol.records",
+        "TargetNotReached": "servolink.errors",
         "TransportError": "servolink.errors",
         "TransportUnavailable": "servolink.errors",
         "validate_project": "servolink.project.validate",

@@ -18,6 +18,7 @@ ServolinkError
 │  ├─ AmbiguousName                   several things on the board have this caption; the text lists them
 │  ├─ WrongBoard                      another board than the one of that name; nothing was moved or written
 │  └─ OutcomeUnknown                  sent without a response: the board may have obeyed or not
+├─ TargetNotReached                   servos have not arrived in time; their motion was sent, and may still go on
 ├─ ProjectError (ValueError)          a project, its file or a board's content is unusable; the text says where
 └─ RecordingError (ValueError)        a recording cannot be written or read; the text says what to do
 
@@ -26,6 +27,7 @@ Each is also the built-in error in brackets, so `except TimeoutError` and `excep
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from servolink.escaping import escape
@@ -130,6 +132,18 @@ class WrongBoard(RequestError):
 
 class OutcomeUnknown(RequestError):
     """The command was sent and no response came: read back before sending it again."""
+
+
+class TargetNotReached(ServolinkError):
+    """Servos have not arrived in time: the motion was sent and may still go on, so look at the robot before another.
+
+    No TimeoutError: who asks again after one would repeat the motion.
+    """
+
+    def __init__(self, text: str, late: Mapping[int, tuple[int, int]] | None = None) -> None:
+        """Store `late`: where each servo is and where it should be, by id; empty if a hub has waited for them."""
+        super().__init__(text)
+        self.late = dict(late or {})
 
 
 class ProjectError(ServolinkError, ValueError):

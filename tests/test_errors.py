@@ -16,6 +16,7 @@ from servolink.errors import (
     ProjectError,
     RequestTimeout,
     ServolinkError,
+    TargetNotReached,
 )
 from servolink.escaping import escape, quote
 from servolink.protocol.codec import Codec
@@ -33,6 +34,7 @@ ERRORS = [
     DecodeError,
     RequestTimeout,
     OutcomeUnknown,
+    TargetNotReached,
     ProjectError,
 ]
 

@@ -140,7 +140,7 @@ async def stopped_by_interruption(
 
 
 async def _follow(board: Board, found: Run, *, shown: bool) -> None:
-    """Wait until the run is over, with bars if they are `shown`. Raise RequestTimeout for servos that do not arrive."""
+    """Wait until the run is over, with bars if they are `shown`. Raise TargetNotReached for servos that are late."""
     seconds, pose = found.seconds(), found.last_pose()
     if not pose:
         await asyncio.sleep(seconds)

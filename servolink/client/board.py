@@ -83,7 +83,7 @@ class Board:
     from where the servos are. A step beyond a limit raises MotionRefused, with nothing moved. With `soft_start`, servos
     whose first movement this would be (see `move`) then go to their first angles in the run, no faster than that. When
     they have arrived, everything is checked again, and the run begins. A stop in between raises RequestError, a servo
-    that does not arrive RequestTimeout. With `dry_run`, everything is checked and nothing moves.
+    that does not arrive TargetNotReached. With `dry_run`, everything is checked and nothing moves.
     """
 
     def __init__(
@@ -337,7 +337,7 @@ class Board:
         then.
 
         Returns when the movement was sent, which says nothing about the servos: the board reports no errors, and a
-        servo turns only as far as it can. With `wait`, returns when all have arrived, and raises RequestTimeout for
+        servo turns only as far as it can. With `wait`, returns when all have arrived, and raises TargetNotReached for
         one that is not within 2 degrees of its target a second after the planned end.
         """
         return await self._servos.move(targets, duration=duration, speed=speed, wait=wait, dry_run=dry_run)
@@ -346,7 +346,8 @@ class Board:
         """Read all servos every 40 ms (3.2.2): for `seconds`, and until those in `targets` have arrived there.
 
         For a movement that takes `seconds`, as returned by `move`. With `settle`, reading goes on until two readings
-        are equal. Raise RequestTimeout for a servo that has not arrived a second after the planned end.
+        are equal. Raise TargetNotReached for a servo that has not arrived a second after the planned end, and
+        OutcomeUnknown if the board does not answer meanwhile.
         """
         return self._servos.follow(targets, seconds, settle=settle)
 
@@ -354,7 +355,7 @@ class Board:
         """Run a stored action (3.2.6) and return its duration in seconds. Raise NotFound if there is none.
 
         Returns when the command is sent: the board does not answer it. With `wait`, returns when the duration is over
-        and the servos rest at their last angles. Raise RequestTimeout that names the servos that are not within 2
+        and the servos rest at their last angles. Raise TargetNotReached that names the servos that are not within 2
         degrees of them a second later, and RequestError if `stop` ends the run. A cancelled wait stops nothing.
         Raise MotionRefused, with nothing moved, for a step beyond a limit (see `Board`).
         """

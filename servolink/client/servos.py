@@ -22,6 +22,7 @@ from servolink.errors import (
     Rejected,
     RequestError,
     RequestTimeout,
+    TargetNotReached,
     TransportError,
 )
 from servolink.escaping import quote
@@ -213,7 +214,11 @@ class ServoController:
         while True:
             # By when it was asked: if the loop stalls, this is where the servos were before, not after that.
             too_late = loop.time() - start >= seconds + _GRACE
-            servos = await self.servos()
+            try:
+                servos = await self.servos()
+            except RequestTimeout as error:
+                text = f"the motion was sent, and whether the servos have arrived is unknown: {error}"
+                raise OutcomeUnknown(text, error.request) from error
             elapsed = loop.time() - start
             yield servos
             here = _angles(goals, servos)
@@ -221,7 +226,7 @@ class ServoController:
             if elapsed >= seconds and not away and (too_late or not settle or here == before):
                 return
             if too_late:
-                raise RequestTimeout(_not_arrived({servo_id: (here[servo_id], goals[servo_id]) for servo_id in away}))
+                raise _not_arrived({servo_id: (here[servo_id], goals[servo_id]) for servo_id in away})
             before = here
             await asyncio.sleep(_PAUSE)
 
@@ -354,15 +359,17 @@ def _angles(wanted: Iterable[int], servos: Iterable[Servo]) -> dict[int, int]:
     return {servo_id: here[servo_id] for servo_id in wanted}
 
 
-def _not_arrived(away: Mapping[int, tuple[int, int]]) -> str:
-    """Return a text about servos that are at one angle and should be at another."""
+def _not_arrived(away: Mapping[int, tuple[int, int]]) -> TargetNotReached:
+    """Return the error for servos that are at one angle and should be at another."""
     places = [f"servo {servo_id} is at {here}, not at {goal}" for servo_id, (here, goal) in away.items()]
     if len(places) > _MOST_NAMED:
         places[_MOST_NAMED:] = [f"{len(places) - _MOST_NAMED} more servos are on their way"]
     they = "it" if len(away) == 1 else "they"
-    return (
+    return TargetNotReached(
         f"{'; '.join(places)}, {_GRACE:.0f} s after {they} should have arrived: {they} may be stopped or released "
-        "(then start and hold first), blocked, overloaded or unable to turn that far"
+        "(then start and hold first), blocked, overloaded or unable to turn that far; the motion was sent, so look at "
+        "the robot before you repeat it",
+        away,
     )
 
 

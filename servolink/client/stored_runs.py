@@ -14,7 +14,7 @@ from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.connection.explain import described
 from servolink.connection.options import check_seconds
-from servolink.errors import ConnectionLost, MotionRefused, Rejected, RequestError
+from servolink.errors import ConnectionLost, MotionRefused, Rejected, RequestError, TargetNotReached
 from servolink.motion.angles import Degrees
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
@@ -172,7 +172,7 @@ class StoredRuns:
         await self.until_at_rest(run, asked)
 
     async def until_at_rest(self, run: Run, asked: Asked) -> None:
-        """Wait until the servos of a run rest where it leaves them. Raise RequestTimeout for those that do not."""
+        """Wait until the servos of a run rest where it leaves them. Raise TargetNotReached for those that do not."""
         async with aclosing(self._servos.until_at_rest(run.last_pose())) as readings:
             async for _ in readings:
                 self.check_goes_on(run.record, asked)
@@ -189,9 +189,13 @@ class StoredRuns:
         softest = min(speed for servo_id in pose if (speed := self._limits.soft_speed_of(servo_id)) is not None)
         seconds = await self._servos.move(pose, speed=softest)
         goals = {servo_id: Degrees(angle) for servo_id, angle in pose.items()}
-        async with aclosing(self._servos.until_arrived(goals, seconds)) as readings:
-            async for _ in readings:
-                self._check_is_wanted(name_of(record), asked)
+        try:
+            async with aclosing(self._servos.until_arrived(goals, seconds)) as readings:
+                async for _ in readings:
+                    self._check_is_wanted(name_of(record), asked)
+        except TargetNotReached as error:
+            text = f"{name_of(record)} was not run, as servos have not reached its first pose: {error}"
+            raise TargetNotReached(text, error.late) from None
 
     def _check_is_wanted(self, name: str, asked: Asked) -> None:
         """Raise RequestError if there was a stop since a run was asked for, ConnectionLost if the connection is new."""

@@ -10,7 +10,15 @@ from typing import Any, NamedTuple
 from servolink.client.board import Board
 from servolink.client.collect import collect
 from servolink.connection.connection import Connection
-from servolink.errors import EncodeError, MotionRefused, OutcomeUnknown, RequestError, RequestTimeout, ServolinkError
+from servolink.errors import (
+    EncodeError,
+    MotionRefused,
+    OutcomeUnknown,
+    RequestError,
+    RequestTimeout,
+    ServolinkError,
+    TargetNotReached,
+)
 from servolink.hub.motion_gate import refused_response
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.protocol.editing import ExecuteMacroRequest
@@ -76,7 +84,7 @@ class Motions:
             return Outcome(None)
         except (RequestTimeout, OutcomeUnknown):
             raise
-        except (EncodeError, RequestError) as error:
+        except (EncodeError, RequestError, TargetNotReached) as error:  # the last one: at the end of a soft start
             return Outcome(await self.refused(packet), str(error))
         finally:
             _SENDING.reset(token)

@@ -18,7 +18,7 @@ from servolink.errors import (
     NotFound,
     ProjectError,
     RequestError,
-    RequestTimeout,
+    TargetNotReached,
 )
 from servolink.profiles.profile import BoardProfile, BoardSettings
 from servolink.project.model import Project
@@ -315,7 +315,7 @@ def test_a_servo_that_does_not_arrive_is_named() -> None:
     async def use(board: Board, fake: FakeBoard) -> None:
         playing = await begun(board, 2.7)
         await board.set_servo(1, start=False, hold=True)
-        with pytest.raises(RequestTimeout, match="servo 1 is at"):
+        with pytest.raises(TargetNotReached, match="servo 1 is at"):
             await playing
 
     used(use)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import pickle
 from typing import Any
 
 import pytest
 
 from servolink.client.connect import connect
-from servolink.errors import EncodeError, NotFound, OutcomeUnknown, Rejected, RequestTimeout
+from servolink.errors import EncodeError, NotFound, OutcomeUnknown, Rejected, RequestTimeout, TargetNotReached
 from servolink.motion.angles import Adc, Degrees
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
@@ -362,9 +363,36 @@ def test_move_says_which_servo_has_not_arrived() -> None:
             await board.set_servo(2, start=False, hold=True)
             at = int((await board.servo(2)).angle)
             begun = now()
-            with pytest.raises(RequestTimeout, match=rf"servo 2 is at {at}, not at 100, 1 s after .* start and hold"):
+            with pytest.raises(TargetNotReached, match=rf"servo 2 is at {at}, not at 100, 1 s after .* start and hold"):
                 await board.move({1: 100, 2: 100}, duration=2, wait=True)
             assert 3 <= now() - begun < 3.2
+
+    run(main())
+
+
+def test_a_servo_that_has_not_arrived_is_no_reason_to_ask_again() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with opened(fake) as board:
+            await board.set_servo(2, start=False, hold=True)
+            at = (await board.servo(2)).angle
+            with pytest.raises(TargetNotReached, match="the motion was sent, so look at the robot") as caught:
+                await board.move({1: 100, 2: 100}, duration=0.5, wait=True)
+            assert caught.value.late == {2: (at, Degrees(100))}
+            assert not isinstance(caught.value, TimeoutError)
+            assert pickle.loads(pickle.dumps(caught.value)).late == {2: (at, 100)}  # noqa: S301 - made here
+
+    run(main())
+
+
+def test_whether_servos_have_arrived_is_unknown_if_the_board_falls_silent() -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with opened(fake) as board:
+            await board.servos()
+            fake.plan(QueryServoRequest, *[LOST] * 100)
+            with pytest.raises(OutcomeUnknown, match=r"the motion was sent, and whether .* is unknown: QueryServo"):
+                await board.move({1: 100}, duration=0.5, wait=True)
 
     run(main())
 
@@ -388,7 +416,7 @@ def test_following_a_servo_that_does_not_come_or_is_not_there_fails() -> None:
     async def main() -> None:
         async with connect("virtual://?servos=2") as board:
             begun = now()
-            with pytest.raises(RequestTimeout, match="servo 2 is at 3, not at 100, 1 s after"):
+            with pytest.raises(TargetNotReached, match="servo 2 is at 3, not at 100, 1 s after"):
                 async for _ in board.follow({2: 100}, 0.5):
                     pass
             assert 1.5 <= now() - begun < 1.6

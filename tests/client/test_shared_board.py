@@ -17,7 +17,15 @@ from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.client.reconnect import ConnectionState
 from servolink.client.rpc_channel import error_of, open_channel
-from servolink.errors import ConnectionLost, MotionRefused, OpenError, Rejected, RequestError, RequestTimeout
+from servolink.errors import (
+    ConnectionLost,
+    MotionRefused,
+    OpenError,
+    Rejected,
+    RequestError,
+    RequestTimeout,
+    TargetNotReached,
+)
 from servolink.hub.control.session import ControlInterface
 from servolink.hub.hub import Hub
 from servolink.hub.notices import ConnectionChanged
@@ -341,6 +349,7 @@ def test_a_refusal_for_other_reasons_is_logged(caplog: pytest.LogCaptureFixture)
     [
         ("MotionRefused", MotionRefused),
         ("RequestTimeout", RequestTimeout),
+        ("TargetNotReached", TargetNotReached),
         ("forbidden", Rejected),
         ("busy", RequestError),
         ("Any", RequestError),

@@ -12,7 +12,7 @@ import pytest
 from servolink.client import connect as connecting
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.errors import EncodeError, MotionRefused, RequestError, RequestTimeout
+from servolink.errors import EncodeError, MotionRefused, RequestError, TargetNotReached
 from servolink.project.model import Project
 from servolink.protocol.editing import ExecuteMacroRequest, QueryActionRequest, QueryActionResponse
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
@@ -300,7 +300,7 @@ def test_a_servo_that_does_not_arrive_ends_the_run() -> None:
     async def use(board: Board, fake: FakeBoard) -> None:
         states = tuple(ServoState(number, 5, 0, 0, 0, 1, 1) for number in (1, 2, 3, 4))
         fake.plan(QueryServoRequest, *[lie(QueryServoResponse(states))] * 1000)
-        with pytest.raises(RequestTimeout, match="servo 1 is at 5, not at 90"):
+        with pytest.raises(TargetNotReached, match=r"action 1 .*was not run, as .*: servo 1 is at 5, not at 90"):
             await board.run_action(1)
 
     assert on_fake(use, soft_start=30).executed_of(ExecuteActionExRequest) == []

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from servolink.client.board import Board
-from servolink.errors import ConnectionLost, NotFound, RequestError, RequestTimeout
+from servolink.errors import ConnectionLost, NotFound, RequestError, TargetNotReached
 from servolink.project.model import Project
 from servolink.project.speed import Run
 from servolink.protocol.editing import ExecuteMacroRequest
@@ -89,7 +89,7 @@ def test_all_servos_that_do_not_arrive_are_named() -> None:
         await board.set_servo(1, start=False, hold=True)
         await board.set_servo(3, start=False, hold=True)
         with pytest.raises(
-            RequestTimeout, match=r"^servo 1 is at 0, not at 90; servo 3 is at 0, not at 90, 1 s after they"
+            TargetNotReached, match=r"^servo 1 is at 0, not at 90; servo 3 is at 0, not at 90, 1 s after they"
         ):
             await board.run_action(3, wait=True)
 

@@ -49,6 +49,7 @@ ONLY_DIRECT = {
     "test_a_lost_connection_ends_it",
     "test_the_loss_of_the_board_ends_it",
     "test_the_state_of_another_servo_is_never_returned",
+    "test_whether_servos_have_arrived_is_unknown_if_the_board_falls_silent",
     # A transport cannot be connected again.
     "test_after_a_reconnect_all_poses_are_unknown",
     "test_units_of_single_servos_are_set_again_where_that_of_all_is_not_known",

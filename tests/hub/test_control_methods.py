@@ -62,6 +62,17 @@ def test_a_program_can_have_tighter_limits_than_the_board() -> None:
     run(main())
 
 
+def test_a_servo_that_does_not_arrive_is_named_and_its_motion_is_not_to_be_repeated() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program() as studio:
+            await studio.call("servo.set", servo=2, start=False, hold=True)
+            with pytest.raises(RpcFailed, match=r"servo 2 is at .*, not at 60, 1 s after") as failed:
+                await studio.call("move", targets={"1": 60, "2": 60}, duration=0.5, wait=True)
+            assert (failed.value.code, failed.value.kind) == (500, "TargetNotReached")
+
+    run(main())
+
+
 def test_servos_move_by_id_and_by_caption() -> None:
     async def main() -> None:
         async with shared() as here, here.program() as studio:

@@ -27,13 +27,15 @@ from servolink.protocol.servos import (
     ExecuteActionExRequest,
     ExecuteActionRequest,
     QueryServoRequest,
+    QueryServoResponse,
+    ServoState,
     SetAngleUnitRequest,
     SetServoParameterRequest,
     SetServoParameterResponse,
 )
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import LOST, FakeBoard, now, opened
+from tests.client.fake_board import LOST, FakeBoard, lie, now, opened
 from tests.project.pulled import contents_of
 from tests.virtual_time import run
 
@@ -164,6 +166,20 @@ def test_silence_of_the_board_is_not_a_refusal() -> None:
                 await Motions(board).send(moved(20))
 
     run(main())
+
+
+def test_what_does_not_reach_its_first_pose_is_refused() -> None:
+    async def main() -> Outcome:
+        fake = FakeBoard(servos=1)
+        fake.virtual.storage.contents = contents_of(STORED)
+        async with opened(fake, angle_unit=None, soft_start=30) as board:
+            await board.request(ALL_DEGREE)
+            fake.usual_of[QueryServoRequest] = lie(QueryServoResponse((ServoState(1, 5, 0, 0, 0, 1, 1),)))
+            return await Motions(board).send(ExecuteMacroRequest(1))
+
+    outcome = run(main())
+    assert "was not run, as servos have not reached its first pose: servo 1 is at 5, not at 20" in outcome.refused
+    assert outcome.response == ExecuteMacroResponse(0)
 
 
 def test_a_refused_start_is_answered_with_the_flags_of_the_servo() -> None:

@@ -65,6 +65,7 @@ KINDS = (
     Kind(306, errors.OutcomeUnknown, "read back before sending it again: it may have been done"),
     Kind(400, errors.ProjectError, "correct the project; the message says where"),
     Kind(401, errors.RecordingError, "do what the message says; `recorder.status` says what goes on"),
+    Kind(500, errors.TargetNotReached, "the motion was sent: look at the robot, and do not simply repeat it"),
 )
 """One code for each kind of error of the library."""
 
