@@ -23,7 +23,7 @@ from servolink.motion.movement import INTERVAL_UNIT
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport
-from servolink.transports.lifecycle import BaseTransport, WrappedTransport
+from servolink.transports.foreign import contained
 from servolink.transports.registry import create
 
 if TYPE_CHECKING:  # loaded when it is used: most boards have no profile
@@ -140,8 +140,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
     async def open(self) -> Board:
         """Open the board, as `await connect(...)` does."""
         if self._url is not None and not isinstance(self._url, str):
-            # A transport of another package may raise anything; wrapped, it raises errors of this library.
-            transport = self._url if isinstance(self._url, BaseTransport) else WrappedTransport(self._url)
+            transport = contained(self._url)
             options, profile = await self._prepare(transport, None, self._options)
             connection = await self._open_connection(transport, options, Stats(), profile)
             return self._board_on(Session(connection, None, profile))

@@ -12,6 +12,7 @@ from random import Random
 from servolink.errors import ConnectionLost
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
+from servolink.transports.foreign import contained
 from servolink.transports.lifecycle import WrappedTransport
 
 
@@ -185,7 +186,7 @@ class FaultyTransport(WrappedTransport):
         self, inner: Transport, faults: Faults, *, seed: int = 0, sent: bool = True, received: bool = True
     ) -> None:
         """Wrap `inner`; each direction draws its own faults from `seed`."""
-        super().__init__(inner)
+        super().__init__(contained(inner))
         self._down = LineFaults(faults if sent else Faults(), f"sent {seed}")
         self._up = LineFaults(faults if received else Faults(), f"received {seed}")
         self._late_down = _LateChunks()

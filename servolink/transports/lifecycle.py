@@ -218,7 +218,7 @@ class WrappedTransport(BaseTransport):
         """Wrap `inner`, which must not be used otherwise."""
         super().__init__(inner.url)
         self._inner = inner
-        self.takes_at_once = getattr(inner, "takes_at_once", False)
+        self.takes_at_once = self.takes_at_once and getattr(inner, "takes_at_once", False)
         take: Callable[[bytes], Awaitable[None] | None] | None = getattr(inner, "take", None)
         self._take = take if self.takes_at_once else None
         self.is_recorded = self.is_recorded or getattr(inner, "is_recorded", False)
@@ -246,14 +246,20 @@ class WrappedTransport(BaseTransport):
         return self._take(data) if data and self._take is not None else self._inner.send(data)
 
     async def _close(self) -> None:
-        await self._inner.close()
+        await self._close_inner()
 
     def _abort(self) -> None:
         """Close the wrapped transport behind the end, unless it ended first."""
         if self._inner_is_open:
             self._inner_is_open = False
-            self._closing = asyncio.ensure_future(self._inner.close())
+            self._closing = asyncio.ensure_future(self._close_inner())
             self._closing.add_done_callback(self._closed)
+
+    def _taken(self) -> int:
+        return self._inner._taken() if isinstance(self._inner, BaseTransport) else 0  # noqa: SLF001 - of its own class
+
+    async def _close_inner(self) -> None:
+        await self._inner.close()
 
     def _closed(self, closing: asyncio.Task[None]) -> None:
         if not closing.cancelled() and (error := closing.exception()):  # no caller waits for it
@@ -268,12 +274,17 @@ class StallWatch:
     """Notices that the system takes no more bytes, with one timer however many sends wait."""
 
     def __init__(
-        self, waiting: Callable[[], bool], taken: Callable[[], int], stalled: Callable[[TimeoutError], None]
+        self,
+        waiting: Callable[[], bool],
+        taken: Callable[[], int],
+        stalled: Callable[[TimeoutError], None],
+        limit: Callable[[], float] = lambda: STALL_LIMIT,
     ) -> None:
-        """While `waiting()`, call `stalled` once `taken()` has not grown for STALL_LIMIT."""
+        """While `waiting()`, call `stalled` once `taken()` has not grown for `limit()` seconds."""
         self._waiting = waiting
         self._taken = taken
         self._stalled = stalled
+        self._limit = limit
         self._timer: asyncio.TimerHandle | None = None
 
     @property
@@ -300,7 +311,7 @@ class StallWatch:
         if self._taken() != taken:
             taken, looks = self._taken(), 0
         # Counted in looks, not in seconds: time also passes while the whole machine is suspended.
-        elif looks * _STALL_STEP >= STALL_LIMIT:
-            self._stalled(TimeoutError(f"it has taken no byte for {STALL_LIMIT:g} s"))
+        elif looks * _STALL_STEP >= (limit := self._limit()):
+            self._stalled(TimeoutError(f"it has taken no byte for {limit:g} s"))
             return
         self._timer = asyncio.get_running_loop().call_later(_STALL_STEP, self._look, taken, looks + 1)

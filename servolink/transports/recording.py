@@ -16,6 +16,7 @@ from servolink.escaping import quote
 from servolink.files import MIB, read_file, reason
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
+from servolink.transports.foreign import contained
 from servolink.transports.lifecycle import BaseTransport, WrappedTransport
 
 
@@ -30,7 +31,7 @@ class RecordingTransport(WrappedTransport):
 
     def __init__(self, inner: Transport, path: str | Path) -> None:
         """Record `inner` to a new file at `path`."""
-        super().__init__(inner)
+        super().__init__(contained(inner))
         self._path = Path(path)
         self._file: TextIO | None = None
         self._start = 0.0

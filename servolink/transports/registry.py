@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
-import logging
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
-from servolink.errors import OpenError, TransportError, TransportUnavailable
-from servolink.escaping import escape
+from servolink.errors import TransportError, TransportUnavailable
 from servolink.transports.address import Address, shorten
 from servolink.transports.base import Transport
-from servolink.transports.lifecycle import WrappedTransport
+from servolink.transports.foreign import ForeignTransport
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -24,10 +21,6 @@ DISCOVERY = "servolink.discovery"
 """The entry-point group in which other packages add to `discover`: value = a function that returns DeviceInfos."""
 
 Factory: TypeAlias = Callable[[Address], Transport]
-
-_OPEN_LIMIT = 60.0  # seconds that the transport of another package may take to open
-_CLOSE_LIMIT = 1.0  # and to close
-_logger = logging.getLogger("servolink.transport")
 
 
 class _Kind(NamedTuple):
@@ -103,50 +96,12 @@ def plug_ins(group: str) -> list[PlugIn]:
     return [PlugIn(each, f"{each.name}://" if group == TRANSPORTS else "discovery") for each in points]
 
 
-class PlugInTransport(WrappedTransport):
-    """The transport of another package: whatever it raises is an error of ours that names the package."""
-
-    def __init__(self, inner: Transport, package: str) -> None:
-        """Wrap `inner`, which `package` has made."""
-        super().__init__(inner)
-        self._package = package
-
-    async def _open(self) -> None:
-        limit = asyncio.timeout(_OPEN_LIMIT)
-        try:
-            async with limit:
-                await super()._open()
-        except TransportError:
-            raise
-        except Exception as error:
-            with suppress(Exception):  # it may have opened something before it failed
-                async with asyncio.timeout(_CLOSE_LIMIT):
-                    await self._inner.close()
-            if limit.expired():
-                raise OpenError(
-                    f"{self.url}: the plug-in {self._package} did not open it within {_OPEN_LIMIT:g} s; check whether "
-                    "the board is there and switched on"
-                ) from error
-            raise
-
-    async def _close(self) -> None:
-        try:
-            async with asyncio.timeout(_CLOSE_LIMIT):
-                await super()._close()
-        except Exception as error:  # noqa: BLE001 - closing goes on, whatever the package raises
-            self._inner_is_open = False  # closing it again would do no better
-            _logger.warning("%s: closing it failed: %s", escape(self.url), escape(self._explain(error)))
-
-    def _explain(self, error: Exception) -> str:
-        return f"{type(error).__name__}: {error} (raised by the plug-in {self._package})"
-
-
 def _create_with(plug_in: PlugIn, address: Address) -> Transport:
     with plug_in.blamed():
         transport = plug_in.load()(address)
     if not isinstance(transport, Transport):
         raise plug_in.broken(f"it returned {type(transport).__name__} instead of a transport")
-    return PlugInTransport(transport, plug_in.package)
+    return ForeignTransport(transport, f"the plug-in {plug_in.package}")
 
 
 def _load(address: Address, kind: _Kind) -> Factory:

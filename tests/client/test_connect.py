@@ -22,6 +22,7 @@ from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Action
 from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
 from servolink.transports.base import Receiver
+from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import LOST, FakeBoard, Fate, lie, now, opened
 from tests.virtual_time import run
 
@@ -99,14 +100,13 @@ def test_who_is_cancelled_while_closing_has_closed() -> None:
     run(main())
 
 
-def test_a_board_whose_closing_fails_is_closed_for_all_who_follow_it() -> None:
-    class Stuck(FakeBoard):
-        async def close(self) -> None:
-            await super().close()
-            raise ServolinkError("it cannot be saved")
+def test_a_board_whose_closing_fails_is_closed_for_all_who_follow_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def fail(_: VirtualTransport) -> None:
+        raise ServolinkError("it cannot be saved")
 
     async def main() -> None:
-        board = await connect(Stuck())
+        board = await connect("virtual://")
+        monkeypatch.setattr(VirtualTransport, "_close", fail)
         states, events = board.states(), board.button_events()
         assert await anext(states) == "connected"
         waiting = asyncio.ensure_future(anext(events))
@@ -314,9 +314,11 @@ class _Broken:
 
 def test_errors_of_a_foreign_transport_become_errors_of_the_library() -> None:
     async def main() -> None:
-        with pytest.raises(OpenError, match=r"broken://: cannot open it: 'wire'"):
+        with pytest.raises(
+            OpenError, match=r"broken://: cannot open it: KeyError: 'wire' \(raised by the transport _Broken\)"
+        ):
             await connect(_Broken("open"))
-        with pytest.raises(OpenError, match=r"broken://: the connection was lost: 'wire'"):
+        with pytest.raises(OpenError, match=r"broken://: the connection was lost: KeyError: 'wire'"):
             await connect(_Broken("send"))
         async with connect(_Broken("send"), handshake=False, angle_unit=None) as board:
             with pytest.raises(ConnectionLost, match="'wire'"):

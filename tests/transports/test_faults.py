@@ -359,7 +359,7 @@ def test_an_inner_transport_that_cannot_be_closed_is_told_in_the_log(caplog: pyt
 
     run(main())
     assert [record.getMessage() for record in caplog.records] == [
-        "memory://stuck: closing it failed: it cannot be saved"
+        "memory://stuck: closing it failed: ServolinkError: it cannot be saved (raised by the transport Stuck)"
     ]
 
 

@@ -9,7 +9,8 @@ from collections.abc import Awaitable, Callable
 import pytest
 
 from servolink.errors import ConnectionLost, OpenError
-from servolink.transports.lifecycle import BaseTransport
+from servolink.transports.lifecycle import BaseTransport, WrappedTransport
+from servolink.transports.memory import MemoryTransport
 from tests.transports.wires import Ear
 from tests.virtual_time import run
 
@@ -149,3 +150,13 @@ def test_opening_closing_and_losses_are_logged_as_information(caplog: pytest.Log
         (logging.INFO, f"{SHOWN}: closed"),
         (logging.INFO, f"{SHOWN}: the connection was lost: first"),
     ]
+
+
+def test_nothing_is_sent_past_the_send_of_a_wrapper() -> None:
+    class Counting(WrappedTransport):
+        async def send(self, data: bytes) -> None:
+            await super().send(data)
+
+    assert not Counting(MemoryTransport()).takes_at_once
+    assert WrappedTransport(MemoryTransport()).takes_at_once
+    assert not WrappedTransport(Counting(MemoryTransport())).takes_at_once
