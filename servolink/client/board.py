@@ -17,6 +17,7 @@ from servolink.escaping import escape
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
+from servolink.numeric import as_number
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Packet, Request, Response
@@ -194,7 +195,7 @@ class Board:
         in captions, to give back what was read from it. With limits, an ExecuteMacroRequest is treated as by
         `run_macro`; `timeout` then counts from when it is sent.
         """
-        return await self._packets.request(packet, timeout=timeout, unchecked=unchecked)
+        return await self._packets.request(packet, timeout=as_number(timeout), unchecked=unchecked)
 
     async def send(self, packet: Command) -> None:
         """Send any packet that the board does not answer. Raise EncodeError if a movement has a servo twice.
@@ -236,7 +237,7 @@ class Board:
 
         Raise Rejected if the board reports another mode.
         """
-        await self._session.set_transmission_mode(mode)
+        await self._session.set_transmission_mode(as_number(mode))
 
     async def clear_all_data(self) -> None:
         """Delete everything stored on the board (3.1.2). Raise Rejected if the board refuses.
@@ -282,7 +283,7 @@ class Board:
         """
         from servolink.client.watch import ServoReadings
 
-        return ServoReadings(self._watch, hz, alarms)
+        return ServoReadings(self._watch, as_number(hz), alarms)
 
     async def servo(self, servo_id: int | str) -> Servo:
         """Return the state of one servo (3.2.2). Raise NotFound if the board has no such servo."""
@@ -349,7 +350,7 @@ class Board:
         are equal. Raise TargetNotReached for a servo that has not arrived a second after the planned end, and
         OutcomeUnknown if the board does not answer meanwhile.
         """
-        return self._servos.follow(targets, seconds, settle=settle)
+        return self._servos.follow(targets, as_number(seconds), settle=settle)
 
     async def run_action(self, action_id: int | str, *, wait: bool = False, dry_run: bool = False) -> float:
         """Run a stored action (3.2.6) and return its duration in seconds. Raise NotFound if there is none.
@@ -443,7 +444,7 @@ class Board:
 
     async def write_project_id(self, project_id: int) -> None:
         """Write the project id (3.3.12). Raise Rejected if the board refuses."""
-        await self._session.write_project_id(project_id)
+        await self._session.write_project_id(as_number(project_id))
 
     async def project_id(self) -> int:
         """Return the project id, 0 if there is none (3.3.13).

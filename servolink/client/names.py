@@ -12,6 +12,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 
 from servolink.errors import AmbiguousName, EncodeError, NotFound
 from servolink.escaping import quote
+from servolink.numeric import as_number
 from servolink.project.naming import Named, captioned, closest, id_or_caption, listed
 from servolink.protocol.editing import QueryServoParameterRequest
 from servolink.protocol.joystick import QueryActiveJoystickTableRequest
@@ -95,7 +96,7 @@ async def record_id(
 
     With `must_exist`, raise NotFound also for an id that the board does not list.
     """
-    name = id_or_caption(record) if isinstance(record, str) else record
+    name = id_or_caption(record) if isinstance(record, str) else as_number(record)
     if not (must_exist or isinstance(name, str)):
         return name
     request = record_type.list_request
@@ -117,7 +118,7 @@ async def button_id(source: Source, button: int | str) -> int:
 
     Raise NotFound or AmbiguousName for what is not one button's caption.
     """
-    name = id_or_caption(button) if isinstance(button, str) else button
+    name = id_or_caption(button) if isinstance(button, str) else as_number(button)
     if not isinstance(name, str):
         return name
     active = (await source.request(QueryActiveJoystickTableRequest())).table_id
@@ -132,7 +133,8 @@ async def button_id(source: Source, button: int | str) -> int:
 def _servo(servo: int | str) -> int | str:
     """Return an id, 255 for `all`, or a caption."""
     if not isinstance(servo, str):
-        return servo
+        number: int = as_number(servo)
+        return number
     return ALL_SERVOS if servo == ALL else id_or_caption(servo)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncGenerator, AsyncIterator, Iterable, Mapping
+from collections.abc import AsyncGenerator, AsyncIterator, Hashable, Iterable, Mapping
 
 from msgspec import Struct
 
@@ -383,6 +383,6 @@ def _distance(servo_id: int, here: int, goal: int) -> int:
 
 
 def _flag(name: str, value: object) -> int:
-    if not isinstance(value, int) or value not in {0, 1}:
+    if isinstance(value, float) or not isinstance(value, Hashable) or value not in {0, 1}:
         raise EncodeError(f"{name} must be True or False, not {quote(value)}")
-    return int(value)
+    return int(value == 1)

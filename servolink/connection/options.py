@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any, Literal, TypeAlias
 
 from msgspec import Struct
+from msgspec.structs import force_setattr
 
 from servolink.escaping import quote
+from servolink.numeric import as_number
 from servolink.protocol.caption import check_encoding
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.address import Address
@@ -48,6 +50,8 @@ class ConnectionOptions(Struct, frozen=True):
         check_encoding(self.caption_encoding)
         if self.transmission_mode not in ("auto", "keep", 1) or isinstance(self.transmission_mode, bool):
             raise ValueError(f"transmission_mode must be 'auto', 'keep' or 1, not {quote(self.transmission_mode)}")
+        for name in ("patience", "depth", "write_depth"):
+            force_setattr(self, name, as_number(getattr(self, name)))
         check_seconds("patience", self.patience)
         for name, depth in (("depth", self.depth), ("write_depth", self.write_depth)):
             if not isinstance(depth, int) or isinstance(depth, bool):

@@ -7,6 +7,7 @@ from typing import ClassVar, Literal, Self
 
 from servolink.errors import EncodeError
 from servolink.escaping import quote
+from servolink.numeric import as_number
 
 AngleUnit = Literal["degree", "adc"]
 
@@ -25,9 +26,10 @@ class Angle(int):
 
     def _whole(self, other: int) -> int:
         self._same_unit(other)
-        if not isinstance(other, int):
+        number = as_number(other)
+        if not isinstance(number, int):
             raise TypeError(f"only whole numbers can be added to {self!r}, not {other!r}")
-        return int(other)
+        return int(number)
 
     def __add__(self, other: int, /) -> Self:
         """Return the sum, in this unit. Raise TypeError for a fraction."""

@@ -11,6 +11,7 @@ from msgspec.structs import force_setattr, replace
 
 from servolink.errors import EncodeError
 from servolink.escaping import quote
+from servolink.numeric import as_number
 
 AngleLimits = Mapping[int, tuple[float, float]] | tuple[float, float]
 """Lowest and highest angle in degrees: by servo id, or one pair for all servos."""
@@ -39,22 +40,19 @@ class MotionLimits(Struct, frozen=True):
     def __post_init__(self) -> None:
         """Check the values, and copy those that the caller could change."""
         if self.speed_cap is not None:
-            _check_speed("speed_cap", self.speed_cap)
+            force_setattr(self, "speed_cap", _checked_speed("speed_cap", self.speed_cap))
         if self.soft_start is not None:
-            _check_speed("soft_start", self.soft_start)
+            force_setattr(self, "soft_start", _checked_speed("soft_start", self.soft_start))
         if not isinstance(self.speed_caps, Mapping):
             raise TypeError(f"speed_caps must map servo ids to degrees per second, not {quote(self.speed_caps)}")
-        for servo_id, cap in self.speed_caps.items():
-            check_servo_id("speed_cap", servo_id)
-            _check_speed(f"speed_cap of servo {servo_id}", cap)
-        force_setattr(self, "speed_caps", dict(self.speed_caps))
+        caps = {checked_servo_id("speed_cap", servo_id): cap for servo_id, cap in self.speed_caps.items()}
+        caps = {servo_id: _checked_speed(f"speed_cap of servo {servo_id}", cap) for servo_id, cap in caps.items()}
+        force_setattr(self, "speed_caps", caps)
         if isinstance(self.angles, Mapping):
-            for servo_id, pair in self.angles.items():
-                check_servo_id("angle_limits", servo_id)
-                _check_pair(pair)
-            force_setattr(self, "angles", dict(self.angles))
+            pairs = {checked_servo_id("angle_limits", one): _checked_pair(pair) for one, pair in self.angles.items()}
+            force_setattr(self, "angles", pairs)
         elif self.angles is not None:
-            _check_pair(self.angles)
+            force_setattr(self, "angles", _checked_pair(self.angles))
 
     def __bool__(self) -> bool:
         """Return whether anything is limited."""
@@ -168,21 +166,28 @@ def _shown(limit: float) -> str:
     return f"{limit:g}" if isinstance(limit, float) else quote(limit)
 
 
-def _check_speed(name: str, speed: object) -> None:
+def _checked_speed(name: str, speed: object) -> float:
+    speed = as_number(speed)
     if not is_number(speed):
         raise TypeError(f"{name} must be a number of degrees per second, not {quote(speed)}")
     if not speed > 0:
         raise EncodeError(f"{name} must be above 0 degrees per second, not {quote(speed)}")
+    return speed
 
 
-def _check_pair(pair: object) -> None:
-    if not (isinstance(pair, (tuple, list)) and len(pair) == 2 and all(map(is_number, pair))):
+def _checked_pair(pair: object) -> tuple[float, float]:
+    numbers = tuple(map(as_number, pair)) if isinstance(pair, (tuple, list)) else ()
+    if not (len(numbers) == 2 and all(map(is_number, numbers))):
         raise TypeError(f"angle_limits must be pairs of degrees, (lowest, highest), not {quote(pair)}")
-    if not pair[0] <= pair[1]:
-        raise EncodeError(f"angle_limits: no angle is within {quote(pair[0])}..{quote(pair[1])}")
+    low, high = numbers
+    if not low <= high:
+        raise EncodeError(f"angle_limits: no angle is within {quote(low)}..{quote(high)}")
+    return low, high
 
 
-def check_servo_id(where: str, servo_id: object) -> None:
-    """Raise EncodeError, which begins with `where`, if `servo_id` is not 0..254."""
+def checked_servo_id(where: str, servo_id: object) -> int:
+    """Return `servo_id`. Raise EncodeError, which begins with `where`, if it is not 0..254."""
+    servo_id = as_number(servo_id)
     if isinstance(servo_id, bool) or not isinstance(servo_id, int) or not 0 <= servo_id <= 0xFE:
         raise EncodeError(f"{where}: servo id {quote(servo_id)} is outside 0..254")
+    return servo_id

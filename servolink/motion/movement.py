@@ -8,7 +8,8 @@ from collections.abc import Callable, Collection, Mapping
 from servolink.errors import EncodeError, MotionRefused
 from servolink.escaping import quote
 from servolink.motion.angles import AngleUnit
-from servolink.motion.limits import MotionLimits, check_servo_id, degrees_per_second, is_number
+from servolink.motion.limits import MotionLimits, checked_servo_id, degrees_per_second, is_number
+from servolink.numeric import as_number
 
 INTERVAL_UNIT = 0.01
 """Seconds that an interval of 1 stands for (3.2.5), unless a board was found to count otherwise."""
@@ -21,9 +22,7 @@ def checked_targets(targets: Mapping[int, float]) -> dict[int, float]:
         raise TypeError(f"move: targets must map servo ids to angles, such as {{1: 90}}, not {quote(targets)}")
     if not targets:
         raise EncodeError("move: no targets were given")
-    for servo_id in targets:
-        check_servo_id("move", servo_id)
-    return dict(targets)
+    return {checked_servo_id("move", servo_id): as_number(angle) for servo_id, angle in targets.items()}
 
 
 def check_limits(
@@ -90,6 +89,7 @@ def seconds_for(distance: int, duration: float | None, speed: float | None, unit
     """Return the seconds for turning by `distance` degrees. Raise EncodeError for an impossible duration or speed."""
     if (duration is None) == (speed is None):
         raise EncodeError("move: give either duration or speed")
+    duration, speed = as_number(duration), as_number(speed)
     if speed is not None:
         if not (is_number(speed) and 0 < speed < math.inf):
             raise EncodeError(f"move: speed must be finite and above 0 degrees per second, not {quote(speed)}")

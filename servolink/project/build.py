@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 from msgspec.structs import replace
 
 from servolink.errors import ProjectError
+from servolink.numeric import as_number
 from servolink.project.model import Project
 from servolink.project.records import by_servo, by_type, durations, free_id, name_of, with_id, with_records
 from servolink.project.validate import validate_project
@@ -54,7 +55,7 @@ def extend_project(
         else:
             records.append(part)
     for servo_id, caption in (captions or {}).items():
-        before = parameters.get(servo_id, ServoParameter(servo_id))
+        before = parameters.get(servo_id, ServoParameter(as_number(servo_id)))
         parameters[servo_id] = replace(before, servo_caption=caption)
     building = _Building(project)
     for record in records:

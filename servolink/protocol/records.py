@@ -10,6 +10,7 @@ from msgspec import Meta, Struct
 
 from servolink.errors import EncodeError
 from servolink.escaping import quote
+from servolink.numeric import as_number
 from servolink.protocol.packet import (
     I16,
     I32,
@@ -79,13 +80,14 @@ class Action(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
         return max((step.interval for step in self.steps), default=0) / 100
 
     @staticmethod
-    def pose(caption: str, degrees: Mapping[int, int], *, seconds: float = 1.0, action_id: int = 0) -> Action:
-        """Return the action that moves servos to `degrees` (angle by servo id), all in `seconds` (0 to 327.67).
+    def pose(caption: str, degrees: Mapping[int, float], *, seconds: float = 1.0, action_id: int = 0) -> Action:
+        """Return the action that moves servos to `degrees` (whole angles by servo id), all in `seconds` (0 to 327.67).
 
         `build_project` gives it an id if it has none. Raise EncodeError for a time out of range.
         """
         interval = _in_units(seconds, 100, 0x7FFF)
-        return Action(action_id, caption, tuple(Step(servo_id, angle, interval) for servo_id, angle in degrees.items()))
+        steps = (Step(as_number(servo_id), _whole(angle), interval) for servo_id, angle in degrees.items())
+        return Action(as_number(action_id), caption, tuple(steps))
 
 
 class MacroEntry(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
@@ -110,6 +112,7 @@ class MacroCommand(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 
         `build_project` fills in `total_interval`. Raise EncodeError for a pause out of range.
         """
+        ratio, loop = as_number(ratio), as_number(loop)
         if isinstance(part, Action):
             return MacroCommand(RecordRef.of(part), MacroCommandType.ACTION.value, ratio, loop)
         if isinstance(part, Macro):
@@ -131,7 +134,7 @@ class Macro(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
         `build_project` gives it an id if it has none. Raise EncodeError for a pause out of range.
         """
         commands = tuple(part if isinstance(part, MacroCommand) else MacroCommand.of(part) for part in parts)
-        return Macro(macro_id, caption, commands * loop)
+        return Macro(as_number(macro_id), caption, commands * as_number(loop))
 
 
 class ServoParameter(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
@@ -142,8 +145,15 @@ class ServoParameter(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     servo_caption: Caption = ""
 
 
+def _whole(angle: object) -> Any:
+    """Return a whole number as an int; anything else is refused when the record is encoded."""
+    number = as_number(angle)
+    return int(number) if isinstance(number, float) and number.is_integer() else number
+
+
 def _in_units(seconds: float, per_second: int, most: int) -> int:
     """Return a time in units of `1 / per_second` seconds."""
+    seconds = as_number(seconds)
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 <= seconds * per_second <= most:
         raise EncodeError(f"a time must be 0..{most / per_second:g} s, not {quote(seconds)}")
     return round(seconds * per_second)
@@ -183,7 +193,7 @@ class Button(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     ) -> Button:
         """Return the button that starts these macros. Raise EncodeError for anything but a Macro."""
         return Button(
-            button_id,
+            as_number(button_id),
             caption,
             _reference(press, "press"),
             _reference(long_press, "long_press"),
@@ -202,7 +212,7 @@ class JoystickTable(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     @staticmethod
     def of(caption: str, *buttons: Button, table_id: int = 0) -> JoystickTable:
         """Return the table of `buttons`; `build_project` gives it an id if it has none."""
-        return JoystickTable(table_id, caption, buttons)
+        return JoystickTable(as_number(table_id), caption, buttons)
 
 
 def _reference(macro: object, name: str) -> int:

@@ -149,7 +149,7 @@ def test_buttons_start_macros_only(started: Any) -> None:
     ("part", "text"),
     [
         (Action.pose("Up", {1: 40000}), r"actions\[0\].steps\[0\].degree: 40000 is outside -32768..32767"),
-        (Action.pose("Up", {1: 1.5}), "must be an integer, not 1.5"),  # type: ignore[dict-item]
+        (Action.pose("Up", {1: 1.5}), "must be an integer, not 1.5"),
         (Action.pose("Up", {300: 1}), "300 is outside"),
         (Action.pose("x" * 33, {}), "33"),
         (Action.pose("\x1b", {}), "control characters"),
