@@ -147,7 +147,7 @@ class Board:
         a board share what is read. A reading has `seconds`, `servos`, `missed` and `alarms` (see `ServoReading`): which
         of the given alarms were raised. An alarm with `stops` stops all servos at once.
         """
-        return ServoReadings(self._thread, self._board.watch(hz, alarms=alarms), self)
+        return ServoReadings(self._thread, self._thread.run(_made, self._board.watch, hz, alarms=alarms), self)
 
     servo = _blocking(client.Board.servo)
     set_servo = _blocking(client.Board.set_servo)
@@ -194,7 +194,7 @@ class Board:
 
         Up to `limit` unread events are kept; the oldest are dropped and counted.
         """
-        return ButtonEvents(self._thread, self._board.button_events(limit), self)
+        return ButtonEvents(self._thread, self._thread.run(_made, self._board.button_events, limit), self)
 
     # --- 4 projects ---------------------------------------------------------------------------------------------
 
@@ -208,6 +208,11 @@ class Board:
 def loop_and_board(board: Board) -> tuple[LoopThread, client.Board]:
     """Return the thread of a board, and the async board that lives there."""
     return board._thread, board._board  # noqa: SLF001 - for other modules of this package only
+
+
+async def _made(make: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    """Return what `make` makes. On the loop: two threads would each make the part of the board that both need."""
+    return make(*args, **kwargs)
 
 
 async def _close(thread: LoopThread, board: client.Board) -> None:

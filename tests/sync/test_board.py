@@ -16,10 +16,14 @@ import servolink
 import servolink.sync
 from servolink import Servo
 from servolink.client.board import Board
+from servolink.client.events import ButtonSubscription
+from servolink.client.session import Session
+from servolink.client.watch import ServoWatch
 from servolink.errors import ConnectionLost, NotFound, OpenError, RequestTimeout
 from servolink.protocol.joystick import SubscribeButtonEventRequest
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
 from servolink.sync.iterator import BlockingIterator
+from servolink.sync.loop_thread import running_thread
 from servolink.transports.device_info import DeviceInfo
 from tests.client.fake_board import LOST, FakeBoard
 from tests.sync.sync_board import on_loop, opened
@@ -70,6 +74,28 @@ def test_every_async_function_is_there_with_the_same_arguments() -> None:
 def test_it_is_found_in_the_package() -> None:
     assert servolink.sync.connect is not None
     assert "sync" in dir(servolink)
+
+
+def test_iterators_of_many_threads_share_one_part_of_the_board(monkeypatch: pytest.MonkeyPatch) -> None:
+    makers = []
+
+    def made(self: object, session: Session, *others: object) -> None:
+        makers.append(threading.current_thread())
+
+    monkeypatch.setattr(ButtonSubscription, "__init__", made)
+    monkeypatch.setattr(ServoWatch, "__init__", made)
+    with opened(FakeBoard()) as board:
+        for make in (board.button_events, board.watch):
+            threads = [threading.Thread(target=make) for _ in range(2)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+        # Never in the threads themselves: on Python 3.12 and later nothing keeps both from making one.
+        assert makers == [running_thread()._thread] * 2
+        monkeypatch.undo()
+        vars(board._board).pop("_buttons")
+        vars(board._board).pop("_watch")
 
 
 # --- calls --------------------------------------------------------------------------------------------------------
