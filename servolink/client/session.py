@@ -14,10 +14,10 @@ from servolink.connection.explain import described, lost, same
 from servolink.connection.options import check_seconds
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, Rejected, ServolinkError
-from servolink.escaping import escape
+from servolink.escaping import escape, quote
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
-from servolink.protocol.packet import Command, Request, Response, Result
+from servolink.protocol.packet import Command, Packet, Request, Response, Result
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 
 if TYPE_CHECKING:  # most boards have no profile
@@ -98,7 +98,7 @@ class Session:
     ) -> Coroutine[Any, Any, R]:
         """Return what sends `packet`, when it is awaited, and returns its response (see `Board.request`)."""
         if not isinstance(packet, Request):
-            raise TypeError(f"the board does not answer {type(packet).__name__}; use send")
+            raise _wrong_packet(packet)
         if timeout is not None:
             check_seconds("timeout", timeout)
         return self.connection.request(packet, timeout=timeout, unchecked=unchecked)
@@ -106,7 +106,7 @@ class Session:
     async def send(self, packet: Command) -> None:
         """Send a packet that the board does not answer (see `Board.send`)."""
         if not isinstance(packet, Command):
-            raise TypeError(f"the board answers {type(packet).__name__}; use request")
+            raise _wrong_packet(packet)
         await self.connection.send(packet)
 
     async def command(self, packet: Request[Result], likely_cause: str) -> None:
@@ -247,6 +247,21 @@ class Session:
             raise same(connection.answers.ended)
         self.stats.reconnects += 1
         self._follow_state(connection)
+
+
+def _wrong_packet(packet: object) -> TypeError:
+    """Return the error for what was passed to `request` and is not answered, or to `send` and is, or for no packet."""
+    if isinstance(packet, type) and issubclass(packet, Packet):
+        fields = ", ".join(packet.__struct_fields__)
+        return TypeError(f"{packet.__name__} is a class and not a packet; write {packet.__name__}({fields})")
+    name = type(packet).__name__
+    if isinstance(packet, Request):
+        return TypeError(f"the board answers {name}; use request")
+    if isinstance(packet, Command):
+        return TypeError(f"the board does not answer {name}; use send")
+    if isinstance(packet, Response):
+        return TypeError(f"{name} is sent by the board only; pass a request, such as QueryServoListRequest()")
+    return TypeError(f"packet must be a packet, such as QueryServoListRequest(), not {quote(packet)}")
 
 
 async def set_mode(connection: Connection, mode: int) -> None:

@@ -286,6 +286,25 @@ def test_what_is_answered_and_what_is_not_are_sent_by_their_own_method() -> None
     run(main())
 
 
+@pytest.mark.parametrize("method", ["request", "send"])
+@pytest.mark.parametrize(
+    ("packet", "words"),
+    [
+        (QueryProjectIDRequest, r"QueryProjectIDRequest is a class and not a packet; write QueryProjectIDRequest\(\)$"),
+        (QueryServoRequest, r"write QueryServoRequest\(servo_id\)$"),
+        (QueryProjectIDResponse(3), "QueryProjectIDResponse is sent by the board only; pass a request, such as "),
+        ("3.2.1", r"packet must be a packet, such as QueryServoListRequest\(\), not '3.2.1'"),
+    ],
+)
+def test_what_is_no_packet_for_a_board_is_refused_with_what_to_pass(method: str, packet: Any, words: str) -> None:
+    async def main() -> None:
+        async with opened(FakeBoard()) as board:
+            with pytest.raises(TypeError, match=words):
+                await getattr(board, method)(packet)
+
+    run(main())
+
+
 def test_an_angle_unit_that_does_not_exist_is_refused() -> None:
     with pytest.raises(ValueError, match="angle_unit must be 'degree', 'adc' or None, not 'radian'"):
         connect("virtual://", angle_unit="radian")  # type: ignore[arg-type]
