@@ -113,6 +113,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         self._profile = profile
         self._angle_unit: AngleUnit | None = angle_unit
         self._limits = motion_limits(angle_limits, speed_cap, soft_start, "an argument")
+        self._is_entered = False  # by `async with`, from before the board is open
         self._board: Board | None = None
         self.taps = Taps()
         """Who hears what passes, from the first byte on."""
@@ -259,16 +260,24 @@ class connect:  # noqa: N801 - reads as the function it stands for
         return self.open().__await__()
 
     async def __aenter__(self) -> Board:
-        """Open the board."""
-        self._board = await self.open()
+        """Open the board. Raise RuntimeError while another `async with` of the same object has one open."""
+        if self._is_entered:
+            raise RuntimeError("this `connect(...)` is used by another `async with`; call connect again for each")
+        self._is_entered = True
+        try:
+            self._board = await self.open()
+        except BaseException:
+            self._is_entered = False
+            raise
         return self._board
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """Close the board."""
-        if self._board is not None:
-            await self._board.close()
+        board, self._board, self._is_entered = self._board, None, False
+        if board is not None:
+            await board.close()
 
 
 async def _link_to(hub: ShareTransport, connection: Connection) -> HubLink | None:

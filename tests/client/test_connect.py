@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import (
     ConnectionLost,
@@ -37,6 +38,36 @@ def test_await_opens_and_the_caller_closes_once_or_twice() -> None:
         await board.close()
         with pytest.raises(ConnectionLost, match="closed by this program"):
             await board.servo_ids()
+
+    run(main())
+
+
+def test_one_async_with_at_a_time() -> None:
+    async def main() -> None:
+        connecting = connect("virtual://?servos=1")
+
+        async def enter() -> Board:
+            async with connecting as board:
+                await board.servo_ids()
+                return board
+
+        async with connecting as board:
+            with pytest.raises(RuntimeError, match=r"used by another `async with`; call connect again"):
+                await enter()
+            assert await board.servo_ids() == (1,)
+        assert repr(board).endswith("closed>")
+        outcomes = await asyncio.gather(enter(), enter(), return_exceptions=True)  # while the first one opens
+        assert [type(outcome) for outcome in outcomes] == [Board, RuntimeError]
+
+    run(main())
+
+
+def test_async_with_may_be_entered_again_after_an_opening_that_failed() -> None:
+    async def main() -> None:
+        connecting = connect("tcp://127.0.0.1:1")
+        for _ in range(2):
+            with pytest.raises(OpenError):
+                await connecting.__aenter__()
 
     run(main())
 
