@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncGenerator, Iterable
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
@@ -180,7 +180,7 @@ class Board:
         """Counters of the connection: frames, bytes, noise, late responses, round trips."""
         return self._session.stats
 
-    def states(self) -> AsyncIterator[ConnectionState]:
+    def states(self) -> AsyncGenerator[ConnectionState, None]:
         """Yield the present state (`connected`, `lost` or `closed`), then each change up to `closed`.
 
         A board that a hub shares is lost while the hub has lost it.
@@ -343,7 +343,9 @@ class Board:
         """
         return await self._servos.move(targets, duration=duration, speed=speed, wait=wait, dry_run=dry_run)
 
-    def follow(self, targets: Targets, seconds: float, *, settle: bool = False) -> AsyncIterator[tuple[Servo, ...]]:
+    def follow(
+        self, targets: Targets, seconds: float, *, settle: bool = False
+    ) -> AsyncGenerator[tuple[Servo, ...], None]:
         """Read all servos every 40 ms (3.2.2): for `seconds`, and until those in `targets` have arrived there.
 
         For a movement that takes `seconds`, as returned by `move`. With `settle`, reading goes on until two readings

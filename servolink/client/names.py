@@ -24,7 +24,10 @@ ALL = "all"
 """The name of all servos; one with this caption is `name:all`."""
 
 Targets: TypeAlias = Mapping[int, float] | Mapping[str, float] | Mapping[int | str, float]
-"""Angles by id or caption of the servo."""
+"""Angles by id or caption of the servo.
+
+mypy takes a literal with both, `{"hip": 3, 1: 3}`, for a dict of objects: annotate it as `dict[int | str, float]`.
+"""
 
 R = TypeVar("R", bound=Response)
 

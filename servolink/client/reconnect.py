@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import suppress
 from typing import Literal
 
@@ -36,7 +36,7 @@ class ConnectionStates:
                 with suppress(RuntimeError):  # the reader's loop has ended, and nobody can be woken
                     reader.put_nowait(state)
 
-    async def read(self) -> AsyncIterator[ConnectionState]:
+    async def read(self) -> AsyncGenerator[ConnectionState, None]:
         """Yield the present state and then each change, up to `closed`."""
         reader: asyncio.Queue[ConnectionState] = asyncio.Queue()
         reader.put_nowait(self.now)

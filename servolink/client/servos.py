@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncGenerator, AsyncIterator, Hashable, Iterable, Mapping
+from collections.abc import AsyncGenerator, Hashable, Iterable, Mapping
 
 from msgspec import Struct
 
@@ -192,7 +192,7 @@ class ServoController:
 
     async def follow(
         self, targets: Targets, seconds: float, *, settle: bool = False
-    ) -> AsyncIterator[tuple[Servo, ...]]:
+    ) -> AsyncGenerator[tuple[Servo, ...], None]:
         """Yield what the servos report until they have arrived (see `Board.follow`)."""
         angles = checked_targets(await servo_targets(self._session, targets))
         await self.units.ensure()

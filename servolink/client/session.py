@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -77,7 +77,7 @@ class Session:
         """The present state."""
         return self._states.now
 
-    def states(self) -> AsyncIterator[ConnectionState]:
+    def states(self) -> AsyncGenerator[ConnectionState, None]:
         """Yield the present state, then each change up to `closed`."""
         return self._states.read()
 

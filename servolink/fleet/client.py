@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Iterable, Mapping
+from collections.abc import AsyncGenerator, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
@@ -53,7 +53,7 @@ class Fleet:
         await self.controller.settle()
         return tuple(self.controller.roster)
 
-    async def watch(self, hz: float = 1.0) -> AsyncIterator[tuple[BoardSeen, ...]]:
+    async def watch(self, hz: float = 1.0) -> AsyncGenerator[tuple[BoardSeen, ...], None]:
         """Yield what is known of every board, `hz` times a second."""
         await self.controller.settle()
         while True:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterable
+from collections.abc import AsyncGenerator, Callable, Coroutine, Iterable
 from functools import wraps
 from inspect import signature
 from types import TracebackType
@@ -37,7 +37,7 @@ def _blocking(
 
 
 def _iterating(
-    method: Callable[Concatenate[client.Board, P], AsyncIterator[T]],
+    method: Callable[Concatenate[client.Board, P], AsyncGenerator[T, None]],
 ) -> Callable[Concatenate[Board, P], BlockingIterator[T]]:
     """Return a method whose iterator waits for what an async one yields."""
 
@@ -46,7 +46,8 @@ def _iterating(
         return BlockingIterator(self._thread, method(self._board, *args, **kwargs), self)
 
     shown = signature(method)  # in `help`
-    returns = str(shown.return_annotation).replace("AsyncIterator", BlockingIterator.__name__)
+    items = str(shown.return_annotation).removeprefix("AsyncGenerator[").removesuffix(", None]")
+    returns = f"{BlockingIterator.__name__}[{items}]"
     vars(call)["__signature__"] = shown.replace(return_annotation=returns)
     return call
 

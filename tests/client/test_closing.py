@@ -6,9 +6,8 @@ import asyncio
 import os
 import socket
 import threading
-from collections.abc import AsyncGenerator, Iterator
+from collections.abc import Iterator
 from contextlib import aclosing, closing, contextmanager
-from typing import cast
 
 import pytest
 
@@ -72,7 +71,7 @@ def test_a_board_whose_loop_ended_below_those_who_wait_can_be_closed() -> None:
 
     async def wait_in_many_ways() -> Board:
         board = await connect("virtual://")
-        events, states = board.button_events(), cast("AsyncGenerator[str]", board.states())
+        events, states = board.button_events(), board.states()
         await events.__aenter__()
         assert await anext(states) == "connected"
         waiting.extend(asyncio.ensure_future(each) for each in (anext(events), anext(states), board.servos()))
@@ -91,8 +90,7 @@ def test_a_board_whose_loop_ended_while_it_was_lost_can_be_closed() -> None:
     async def lost() -> Board:
         async with serve(VirtualBoard(servos=1), tcp="127.0.0.1:0") as (url,):
             board = await connect(url, reconnect=True)
-        states = cast("AsyncGenerator[str]", board.states())
-        async with aclosing(states):
+        async with aclosing(board.states()) as states:
             async for state in states:
                 if state == "lost":
                     break

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import pickle
+from contextlib import aclosing
 from typing import Any
 
 import pytest
@@ -406,7 +407,8 @@ def test_servos_are_followed_until_they_have_arrived() -> None:
             assert angles == sorted(angles)
             assert (abs(angles[-1] - 60) <= 2, len(angles) > 20) == (True, True)
             assert 1 <= now() - begun < 1.2
-            settled = [servos async for servos in board.follow({1: 60}, 0, settle=True)]
+            async with aclosing(board.follow({1: 60}, 0, settle=True)) as following:
+                settled = [servos async for servos in following]
             assert settled[-1] == settled[-2]
 
     run(main())
