@@ -40,6 +40,10 @@ class Codec:
         self.caption_encoding = check_encoding(caption_encoding)
         self._decoders: dict[int, Decoder] = {}  # filled on use
 
+    def __getstate__(self) -> dict[str, object]:
+        """Return what a copy or another process needs: decoders cannot be pickled, and are made on use."""
+        return {**vars(self), "_decoders": {}}
+
     def encode(self, packet: Packet, *, unchecked: bool = False) -> bytes:
         """Return the frame of `packet`. Raise EncodeError naming packet, field, value and range.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from typing import Any
 
 import pytest
@@ -105,6 +107,15 @@ def test_byte_order_and_encoding_are_settings() -> None:
 def test_a_setting_that_does_not_exist_is_refused(settings: dict[str, Any], fault: str) -> None:
     with pytest.raises(ValueError, match=fault):
         Codec(**settings)
+
+
+def test_a_codec_that_was_used_can_be_pickled_and_copied() -> None:
+    codec = Codec("big", "big5")
+    frame = codec.encode(QueryServoRequest(7))
+    assert codec.decode_frame(frame) == QueryServoRequest(7)
+    for same in (pickle.loads(pickle.dumps(codec)), copy.copy(codec)):  # noqa: S301 - made here
+        assert (same.byte_order, same.caption_encoding) == ("big", "big5")
+        assert same.decode_frame(frame) == QueryServoRequest(7)
 
 
 def test_what_a_board_said_can_be_given_back_exactly() -> None:
