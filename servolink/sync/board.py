@@ -83,8 +83,9 @@ class Board:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Close the board."""
-        self.close()
+        """Close the board. No effect in a forked process, as the board stays with the parent process."""
+        if self._thread.is_here:
+            self.close()
 
     # --- the connection -----------------------------------------------------------------------------------------
 

@@ -116,8 +116,9 @@ class BlockingIterator(Iterator[T]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Close the iterator."""
-        self.close()
+        """Close the iterator. No effect in a forked process, as its board stays with the parent process."""
+        if self._thread.is_here:
+            self.close()
 
 
 class ServoReadings(BlockingIterator[ServoReading]):

@@ -71,5 +71,5 @@ def record(
     try:
         yield Recorder(thread, begun)
     finally:
-        if not thread.has_ended:
+        if thread.is_here and not thread.has_ended:  # in a forked process the recording goes on in the parent
             thread.run(end)

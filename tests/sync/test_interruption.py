@@ -187,6 +187,24 @@ board = servolink.sync.connect("virtual://")
 
 
 @pytest.mark.skipif(not hasattr(__import__("os"), "fork"), reason="needs fork")
+def test_a_forked_process_may_leave_the_blocks_of_its_parent(tmp_path: Path) -> None:
+    program = f"""
+import os, sys, warnings
+import servolink.sync
+warnings.simplefilter("ignore")  # Python warns of forks beside threads
+path = {str(tmp_path / "out.mcap")!r}
+with servolink.sync.connect("virtual://?servos=2") as board:
+    with servolink.sync.record(path, board), board.watch(50) as readings, board.button_events() as events:
+        child = os.fork()
+        if not child:
+            sys.exit(7)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+        print([servo.servo_id for servo in next(readings).servos])
+"""
+    assert run(program) == (0, "7\n[1, 2]\n", "")
+
+
+@pytest.mark.skipif(not hasattr(__import__("os"), "fork"), reason="needs fork")
 def test_a_forked_process_is_told_to_connect_itself() -> None:
     program = """
 import os, sys, warnings
