@@ -198,4 +198,4 @@ def test_parts_of_a_project_hold_plain_numbers() -> None:
 def test_a_whole_number_is_added_to_an_angle() -> None:
     assert Degrees(3) + whole(4) == Degrees(7)
     with pytest.raises(TypeError, match="only whole numbers"):
-        Degrees(3) + measure(4)
+        _ = Degrees(3) + measure(4)

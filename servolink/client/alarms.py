@@ -94,15 +94,23 @@ class RaisedAlarm(Struct, frozen=True):
         return f"servo {self.servo_id}: {self.alarm.quantity} is {self.value} (alarm {self.alarm})"
 
 
+def checked_alarms(alarms: object) -> tuple[Alarm, ...]:
+    """Return `alarms`. Raise TypeError for a single one, and for any that is a text or something else."""
+    if isinstance(alarms, str) or not isinstance(alarms, Iterable):
+        raise TypeError(f"alarms must be a list of alarms, such as [Alarm.parse(...)], not {quote(alarms)}")
+    checked = tuple(alarms)
+    for alarm in checked:
+        if not isinstance(alarm, Alarm):
+            raise TypeError(f"alarms must be of type Alarm, not {quote(alarm)}; see Alarm.parse")
+    return checked
+
+
 class AlarmWatch:
     """Compares readings with alarms, and keeps since when values are bad."""
 
     def __init__(self, alarms: Iterable[Alarm]) -> None:
-        """Start without a reading. Raise TypeError for an alarm that is a text or something else."""
-        self._alarms = tuple(alarms)
-        for alarm in self._alarms:
-            if not isinstance(alarm, Alarm):
-                raise TypeError(f"alarms must be of type Alarm, not {quote(alarm)}; see Alarm.parse")
+        """Start without a reading."""
+        self._alarms = checked_alarms(alarms)
         self._bad_since: dict[tuple[Alarm, int], float] = {}
         self._raised: set[tuple[Alarm, int]] = set()
 

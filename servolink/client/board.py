@@ -281,9 +281,10 @@ class Board:
         a board share what is read. A reading has `seconds`, `servos`, `missed` and `alarms` (see `ServoReading`): which
         of the given alarms were raised. An alarm with `stops` stops all servos at once.
         """
+        from servolink.client.alarms import checked_alarms
         from servolink.client.watch import ServoReadings
 
-        return ServoReadings(self._watch, as_number(hz), alarms)
+        return ServoReadings(self._watch, as_number(hz), checked_alarms(alarms))
 
     async def servo(self, servo_id: int | str) -> Servo:
         """Return the state of one servo (3.2.2). Raise NotFound if the board has no such servo."""

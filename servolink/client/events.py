@@ -10,6 +10,8 @@ from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.connection.explain import same
 from servolink.errors import ConnectionLost, Rejected, ServolinkError
+from servolink.escaping import quote
+from servolink.numeric import as_number
 from servolink.protocol.joystick import ButtonEventResponse, SubscribeButtonEventRequest
 
 ButtonEvent = ButtonEventResponse
@@ -118,9 +120,11 @@ class ButtonEvents(SharedIterator[ButtonEvent, Reader[ButtonEvent]]):
 
     def __init__(self, subscription: ButtonSubscription, limit: int) -> None:
         """Keep up to `limit` unread events."""
-        if limit < 1:
-            raise ValueError(f"limit must be at least 1, not {limit}")
-        self._limit = limit
+        self._limit: int = as_number(limit)
+        if not isinstance(self._limit, int) or isinstance(limit, bool):
+            raise TypeError(f"limit must be an integer, not {quote(limit)}")
+        if self._limit < 1:
+            raise ValueError(f"limit must be at least 1, not {quote(limit)}")
         super().__init__(subscription)
 
     def __repr__(self) -> str:

@@ -180,10 +180,18 @@ def test_a_stop_that_cannot_be_confirmed_is_raised() -> None:
     run(main())
 
 
-def test_a_text_is_no_alarm() -> None:
+@pytest.mark.parametrize(
+    ("alarms", "words"),
+    [
+        ("current_raw>1", r"alarms must be a list of alarms, such as \[Alarm\.parse\(...\)\], not 'current_raw>1'"),
+        (Alarm.parse("current_raw>1"), r"alarms must be a list of alarms, such as \[Alarm\.parse\(...\)\], not "),
+        (["current_raw>1"], r"alarms must be of type Alarm, not 'current_raw>1'; see Alarm\.parse"),
+    ],
+)
+def test_what_is_no_list_of_alarms_is_refused(alarms: Any, words: str) -> None:
     async def main() -> None:
         async with opened(FakeBoard()) as board:
-            with pytest.raises(TypeError, match=r"alarms must be of type Alarm, not 'c'; see Alarm\.parse"):
-                board.watch(alarms="current_raw>1")  # type: ignore[arg-type] # pyright: ignore[reportArgumentType]
+            with pytest.raises(TypeError, match=words):
+                board.watch(alarms=alarms)
 
     run(main())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 from threading import Thread
+from typing import Any
 
 import pytest
 
@@ -201,6 +202,16 @@ def test_a_limit_that_keeps_nothing_is_refused(limit: int) -> None:
             with pytest.raises(ValueError, match=f"limit must be at least 1, not {limit}"):
                 board.button_events(limit=limit)
             gc.collect()
+
+    run(main())
+
+
+@pytest.mark.parametrize("limit", ["3", 2.5, True, None])
+def test_a_limit_that_is_no_integer_is_refused(limit: Any) -> None:
+    async def main() -> None:
+        async with opened(FakeBoard()) as board:
+            with pytest.raises(TypeError, match=f"limit must be an integer, not '?{limit}"):
+                board.button_events(limit)
 
     run(main())
 
