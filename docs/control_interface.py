@@ -62,7 +62,8 @@ send the next request without waiting for the response to the one before.
 
 Requests of one program that move or change something are carried out in their order, each when the one before is
 answered. Others are carried out beside them, and `stop` at once. At most {waiting} requests of a program wait; more
-are answered with `busy`, except `stop`. A program that sends requests and does not read its responses is disconnected.
+are answered with `busy`, except `stop`. A stop of any program also ends what waits and would move: that is answered
+with MotionRefused. A program that sends requests and does not read its responses is disconnected.
 
 A role includes those before it: watch, run, move, edit. The greeting asks for one.
 

@@ -300,12 +300,15 @@ class Hub:
         """Which program may move the robot; None if none has."""
         return self._keeper.status
 
-    def take_lease(self, session_id: str, *, dead_man: float | None = None, force: bool = False) -> bool:
+    def take_lease(
+        self, session_id: str, *, dead_man: float | None = None, force: bool = False, is_beat: bool = True
+    ) -> bool:
         """Give the lease to a program if it is free, or with `force`. Return whether it has the lease now.
 
-        If the program then sends no beat for `dead_man` seconds (0.05..60), or leaves, the board is stopped.
+        If the program then sends no beat for `dead_man` seconds (0.05..60), or leaves, the board is stopped. With
+        `is_beat` this counts as one.
         """
-        return self._keeper.take(session_id, dead_man=dead_man, force=force)
+        return self._keeper.take(session_id, dead_man=dead_man, force=force, is_beat=is_beat)
 
     def lease_reason(self, session_id: str) -> str:
         """Return why a program may not move the servos, and what to do; empty if it may."""

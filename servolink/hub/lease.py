@@ -51,14 +51,15 @@ class MotionLease:
         self._barred: set[str] = set()  # from whom it was taken over, so that they do not take it back by moving on
 
     def take(
-        self, session: str, now: float, *, dead_man: float | None = None, force: bool = False
+        self, session: str, now: float, *, dead_man: float | None = None, force: bool = False, is_beat: bool = True
     ) -> list[LeaseChange]:
         """Give the lease to `session` if it is free or already its own, or with `force` in any case.
 
         A program from which it was taken over gets a free one only with `force`, until the lease is given back.
 
         `holder` says whether it was granted. From now on the session must send a beat at least every `dead_man`
-        seconds. Taking counts as a motion that ends now. Raise ValueError for a `dead_man` outside 0.05..60.
+        seconds. Taking counts as a motion that ends now, and with `is_beat` as a beat; not if it is done for a motion,
+        which may have waited long after its program fell silent. Raise ValueError for a `dead_man` outside 0.05..60.
         """
         if dead_man is not None and not LEAST_DEAD_MAN <= dead_man <= MOST_DEAD_MAN:
             raise ValueError(f"dead_man must be {LEAST_DEAD_MAN:g}..{MOST_DEAD_MAN:g} s, not {dead_man:g}")
@@ -72,10 +73,12 @@ class MotionLease:
         else:
             self.holder, self.since, self.dead_man = session, now, dead_man
             self._motion_ends, self.is_end_unknown = now, False
+            is_beat = True
             changes.append(LeaseChange("taken" if before is None else "taken over", before, session, session))
             if before is not None:
                 self._barred.add(before)
-        self._beat = now
+        if is_beat:
+            self._beat = now
         self._motion_ends = max(self._motion_ends, now)
         return changes
 

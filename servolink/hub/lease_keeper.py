@@ -93,9 +93,9 @@ class LeaseKeeper:
         self._units.release()
         self._report(self._lease.stopped(self._loop.time()))
 
-    def take(self, session: str, *, dead_man: float | None, force: bool) -> bool:
+    def take(self, session: str, *, dead_man: float | None, force: bool, is_beat: bool) -> bool:
         """Give the lease to `session` if it is free, or with `force`. Return whether it has it now."""
-        self._report(self._lease.take(session, self._loop.time(), dead_man=dead_man, force=force))
+        self._report(self._lease.take(session, self._loop.time(), dead_man=dead_man, force=force, is_beat=is_beat))
         return self._lease.holder == session
 
     def reason(self, session: str) -> str:

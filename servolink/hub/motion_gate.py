@@ -38,7 +38,7 @@ class MotionGate:
             return Admission(role_reason(packet, role), [])
         if not is_motion(packet):
             return Admission("", [])
-        changes = self._lease.take(session, now)
+        changes = self._lease.take(session, now, is_beat=False)
         return Admission("" if self._lease.holder == session else self.lease_reason(session, now), changes)
 
     def lease_reason(self, session: str, now: float) -> str:

@@ -177,6 +177,48 @@ def test_a_dead_man_who_stops_to_beat_stops_the_board() -> None:
     run(main())
 
 
+@pytest.mark.parametrize("greeting", [None, 1.0])
+def test_motions_that_wait_are_neither_beats_nor_sent_after_the_stop(greeting: float | None) -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("page", dead_man=greeting) as page:
+            await page.call("lease.take", dead_man=1.0)
+            targets = [{"1": 60 if number % 2 else -60} for number in range(40)]
+            moves = [page.begin("move", targets=target, duration=0.5, wait=True) for target in targets]
+            await asyncio.sleep(1.1)
+            assert [change["event"] for change in page.of("lease")][:2] == ["taken", "beats stopped"]
+            failed = await asyncio.gather(*moves, return_exceptions=True)
+            assert [type(one) for one in failed[:1]] == [dict]
+            assert {str(one) for one in failed[3:]} == {"nothing was moved: a stop came first"}
+            assert not any(state.is_start for state in await here.states())
+            assert here.hub.lease is None
+
+    run(main())
+
+
+def test_a_stop_ends_what_any_program_asked_for_before_it() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("script") as script, here.program("tablet", "watch") as tablet:
+            script.begin("lease.take")
+            moving = script.begin("run", type="action", id=1)  # which is not there
+            script.begin("board.hold")
+            later = [
+                script.begin("move", targets={"1": 90}, duration=5),
+                script.begin("release", servo="all"),
+                script.begin("servo.set", servo=1, start=True, hold=True),
+            ]
+            await tablet.call("stop")
+            with pytest.raises(RpcFailed, match="action"):
+                await moving
+            for one in later:
+                with pytest.raises(RpcFailed, match="nothing was moved: a stop came first"):
+                    await one
+            await script.call("servo.set", servo="all", start=True, hold=True)
+            await script.call("move", targets={"1": 90}, duration=5)
+            assert all(state.is_start for state in await here.states())
+
+    run(main())
+
+
 def test_a_dead_man_time_in_the_greeting_holds_for_each_lease() -> None:
     async def main() -> None:
         async with shared() as here, here.program("studio", dead_man=0.35) as studio:
@@ -262,11 +304,10 @@ def test_who_has_the_board_alone_makes_the_others_wait() -> None:
             await studio.call("move", targets={"1": 60}, duration=0.1, wait=True)
             await studio.call("lease.give")
             await tablet.call("stop")
-            await studio.call("servo.set", servo="all", start=True, hold=True)
-            await studio.call("lease.give")
             assert (await studio.call("board.release"))["hold"] is None
             assert (await tablet.until("hold"))["hold"] is None
-            await moving
+            with pytest.raises(RpcFailed, match="a stop came first"):
+                await moving
             assert (await holding)["hold"]["who"] == "tablet"
             assert len((await listing)["servos"]) == 3
 

@@ -25,6 +25,7 @@ class Leases(RuleBasedStateMachine):
         self.holder: str | None = None
         self.dead_man: float | None = None
         self.ends = math.inf
+        self.beat_at = 0.0
         self.beats_end = math.inf
         self.barred: set[str] = set()
 
@@ -49,7 +50,7 @@ class Leases(RuleBasedStateMachine):
         self.holder, self.dead_man, self.ends, self.beats_end = None, None, math.inf, math.inf
 
     def live(self) -> None:
-        self.beats_end = math.inf if self.dead_man is None else self.now + self.dead_man
+        self.beats_end = math.inf if self.dead_man is None else self.beat_at + self.dead_man
 
     @rule(seconds=steps)
     def wait(self, seconds: float) -> None:
@@ -57,11 +58,11 @@ class Leases(RuleBasedStateMachine):
         self.begin()
         self.check(self.lease.advance(self.now))
 
-    @rule(program=programs, dead_man=dead_mans, force=st.booleans(), late=steps)
-    def take(self, program: str, dead_man: float | None, late: float, *, force: bool) -> None:
+    @rule(program=programs, dead_man=dead_mans, force=st.booleans(), is_beat=st.booleans(), late=steps)
+    def take(self, program: str, dead_man: float | None, late: float, *, force: bool, is_beat: bool) -> None:
         self.now += late
         self.begin()
-        changes = self.lease.take(program, self.now, dead_man=dead_man, force=force)
+        changes = self.lease.take(program, self.now, dead_man=dead_man, force=force, is_beat=is_beat)
         if program in self.barred and not force:
             self.check(changes)
             return
@@ -69,6 +70,8 @@ class Leases(RuleBasedStateMachine):
         if self.holder == program:
             self.dead_man = dead_man or self.dead_man
             self.ends = max(self.ends, self.now + 10.0)
+            if is_beat:
+                self.beat_at = self.now
             self.live()
             self.check(changes)
         elif self.holder is None or force:
@@ -76,6 +79,7 @@ class Leases(RuleBasedStateMachine):
             expected = LeaseChange(event, self.holder, program, program)  # type: ignore[arg-type]
             self.barred |= {self.holder} if self.holder else set()
             self.holder, self.dead_man, self.ends = program, dead_man, self.now + 10.0
+            self.beat_at = self.now
             self.live()
             self.check(changes, expected)
         else:
@@ -124,6 +128,7 @@ class Leases(RuleBasedStateMachine):
         self.now += late
         self.begin()
         if program == self.holder:
+            self.beat_at = self.now
             self.live()
         self.check(self.lease.beat(program, self.now))
 
@@ -209,6 +214,14 @@ def test_without_beats_the_board_is_stopped_within_the_dead_man_time() -> None:
         assert lease.beat("studio", tenth / 10) == []
     assert lease.next_due() == 0.9 + 0.35
     assert lease.advance(0.9 + 0.35) == [LeaseChange("beats stopped", "studio", None, must_stop=True)]
+
+
+def test_moving_on_is_not_a_beat_and_taking_the_lease_is() -> None:
+    lease = MotionLease()
+    lease.take("studio", 0.0, dead_man=0.35)
+    lease.take("studio", 0.3)
+    lease.take("studio", 0.6, is_beat=False)
+    assert lease.next_due() == 0.3 + 0.35
 
 
 def test_silence_counts_before_the_end_of_the_lease() -> None:

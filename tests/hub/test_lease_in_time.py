@@ -128,7 +128,7 @@ class Leases(RuleBasedStateMachine):
         session, angle = self.session(who), len(self.sent)
         self.pass_time(0.1)
         self.sent[angle] = who
-        self.model.take(session, self.time)
+        self.model.take(session, self.time, is_beat=False)
         if self.model.holder == session:
             self.allowed.add(angle)
             self.model.moved(session, self.time + seconds, self.time)

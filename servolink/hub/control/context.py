@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
+from contextvars import ContextVar
 from typing import NamedTuple, TypeAlias, TypeVar
 
 from servolink.client.board import Board
@@ -16,15 +17,19 @@ from servolink.hub.hub import Hub
 from servolink.hub.local import LocalTransport
 from servolink.hub.notices import HoldChanged, HoldStatus, LeaseStatus, Notice
 from servolink.hub.roles import Role, is_motion
+from servolink.hub.sending import STOPPED
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
-from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.editing import AddServoParameterRequest, ExecuteMacroRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import ExecuteActionExRequest
 from servolink.transports.share import Greeting
 
 T = TypeVar("T")
 OpenBoard: TypeAlias = Callable[[], Awaitable[Board]]
+
+_stops_before: ContextVar[int] = ContextVar("_stops_before")
+"""How many stops there had been when the request was received whose task this is."""
 
 
 class LeaseRefused(MotionRefused):
@@ -102,6 +107,10 @@ class Control:
         elif self._transport is not None:
             await self._transport.close()
 
+    def received(self) -> None:
+        """Count the stops before the next request: it moves nothing after a later one, however long it waits."""
+        _stops_before.set(self.hub.stops)
+
     def heard(self, notice: Notice) -> None:
         """Take a notice of the hub."""
         if isinstance(notice, HoldChanged):
@@ -163,14 +172,16 @@ class Control:
 
     # --- lease and hold -----------------------------------------------------------------------------------------
 
-    def take_lease(self, *, force: bool = False, dead_man: float | None = None) -> LeaseStatus | None:
+    def take_lease(
+        self, *, force: bool = False, dead_man: float | None = None, is_beat: bool = False
+    ) -> LeaseStatus | None:
         """Take the lease. Raise LeaseRefused, which names the holder, if another program has it.
 
         `dead_man` is that of the greeting unless it is given.
         """
         self._check_joined()
         dead_man = self._dead_man if dead_man is None else dead_man
-        if not self.hub.take_lease(self.session, force=force, dead_man=dead_man):
+        if not self.hub.take_lease(self.session, force=force, dead_man=dead_man, is_beat=is_beat):
             raise LeaseRefused(f"nothing was moved: {self.hub.lease_reason(self.session)}")
         return self.hub.lease
 
@@ -226,6 +237,8 @@ class Control:
 
         async def pass_packet(packet: Packet) -> None:
             if is_motion(packet):
+                if self.hub.stops != _stops_before.get() and not isinstance(packet, AddServoParameterRequest):
+                    raise MotionRefused(f"nothing was moved: {STOPPED}")  # an import goes on: half of one helps nobody
                 self.take_lease()
 
         board.connection.guard = pass_packet

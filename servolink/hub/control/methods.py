@@ -87,9 +87,10 @@ def lease_take(caller: Caller, params: LeaseTake) -> LeaseNow:
 
     MotionRefused names the program that holds it. The lease ends when the program leaves, gives it back, or some
     seconds after the end of its last motion. With `dead_man`, here or in the greeting, the program must call
-    `lease.beat` more often than that, or the hub stops the board.
+    `lease.beat` more often than that, or the hub stops the board. This counts as a beat, a motion does not: it may have
+    waited long after its program fell silent.
     """
-    return LeaseNow(caller.control.take_lease(force=params.force, dead_man=params.dead_man))
+    return LeaseNow(caller.control.take_lease(force=params.force, dead_man=params.dead_man, is_beat=True))
 
 
 @METHODS.add("lease.give", Role.WATCH)

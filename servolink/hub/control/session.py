@@ -95,6 +95,7 @@ class ControlSession:
             return
         if self._end_listening is None:
             self._end_listening = self._hub.listen(self._hear)
+        self.control.received()
         self._peer.receive(message)
 
     def pause(self) -> None:
