@@ -28,7 +28,7 @@ def escape(text: str) -> str:
 def quote(value: object) -> str:
     """Return `repr(value)`, escaped and at most 80 characters long."""
     try:
-        text = escape(repr(value))
+        text = escape(repr(value)[: _LONGEST_QUOTE + 1])  # a megabyte would take a second to escape
     except (ValueError, RecursionError):  # an integer of thousands of digits; lists nested too deeply
         return f"this {type(value).__name__}"
     return text if len(text) <= _LONGEST_QUOTE else text[: _LONGEST_QUOTE - 3] + "..."

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from servolink.escaping import escape, quote
 
 MAX_SIZE = 16 * 1024 * 1024
 """Bytes of the longest text: ten times a board's megabyte in JSON, still read in a second or two."""
+_LONGEST_PATH = 200
 _ENCODER = json.JSONEncoder(ensure_ascii=False)
 _PERHAPS_HIDDEN = re.compile(r"[^\n -~]")
 
@@ -97,14 +98,38 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def _path_to(value: Any, sought: object) -> str:
-    """Return where in `value` an object stands, such as `actions[3].steps[7]`."""
-    waiting = [("", value)]
+    """Return where in `value` an object stands, such as `actions[3].steps[7]`; cut if that is long."""
+    # Each place leads to the one around it: a path for each would take the length of its names as often as they have
+    # objects inside.
+    waiting: list[_Place] = [_Place(value, None, "")]
     while waiting:
-        path, inner = waiting.pop()
+        place = waiting.pop()
+        inner = place.value
         if inner is sought:
-            return path.removeprefix(".")
+            path = _path_of(place)
+            return path if len(path) <= _LONGEST_PATH else f"{path[: _LONGEST_PATH - 3]}..."
         if isinstance(inner, dict):
-            waiting += [(f"{path}.{key}", one) for key, one in inner.items() if not isinstance(one, int)]
+            waiting += [_Place(one, place, key) for key, one in inner.items() if isinstance(one, _CONTAINERS)]
         elif isinstance(inner, list):
-            waiting += [(f"{path}[{at}]", one) for at, one in enumerate(inner) if not isinstance(one, int)]
+            waiting += [_Place(one, place, at) for at, one in enumerate(inner) if isinstance(one, _CONTAINERS)]
     return ""
+
+
+class _Place(NamedTuple):
+    """Where a value stands in a larger one."""
+
+    value: Any
+    around: _Place | None
+    """The place of the object or list that it stands in; None for the whole."""
+    key: str | int
+
+
+def _path_of(place: _Place) -> str:
+    parts: list[str] = []
+    while place.around is not None:
+        parts.append(f".{place.key}" if isinstance(place.key, str) else f"[{place.key}]")
+        place = place.around
+    return "".join(reversed(parts)).removeprefix(".")
+
+
+_CONTAINERS = (dict, list, _Repeated)

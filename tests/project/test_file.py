@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -236,6 +237,7 @@ def replaced(old: str, new: str) -> str:
         ),
         ('"project_id": 1, "x": {"y": [0, {"z": 1, "z": 2}]}', "x.y[1]: 'z' is there twice; keep one of them"),
         ('"x": {"z": 1, "z": {"y": 1, "y": 2}}', "x: 'z' is there twice; keep one of them"),
+        (f'"{"x" * 300}": [{{"z": 1, "z": 2}}]', f"{'x' * 197}...: 'z' is there twice; keep one of them"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_place_and_what_it_should_be(fields: str, said: str) -> None:
@@ -273,6 +275,18 @@ def test_what_is_no_project_file_is_told_from_one(text: str | bytes, said: str) 
     with pytest.raises(ProjectError) as caught:
         parse_project(text)
     assert str(caught.value) == said
+
+
+def test_a_path_takes_memory_for_one_place_only() -> None:
+    text = f'{{"{"k" * 20_000}": [{{"a": 1, "a": 1}}{", [], {}" * 2000}]}}'
+    tracemalloc.start()
+    try:
+        with pytest.raises(ProjectError, match="is there twice"):
+            parse_project(text)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 5_000_000
 
 
 _nonsense = st.recursive(
