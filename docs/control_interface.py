@@ -17,7 +17,7 @@ from msgspec import inspect as types
 from servolink.hub.control.faults import KINDS, REMEDIES, ErrorData
 from servolink.hub.control.messages import CREDIT
 from servolink.hub.control.notifications import NOTIFICATIONS
-from servolink.hub.control.rpc import MOST_WAITING, Method
+from servolink.hub.control.rpc import MOST_BEGUN, MOST_WAITING, Method
 from servolink.hub.control.schema import schema_text
 from servolink.hub.control.session import METHODS
 from servolink.transports.share import Greeting, Welcome
@@ -62,8 +62,9 @@ send the next request without waiting for the response to the one before.
 
 Requests of one program that move or change something are carried out in their order, each when the one before is
 answered. Others are carried out beside them, and `stop` at once. At most {waiting} requests of a program wait; more
-are answered with `busy`, except `stop`. A stop of any program also ends what waits and would move: that is answered
-with MotionRefused. A program that sends requests and does not read its responses is disconnected.
+are answered with `busy`. A stop is always carried out; a program that has {begun} under way is told `busy` for more,
+not what came of them. A stop of any program also ends what waits and would move: that is answered with MotionRefused. A
+program that sends requests and does not read its responses is disconnected.
 
 A role includes those before it: watch, run, move, edit. The greeting asks for one.
 
@@ -107,6 +108,7 @@ def control_interface() -> str:
         welcome=_table(Welcome, without={"patience", "profile", "lease", "hold"}),
         example=EXAMPLE.read_text(encoding="utf-8"),
         waiting=MOST_WAITING,
+        begun=MOST_BEGUN,
         credit=CREDIT,
         error=_table(ErrorData),
         errors="\n".join(f"| {code} | {kind} | {remedy} |" for code, kind, remedy in errors),

@@ -38,7 +38,7 @@ from servolink.hub.program import Program
 from servolink.hub.roles import Role
 from servolink.hub.sending import PacketSender
 from servolink.hub.unit_switch import UnitSwitch
-from servolink.hub.upstream import Upstream
+from servolink.hub.upstream import Upstream, outcome_of
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse
@@ -225,20 +225,25 @@ class Hub:
 
     async def stop(self, who: str) -> None:
         """Stop all servos for `who`, ahead of everything (see `Board.stop`)."""
+        await asyncio.shield(self.begin_stop(who))
+
+    def begin_stop(self, who: str) -> asyncio.Task[SetServoParameterResponse]:
+        """Begin what `stop` does, and return the task that confirms it; others may wait for it too: do not cancel it.
+
+        A stop for which nothing was moved since another one began ends with that.
+        """
         _logger.info("%s stops the board", escape(who))
         self._upstream.drop_motions()
         self._keeper.stopped()
-        begun = self._now()
-        outcome: object = False
-        try:
-            await self.board.stop()
-            outcome = SetServoParameterResponse(ALL_SERVOS, 0, 1)
-        except ServolinkError as error:
-            outcome = error
-            raise
-        finally:
+        packet, begun = SetServoParameterRequest(ALL_SERVOS, 0, 1), self._now()
+        stopping = self._upstream.stop(packet)
+
+        def tell(task: asyncio.Task[SetServoParameterResponse]) -> None:
             for follow in self._followers:
-                follow(SetServoParameterRequest(ALL_SERVOS, 0, 1), outcome, begun, who, "")
+                follow(packet, outcome_of(task), begun, who, "")
+
+        stopping.add_done_callback(tell)
+        return stopping
 
     async def _stop_for(self, reason: str) -> None:
         """Stop all servos because nobody watches over them; without a connection, as soon as there is one again."""

@@ -6,9 +6,8 @@ import asyncio
 import logging
 from collections import deque
 from collections.abc import Callable, Coroutine
-from typing import Any, TypeAlias
-
-from msgspec import Struct
+from functools import partial
+from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 from servolink.client.board import Board
 from servolink.connection.scheduler import MOST_ASIDE
@@ -21,21 +20,22 @@ from servolink.hub.stopping import stop
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import encode_frame
 from servolink.protocol.packet import Command, Packet, Query, Request
-from servolink.protocol.servos import SetServoParameterRequest
+from servolink.protocol.servos import SetServoParameterRequest, SetServoParameterResponse
 
 _logger = logging.getLogger(__name__)
 
+T = TypeVar("T")
 
 OnOver: TypeAlias = Callable[[Exchange, object], None]
 """Takes a request and its response, True if boards do not answer it, False if it was not sent, or why it was not."""
 
 
-class _Stopping(Struct):
+class _Stopping(NamedTuple):
     """A stop that is under way."""
 
     motions: int
     """How many motions had been sent when it began."""
-    exchanges: list[Exchange]
+    task: asyncio.Task[SetServoParameterResponse]
 
 
 class Upstream:
@@ -58,7 +58,7 @@ class Upstream:
         self._stopping: dict[SetServoParameterRequest, _Stopping] = {}
         self.on_over: OnOver | None = None
         """Called when a request is over, but not for a query with a response; None if nobody wants to know."""
-        self._others = set[asyncio.Task[None]]()
+        self._others = set[asyncio.Task[Any]]()
 
     @property
     def stops(self) -> int:
@@ -88,15 +88,23 @@ class Upstream:
         self.send_waiting()
 
     def ask_stop(self, exchange: Exchange) -> None:
-        """Send a stop at once, and finish it; or with an equal one under way, if nothing was moved since that began."""
-        packet, motions = exchange.packet, self._sender.motions
+        """Send a stop at once (see `stop`), and finish it."""
+        packet = exchange.packet
         assert isinstance(packet, SetServoParameterRequest)  # noqa: S101 - narrows the type
-        under_way = self._stopping.get(packet)
+        self.stop(packet).add_done_callback(partial(self._stop_ended, exchange))
+
+    def stop(self, packet: SetServoParameterRequest) -> asyncio.Task[SetServoParameterResponse]:
+        """Send a stop at once and return its task; or that of an equal one, if nothing was moved since that began.
+
+        Others may wait for the task, too: do not cancel it.
+        """
+        motions, under_way = self._sender.motions, self._stopping.get(packet)
         if under_way is not None and under_way.motions == motions:
-            under_way.exchanges.append(exchange)
-            return
-        self._stopping[packet] = stopping = _Stopping(motions, [exchange])
-        self._begin(self._stop(packet, stopping))
+            return under_way.task
+        task = self._begin(stop(self._board, packet))
+        self._stopping[packet] = _Stopping(motions, task)
+        task.add_done_callback(partial(self._forget_stop, packet))
+        return task
 
     async def begin(self, exchange: Exchange) -> Packet | None:
         """Send a motion before all that waits, and return the response. Raise what prevents that."""
@@ -169,20 +177,17 @@ class Upstream:
             self._tell(exchange, outcome)
             _finish(exchange, response)
 
-    async def _stop(self, packet: SetServoParameterRequest, stopping: _Stopping) -> None:
-        response: Packet | None = None
-        outcome: object = False
-        try:
-            outcome = response = await stop(self._board, packet)
-        except ServolinkError as error:
-            _logger.warning("%s", error)
-            outcome = error
-        finally:
-            if self._stopping.get(packet) is stopping:
-                del self._stopping[packet]
-            for exchange in stopping.exchanges:
-                self._tell(exchange, outcome)
-                _finish(exchange, response)
+    def _forget_stop(self, packet: SetServoParameterRequest, task: asyncio.Task[SetServoParameterResponse]) -> None:
+        if self._stopping[packet].task is task:
+            del self._stopping[packet]
+        outcome = outcome_of(task)
+        if isinstance(outcome, ServolinkError):
+            _logger.warning("%s", outcome)
+
+    def _stop_ended(self, exchange: Exchange, task: asyncio.Task[SetServoParameterResponse]) -> None:
+        outcome = outcome_of(task)
+        self._tell(exchange, outcome)
+        _finish(exchange, outcome if isinstance(outcome, Packet) else None)
 
     async def _finish_stopped(self, exchange: Exchange) -> None:
         response: Packet | None = None
@@ -202,10 +207,11 @@ class Upstream:
             outcome = isinstance(exchange.packet, Command) and not exchange.program.has_left
         self.on_over(exchange, exchange.refused or outcome)
 
-    def _begin(self, doing: Coroutine[Any, Any, None]) -> None:
+    def _begin(self, doing: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
         task = self._loop.create_task(doing)
         self._others.add(task)
         task.add_done_callback(self._others.discard)
+        return task
 
 
 def _finish(
@@ -222,6 +228,16 @@ def _finish(
             program.finish_with(each, encode_frame(response.packet_id, content, codec.byte_order))
         else:
             program.finish(each, response)
+
+
+def outcome_of(task: asyncio.Task[Packet]) -> Packet | ServolinkError | Literal[False]:
+    """Return what came of a stop whose task is over; False if it was given up."""
+    if task.cancelled():
+        return False
+    try:
+        return task.result()
+    except ServolinkError as error:
+        return error
 
 
 def _means_same(one: Exchange, other: Exchange) -> bool:

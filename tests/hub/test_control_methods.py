@@ -212,6 +212,9 @@ def test_a_stop_ends_what_any_program_asked_for_before_it() -> None:
             for one in later:
                 with pytest.raises(RpcFailed, match="nothing was moved: a stop came first"):
                     await one
+            stopping = script.begin("stop")
+            await script.call("servo.set", servo=1, start=True, hold=True)  # asked for after it
+            await asyncio.wait([stopping])
             await script.call("servo.set", servo="all", start=True, hold=True)
             await script.call("move", targets={"1": 90}, duration=5)
             assert all(state.is_start for state in await here.states())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from typing import Annotated, Any
 
 import pytest
@@ -15,7 +15,7 @@ from msgspec import Meta, Struct
 from servolink.errors import MotionRefused, NotFound
 from servolink.hub.control import rpc
 from servolink.hub.control.faults import Code
-from servolink.hub.control.rpc import MOST_BYTES, MOST_NOTIFICATIONS, MOST_WAITING, Methods, Peer
+from servolink.hub.control.rpc import MOST_BEGUN, MOST_BYTES, MOST_NOTIFICATIONS, MOST_WAITING, Methods, Peer
 from servolink.hub.roles import Role
 from tests.virtual_time import run
 
@@ -66,10 +66,17 @@ async def move(log: Log, params: Wait, on_progress: Callable[[Struct], None]) ->
     log.done.append(params.name)
 
 
-@METHODS.add("stop", Role.WATCH, is_urgent=True)
-async def stop(log: Log, params: Nothing) -> None:
-    """Go first."""
+@METHODS.add("stop", Role.WATCH)
+def stop(log: Log, params: Nothing) -> Coroutine[Any, Any, None]:
+    """Begin at once, and end in a moment."""
     log.done.append("stop")
+    return asyncio.sleep(0.5)
+
+
+@METHODS.add("start", Role.RUN, is_urgent=True)
+async def start(log: Log, params: Wait) -> None:
+    """Wait for a moment that was agreed on."""
+    await asyncio.sleep(params.seconds)
 
 
 @METHODS.add("refuse", Role.WATCH)
@@ -241,7 +248,6 @@ def test_motion_keeps_its_order_while_reading_goes_on_and_a_stop_goes_first() ->
             program.call("read", 10 + number, name="read", seconds=1)
         await asyncio.sleep(0)
         program.call("stop", 99)
-        await asyncio.sleep(0)
         assert program.log.done == ["stop"]
         await program.settle()
         assert program.log.done.index("slow") < program.log.done.index("quick")
@@ -273,7 +279,6 @@ def test_a_flood_is_refused_and_a_stop_still_passes() -> None:
             program.call("move", number, seconds=1)
         assert program.errors() == [Code.BUSY] * (1000 - MOST_WAITING)
         program.call("stop", "stop")
-        await asyncio.sleep(0)
         assert program.log.done == ["stop"]
         await program.settle()
         assert len(program.log.done) == 1 + MOST_WAITING
@@ -284,12 +289,34 @@ def test_a_flood_is_refused_and_a_stop_still_passes() -> None:
     run(main())
 
 
-def test_a_flood_of_stops_is_bounded_too() -> None:
+def test_of_a_flood_of_stops_each_is_carried_out_and_some_are_told_what_came_of_it() -> None:
     async def main() -> None:
         program = Program()
         for number in range(1000):
             program.call("stop", number)
-        assert len(program.errors()) == 1000 - 2 * MOST_WAITING
+        assert program.log.done == ["stop"] * 1000
+        assert program.errors() == [Code.BUSY] * (1000 - MOST_BEGUN)
+        assert "this stop was carried out, but 128" in program.got[0]["error"]["message"]
+        await program.settle()
+        assert sum("result" in message for message in program.got) == MOST_BEGUN
+        program.call("stop", "again")
+        await program.settle()
+        assert program.got[-1] == {"jsonrpc": "2.0", "id": "again", "result": {}}
+        program.call("stop", "unheard")
+        await program.peer.close()
+
+    run(main())
+
+
+def test_a_stop_is_accepted_however_many_starts_wait_for_their_moment() -> None:
+    async def main() -> None:
+        program = Program()
+        for number in range(1000):
+            program.call("start", number, seconds=5)
+        assert program.errors() == [Code.BUSY] * (1000 - 2 * MOST_WAITING)
+        program.call("stop", "stop")
+        await program.settle(2)
+        assert program.got[-1] == {"jsonrpc": "2.0", "id": "stop", "result": {}}
         await program.settle()
 
     run(main())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
+from servolink.errors import OutcomeUnknown
 from servolink.hub.hub import Hub
 from servolink.hub.notices import Notice, Refused
 from servolink.hub.roles import Role
@@ -92,9 +93,25 @@ def test_a_stop_of_one_servo_is_sent_again_until_the_servo_reports_it() -> None:
 def test_many_stops_at_once_cost_the_board_few() -> None:
     async def use(hub: Hub, fake: FakeBoard) -> None:
         programs = [RawProgram(hub, role=Role.WATCH) for _ in range(20)]
+        pages = [asyncio.ensure_future(hub.stop("a page")) for _ in range(100)]  # the way of the control interface
         responses = await asyncio.gather(*(program.ask(STOP) for program in programs for _ in range(10)))
         assert responses == [SetServoParameterResponse(ALL_SERVOS, 0, 1)] * 200
+        await asyncio.gather(*pages)
         assert fake.executed_of(SetServoParameterRequest) == [STOP]
+
+    on_hub(use)
+
+
+def test_who_gives_up_a_stop_does_not_end_that_of_the_others() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        fake.usual_of[QueryServoRequest] = SWALLOWED
+        stops = [asyncio.ensure_future(hub.stop("a page")) for _ in range(3)]
+        await asyncio.sleep(0.1)
+        stops[0].cancel()
+        results = await asyncio.gather(*stops, return_exceptions=True)
+        assert [type(result) for result in results] == [asyncio.CancelledError, OutcomeUnknown, OutcomeUnknown]
+        del fake.usual_of[QueryServoRequest]
+        await hub.stop("a page")
 
     on_hub(use)
 

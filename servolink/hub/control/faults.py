@@ -30,7 +30,7 @@ REMEDIES = {
     Code.METHOD_NOT_FOUND: "use one of the methods of this reference",
     Code.INVALID_PARAMS: "correct the params; `path` says where",
     Code.INTERNAL_ERROR: "report it: this is a defect of the hub, whose log has the details",
-    Code.BUSY: "wait for responses before sending more; stop is always accepted",
+    Code.BUSY: "wait for responses before sending more; a stop is always carried out",
     Code.FORBIDDEN: "connect with a higher role",
 }
 """What to do about each of these errors, unless the error itself knows better."""

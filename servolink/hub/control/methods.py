@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import asyncio
+from collections.abc import Coroutine
+from typing import Any, NamedTuple
 
 from servolink.client.board import Board
 from servolink.escaping import quote
@@ -154,14 +156,19 @@ def limits_tighten(caller: Caller, params: Tighten) -> Done:
 # --- servos -----------------------------------------------------------------------------------------------------------
 
 
-@METHODS.add("stop", Role.WATCH, is_urgent=True)
-async def stop(caller: Caller, params: NoParams) -> Done:
+@METHODS.add("stop", Role.WATCH)
+def stop(caller: Caller, params: NoParams) -> Coroutine[Any, Any, Done]:
     """Stop all servos where they are and hold them, before everything else, whoever has the lease.
 
     Confirmed by reading the servos: OutcomeUnknown says that not all of them report that they are stopped.
     """
-    await caller.control.hub.stop(caller.control.who)
-    return Done()
+    stopping = caller.control.hub.begin_stop(caller.control.who)
+
+    async def confirmed() -> Done:
+        await asyncio.shield(stopping)
+        return Done()
+
+    return confirmed()
 
 
 @METHODS.add("servos.list", Role.WATCH)

@@ -11,10 +11,10 @@ import inspect
 import json
 import logging
 from collections import deque
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from contextlib import AbstractAsyncContextManager, nullcontext, suppress
 from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, TypeVar, get_type_hints
+from typing import Any, Generic, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 from msgspec import Struct
@@ -31,6 +31,8 @@ MOST_WAITING = 64
 """Requests of one program that may wait, and responses that it may leave unread."""
 MOST_HELD = 2 * MOST_BYTES
 """Bytes of the requests of one program that may wait."""
+MOST_BEGUN = 128
+"""Requests of one program that were begun at once and wait for their outcome; more are begun, but not followed."""
 MOST_READING = 8
 """Requests of one program, of those that change nothing, that are carried out at the same time."""
 MOST_NOTIFICATIONS = 256
@@ -78,16 +80,18 @@ class Methods(dict[str, Method[C]]):
     ) -> Callable[[Handler], Handler]:
         """Return a decorator that adds a handler, which is called with the context and the params.
 
-        A function is carried out at once, a coroutine beside others or in its turn.
+        A function is carried out at once, a coroutine beside others or in its turn. A function that returns a coroutine
+        has begun at once, whatever waits; the coroutine returns what came of it.
         """
 
         def added(handler: Handler) -> Handler:
             hints = get_type_hints(handler, include_extras=True)
+            returned = hints["return"]
             count = len(inspect.signature(handler).parameters)
             self[name] = Method(
                 name,
                 hints["params"],
-                hints["return"],
+                get_args(returned)[-1] if get_origin(returned) is Coroutine else returned,
                 role,
                 handler,
                 in_order,
@@ -179,7 +183,8 @@ class Peer(Generic[C]):
         self._send = send
         self._abort = abort
         self._role = role
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._begun = 0
         self._held = 0  # bytes of the requests that wait
         self._waiting = 0
         self._unread = 0  # messages sent since the program stopped reading
@@ -203,8 +208,10 @@ class Peer(Generic[C]):
             method, params = self._checked(request)
             if method.is_coroutine:
                 self._start(request, method, params, len(message))
+            elif inspect.iscoroutine(result := method.handler(self._context, params)):
+                self._follow(request, result)
             else:
-                self._respond(request, method.handler(self._context, params))
+                self._respond(request, result)
         except Exception as error:  # noqa: BLE001 - whatever a method raises is an answer
             self._fail(request, error)
 
@@ -272,6 +279,31 @@ class Peer(Generic[C]):
             self._tasks.discard(task)
             self._waiting -= not method.is_urgent
             self._held -= size
+
+        task.add_done_callback(ended)
+
+    def _follow(self, request: Request, outcome: Coroutine[Any, Any, object]) -> None:
+        """Respond when it is known what came of a request that was begun."""
+        if self._begun >= MOST_BEGUN:
+            outcome.close()
+            raise RpcError(
+                Code.BUSY,
+                f"this {request.method} was carried out, but {self._begun} of this program wait for their outcome "
+                "already: it is told to them alone",
+            )
+        self._begun += 1
+        task = asyncio.get_running_loop().create_task(outcome)
+        self._tasks.add(task)
+
+        def ended(task: asyncio.Task[Any]) -> None:
+            self._tasks.discard(task)
+            self._begun -= 1
+            if task.cancelled():
+                return
+            try:
+                self._respond(request, task.result())
+            except Exception as error:  # noqa: BLE001 - as in `receive`
+                self._fail(request, error)
 
         task.add_done_callback(ended)
 
