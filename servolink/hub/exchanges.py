@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from itertools import islice
 from typing import Protocol
 
 from msgspec import Struct
@@ -14,6 +15,7 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet, Query
 
 _MOST_EQUAL = 16  # queries of one program that are answered at once: a response can have 64 KiB
+_FARTHEST_EQUAL = 64  # requests of it among which they are looked for, each time that one is sent
 
 
 class ProgramCounters(Struct):
@@ -59,6 +61,8 @@ class Exchange(Struct, eq=False):
     """How many stops there had been when it came; a motion is not sent after a later one."""
     asked_at: float = 0.0
     """When it came, on the clock of the event loop."""
+    size: int = 0
+    """The bytes that it counts for while it is not over."""
     seconds: float | None = None
     """How long the motion lasts, if that was computed beforehand."""
     refused: str = ""
@@ -179,7 +183,7 @@ class RoundRobin:
     def _take_later(self, queue: ProgramQueue, packet: Packet, most: int) -> list[Exchange]:
         """Return the first queries equal to `packet` that stand behind other queries of the same program."""
         queries = list[Exchange]()
-        for exchange in queue.exchanges:
+        for exchange in islice(queue.exchanges, _FARTHEST_EQUAL):
             if not isinstance(exchange.packet, Query) or len(queries) == most:
                 break
             if exchange.packet == packet:

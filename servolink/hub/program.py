@@ -20,8 +20,11 @@ from servolink.protocol.packet import Packet, Response
 from servolink.protocol.parser import PADDING, FrameParser
 from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
 
-MOST_WAITING = 64
-"""A program with more requests that are not over is not read until some of them are."""
+MOST_HELD = 256 * 1024
+"""A program whose requests that are not over take so many bytes is not read until some of them are: a stop behind them
+waits, so it is much more than the board could be asked soon."""
+REQUEST_BYTES = 256
+"""How many of these a request counts for, beside its content: there is room for a thousand short ones."""
 
 _logger = logging.getLogger(__name__)
 
@@ -82,12 +85,13 @@ class Program:
         self._parser = FrameParser(codec.byte_order)
         self._received_at = 0.0
         self._open: deque[Exchange] = deque()  # all that are not over, or behind one that is not
+        self._held = 0  # bytes that these count for
         self._was_full = False
 
     @property
     def is_full(self) -> bool:
         """Whether so many of its requests wait that it must not be read for now."""
-        return len(self._open) > MOST_WAITING
+        return self._held > MOST_HELD
 
     @property
     def waiting(self) -> int:
@@ -126,6 +130,7 @@ class Program:
         self.on_room = None
         self._hub.forget(self)
         self._open.clear()
+        self._held = 0
 
     def _take(self, packet_id: int, content: bytes) -> None:
         self.counters.requests += 1
@@ -133,8 +138,10 @@ class Program:
         if packet is None:
             self.counters.ignored += 1
             return
-        exchange = Exchange(self, packet, asked_at=self._received_at, is_silent=self.state.mode != 1)
+        size = REQUEST_BYTES + len(content)
+        exchange = Exchange(self, packet, asked_at=self._received_at, is_silent=self.state.mode != 1, size=size)
         self._open.append(exchange)
+        self._held += size
         if isinstance(packet, TransmissionModeSettingRequest):
             self._set_mode(exchange, packet)
         elif is_stop(packet):
@@ -188,6 +195,7 @@ class Program:
         frames = list[bytes]()
         while waiting and waiting[0].is_over:
             over = waiting.popleft()
+            self._held -= over.size
             if over.frame is not None:
                 frames.append(over.frame)
         if frames:

@@ -155,7 +155,7 @@ def test_the_end_of_a_program_that_has_read_nothing_is_noticed() -> None:
                 await board.request(big_action())
             await until(lambda: not hub.programs)
             with Port(url) as port:
-                await port.send(Codec().encode(QueryActionRequest(1)) * 200)
+                await port.send(Codec().encode(QueryActionRequest(1)) * 1200)
                 (program,) = await one_program(hub)
                 await until(lambda: program.queue.is_unread and program.is_full)
             await until(lambda: not hub.programs)

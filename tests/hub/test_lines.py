@@ -124,7 +124,7 @@ def test_the_end_of_a_program_that_has_read_nothing_is_noticed(is_tcp: bool, mon
             with await raw_tcp(tcp) if is_tcp else RawLine(raw_socket()) as line:
                 if not is_tcp:
                     await line.greet()
-                await line.send(Codec().encode(QueryActionRequest(1)) * 200)
+                await line.send(Codec().encode(QueryActionRequest(1)) * 2000)
                 await until(lambda: len(hub.programs) == 2)
                 program = list(hub.programs.values())[-1]
                 await until(lambda: program.queue.is_unread and program.is_full)

@@ -7,8 +7,9 @@ import asyncio
 from servolink.client.connect import connect
 from servolink.hub.hub import Hub, share
 from servolink.hub.local import LocalTransport
-from servolink.hub.program import MOST_WAITING
+from servolink.hub.program import MOST_HELD, REQUEST_BYTES
 from servolink.protocol.editing import (
+    AddActionRequest,
     QueryActionRequest,
     QueryProjectIDRequest,
     QueryProjectIDResponse,
@@ -17,12 +18,16 @@ from servolink.protocol.editing import (
 )
 from servolink.protocol.frame import encode_frame
 from servolink.protocol.joystick import SubscribeButtonEventRequest, SubscribeButtonEventResponse
+from servolink.protocol.records import Step
 from servolink.protocol.servos import (
+    ALL_SERVOS,
     QueryServoListRequest,
     QueryServoListResponse,
     QueryServoRequest,
     QueryServoResponse,
     SetAngleUnitRequest,
+    SetServoParameterRequest,
+    SetServoParameterResponse,
 )
 from servolink.protocol.settings import (
     QueryMemorySizeRequest,
@@ -34,7 +39,7 @@ from servolink.protocol.settings import (
     TransmissionModeSettingResponse,
 )
 from tests.client.fake_board import LATENCY, SWALLOWED, FakeBoard
-from tests.hub.fake_hub import MOVE, kinds, on_hub, shared
+from tests.hub.fake_hub import MOVE, STOP, kinds, on_hub, shared
 from tests.hub.raw_program import RawProgram
 from tests.virtual_time import run
 
@@ -110,12 +115,47 @@ def test_a_program_with_many_requests_is_not_read_until_there_is_room() -> None:
         program, read_on = RawProgram(hub).session, asyncio.Event()
         program.on_room = read_on.set
         frame = hub.board.codec.encode(QueryActionRequest(1))
-        program.receive(frame * MOST_WAITING)
+        most = MOST_HELD // (REQUEST_BYTES + 4)  # the content is an id
+        program.receive(frame * most)
         was_full = [program.is_full]
         program.receive(frame)
         was_full.append(program.is_full)
         await asyncio.wait_for(read_on.wait(), 10)
         assert [*was_full, program.is_full] == [False, True, False]
+
+    on_hub(use)
+
+
+def test_large_requests_count_for_what_they_hold() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        program = RawProgram(hub).session
+        frame = hub.board.codec.encode(AddActionRequest(1, "", tuple(Step(1, 0, 1) for _ in range(6_000))))
+        counts = 0
+        while not program.is_full:
+            program.receive(frame)
+            counts += 1
+        assert counts == 1 + MOST_HELD // (len(frame) + REQUEST_BYTES)
+        program.leave()
+        assert not program.is_full
+
+    on_hub(use)
+
+
+def test_a_stop_does_not_wait_behind_a_thousand_requests_of_its_program() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        holder, program = RawProgram(hub), RawProgram(hub)
+        hub.hold(holder.session.session_id, "an import")
+        for number in range(1000):
+            assert not program.session.is_full
+            program.send(QueryActionRequest(number))
+        program.send(STOP)
+        await asyncio.sleep(1)
+        assert fake.executed_of(SetServoParameterRequest) == [STOP]
+        assert program.heard == []  # its responses keep their order
+        hub.release_hold(holder.session.session_id)
+        await asyncio.sleep(100)
+        assert len(program.heard) == 1001
+        assert program.heard[-1] == SetServoParameterResponse(ALL_SERVOS, 0, 1)
 
     on_hub(use)
 
