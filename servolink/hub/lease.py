@@ -83,9 +83,12 @@ class MotionLease:
         return changes
 
     def give(self, session: str, now: float) -> list[LeaseChange]:
-        """Free the lease if `session` holds it, for those too from whom it was taken over. A motion ends by itself."""
+        """Free the lease if `session` holds it, and let those take it again from whom it was taken over.
+
+        But nobody does the latter for themselves while another session holds it. A motion ends by itself.
+        """
         changes = self.advance(now)
-        if self.holder in {None, session}:
+        if self.holder in {None, session} or session not in self._barred:
             self._barred.clear()
         if self.holder == session:
             changes.append(self._free("given back"))

@@ -90,7 +90,7 @@ class Leases(RuleBasedStateMachine):
         self.now += late
         self.begin()
         expected = [LeaseChange("given back", program, None)] if program == self.holder else []
-        if self.holder in {None, program}:
+        if self.holder in {None, program} or program not in self.barred:
             self.barred = set()
         if expected:
             self.free()
@@ -176,6 +176,19 @@ def test_who_loses_it_does_not_take_it_back_by_moving_on_until_it_is_given_back(
     assert (lease.holder, lease.is_barred("script")) == (None, True)
     lease.give("anybody", 4.0)
     assert lease.take("script", 5.0) == [LeaseChange("taken", None, "script", "script")]
+
+
+def test_it_is_given_back_to_who_lost_it_while_another_program_still_moves() -> None:
+    lease = MotionLease(1.0)
+    lease.take("script", 0.0)
+    lease.take("somebody", 0.5, force=True)
+    assert lease.give("script", 0.6) == []
+    assert lease.is_barred("script")
+    assert lease.give("anybody", 0.7) == []
+    assert (lease.holder, lease.is_barred("script")) == ("somebody", False)
+    assert lease.take("script", 0.8) == []
+    assert lease.advance(1.5) == [LeaseChange("over", "somebody", None)]
+    assert lease.take("script", 1.6) == [LeaseChange("taken", None, "script", "script")]
 
 
 def test_who_loses_it_can_take_it_over_again() -> None:

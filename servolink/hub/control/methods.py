@@ -97,7 +97,7 @@ def lease_take(caller: Caller, params: LeaseTake) -> LeaseNow:
 
 @METHODS.add("lease.give", Role.WATCH)
 def lease_give(caller: Caller, params: NoParams) -> LeaseNow:
-    """Give the lease back. A motion ends by itself."""
+    """Give the lease back; programs from which it was taken over may have it again. A motion ends by itself."""
     caller.control.prepared = None
     caller.control.hub.give_lease(caller.control.session)
     return LeaseNow(caller.control.hub.lease)
