@@ -294,6 +294,24 @@ def test_the_end_of_one_connection_frees_the_board_and_the_end_of_both_ends_the_
     run(main())
 
 
+def test_a_program_that_leaves_while_it_waits_to_have_the_board_alone() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("tablet") as tablet:
+            await tablet.call("board.hold")
+            frames = here.hub.join(lambda _: None, who="script", door="local", session_id="s")
+            async with here.program("script", session="s") as script:
+                holding = script.begin("board.hold")
+                await asyncio.sleep(1)
+                frames.leave()
+                await tablet.call("board.release")
+                with pytest.raises(RpcFailed, match="the session has ended") as failed:
+                    await holding
+                assert failed.value.kind == "ConnectionLost"
+                assert here.hub.held_by is None
+
+    run(main())
+
+
 def test_who_has_the_board_alone_makes_the_others_wait() -> None:
     async def main() -> None:
         async with shared() as here, here.program("studio") as studio, here.program("tablet") as tablet:

@@ -226,6 +226,7 @@ class Control:
         self._check_joined()
         while not self.hub.hold(self.session, reason):
             await self.until_free()
+            self._check_joined()  # its frames may have left meanwhile
 
     def _check_joined(self) -> None:
         """Raise ConnectionLost if the session has ended: its board was disconnected, or the hub has ended."""
