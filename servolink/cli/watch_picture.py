@@ -82,7 +82,7 @@ class Watched:
     @property
     def skipped_bytes(self) -> int:
         """Bytes of noise on the line."""
-        return sum(self.stats.skipped.values())
+        return self.stats.noise
 
 
 def picture(watched: Watched, width: int, height: int, *, blocks: bool = True) -> list[Line]:

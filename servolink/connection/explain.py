@@ -35,7 +35,6 @@ def timed_out(
     asked = f"{described(packet)} was not answered by {escape(url)}"
     times = "1 try" if tries == 1 else f"{tries} tries"
     how = f"in {waited:.1f} s ({times})" if tries else f"and not sent in {waited:.1f} s"
-    skipped = sum(stats.skipped.values())
     if held:
         causes = f"{escape(held)}; try again later"
     elif through_hub and tries:
@@ -43,18 +42,18 @@ def timed_out(
             "the hub has sent it several times and got no response either: the board may not know it or what it asks "
             "about, or the line is bad"
         )
-    elif answers_others and not skipped:
+    elif answers_others and not stats.noise:
         causes = "the board answers other requests, so it may not know this one or what it asks about"
     elif stats.frames_received:
         causes = "the board has answered before, so it is busy or has lost power, or the line is bad"
-    elif skipped:
+    elif any(stats.skipped.values()):
         causes = "bytes come but no frame: the byte order or baud rate may be wrong, or this is another device"
     else:
         causes = (
             "nothing came at all: is the board on, is this its port, is it a data cable, are baud rate and byte order "
             "right? `servolink doctor` finds out"
         )
-    noise = f"; {skipped} received bytes were part of no frame" if skipped else ""
+    noise = f"; {stats.noise} received bytes were part of no frame" if stats.noise else ""
     return RequestTimeout(f"{asked} {how}: {causes}{noise}", packet)
 
 

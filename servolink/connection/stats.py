@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
-from servolink.protocol.parser import REASONS
+from servolink.protocol.parser import PADDING, REASONS
 
 
 class Stats:
@@ -48,6 +48,11 @@ class Stats:
             setattr(self, name, 0)
         self.skipped = dict.fromkeys(REASONS, 0)
         self.round_trips = deque(maxlen=4096)
+
+    @property
+    def noise(self) -> int:
+        """Bytes outside any frame, but for the zeros behind one that fill the reports of a HID board."""
+        return sum(self.skipped.values()) - self.skipped.get(PADDING, 0)
 
     def round_trip(self, percent: float) -> float | None:
         """Return a percentile (0..100) of the latest round trips in seconds, None before the first."""

@@ -10,7 +10,6 @@ from servolink.doctor import Finding
 from servolink.errors import ConnectionLost, RequestTimeout
 from servolink.profiles.profile import BoardProfile
 from servolink.protocol.frame import ByteOrder
-from servolink.protocol.parser import PADDING
 from servolink.protocol.settings import QueryMemorySizeRequest
 
 REQUESTS = 60
@@ -60,7 +59,7 @@ async def measure(url: str, byte_order: ByteOrder, patience: float | None = None
         except ConnectionLost as error:
             ended = str(error)
         stats = board.stats
-        noise = sum(count for reason, count in stats.skipped.items() if reason != PADDING)
+        noise = stats.noise
         return Line(
             stats.bytes_received,
             noise,

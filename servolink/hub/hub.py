@@ -411,7 +411,6 @@ class Hub:
     def status(self) -> HubStatus:
         """Return who uses the board, and what has passed."""
         now = self._now()
-        stats = self.board.stats
         return HubStatus(
             self.name,
             self.url,
@@ -421,7 +420,7 @@ class Hub:
             self.lease,
             self._hold,
             self._responses_to_left + sum(program.counters.responses for program in self.programs.values()),
-            sum(stats.skipped.values()),
+            self.board.stats.noise,
             self.doors,
             self._another,
         )

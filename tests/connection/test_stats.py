@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from servolink.connection.explain import timed_out
 from servolink.connection.stats import Stats
+from servolink.protocol.servos import QueryServoListRequest
 
 
 def test_a_round_trip_percentile_is_the_time_within_which_so_many_came() -> None:
@@ -16,6 +18,15 @@ def test_only_the_latest_round_trips_are_kept() -> None:
     stats = Stats()
     stats.round_trips.extend([9.0] * 10_000 + [1.0] * 4096)
     assert stats.round_trip(100) == 1.0
+
+
+def test_what_fills_the_reports_of_a_hid_board_is_not_noise() -> None:
+    stats = Stats()
+    stats.skipped.update(padding=649, noise=3, checksum=4)
+    assert stats.noise == 7
+    stats.skipped.update(noise=0, checksum=0)
+    text = str(timed_out(QueryServoListRequest(), "hid://", 3, 1.0, stats, answers_others=True))
+    assert text.endswith("the board answers other requests, so it may not know this one or what it asks about")
 
 
 def test_as_dict_has_plain_numbers_under_names_that_programs_rely_on() -> None:

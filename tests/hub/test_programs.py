@@ -38,7 +38,7 @@ from servolink.protocol.settings import (
     TransmissionModeSettingRequest,
     TransmissionModeSettingResponse,
 )
-from tests.client.fake_board import LATENCY, SWALLOWED, FakeBoard
+from tests.client.fake_board import LATENCY, SWALLOWED, FakeBoard, Fate
 from tests.hub.fake_hub import MOVE, STOP, kinds, on_hub, shared
 from tests.hub.raw_program import RawProgram
 from tests.virtual_time import run
@@ -92,6 +92,21 @@ def test_packets_without_a_response_keep_their_place() -> None:
         assert arrived == [*sent, SendDummyDataRequest(b"2"), QueryProjectIDRequest()]
         assert program.heard[0] == QueryProjectIDResponse(0)
         assert program.heard[-1] == QueryProjectIDResponse(7)
+
+    on_hub(use)
+
+
+def test_what_fills_the_reports_of_a_hid_board_is_not_noise_in_the_status() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        fake.usual_of[QueryServoListRequest] = Fate(mangle=lambda frame: frame + bytes(-len(frame) % 64))
+        program = RawProgram(hub)
+        for _ in range(3):
+            assert await program.ask(QueryServoListRequest()) is not None
+        assert sum(hub.board.stats.skipped.values()) > 50
+        assert hub.status().noise == 0
+        fake.deliver(b"noise")
+        assert await program.ask(QueryServoListRequest()) is not None
+        assert hub.status().noise == 5
 
     on_hub(use)
 
