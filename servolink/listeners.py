@@ -260,9 +260,15 @@ async def listening_sockets(host: str, port: int) -> list[socket.socket]:
                 continue
         return _bind(addresses, port)
     except OSError as error:
-        raise OpenError(f"cannot listen at {place}: {error}; try another port, or 0") from error
+        raise OpenError(f"cannot listen at {place}: {error}; {_remedy(error)}") from error
     except UnicodeError as error:
         raise OpenError(f"cannot listen at {place}: no host can have this name; write its IP address") from error
+
+
+def _remedy(error: OSError) -> str:
+    if isinstance(error, socket.gaierror) or error.errno in _NO_SUCH_FAMILY:
+        return "it must be an address of this machine, such as 127.0.0.1, or * for all of them"
+    return "try another port, or 0"
 
 
 def _bind(addresses: Iterable[tuple[socket.AddressFamily, Any]], port: int) -> list[socket.socket]:

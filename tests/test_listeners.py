@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import re
 import socket
 from itertools import pairwise
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 
 from servolink import listeners
 from servolink.errors import OpenError, TransportUnavailable
-from servolink.listeners import host_and_port
+from servolink.listeners import host_and_port, listening_sockets
 from servolink.protocol.codec import Codec
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
 from servolink.transports.memory import MemoryTransport
@@ -176,6 +177,26 @@ def test_a_machine_without_ipv6_serves_the_rest(monkeypatch: pytest.MonkeyPatch)
     assert asyncio.run(main("*")).startswith("tcp://0.0.0.0:")
     with pytest.raises(OpenError, match=r"cannot listen at \[::1\]:0: .*not supported"):
         asyncio.run(main("[::1]"))
+
+
+@pytest.mark.parametrize(
+    ("error", "remedy"),
+    [
+        (OSError(errno.EADDRNOTAVAIL, "not available"), "it must be an address of this machine"),
+        (
+            socket.gaierror(socket.EAI_NONAME, "not known"),
+            "it must be an address of this machine, such as 127.0.0.1, or",
+        ),
+        (OSError(errno.EADDRINUSE, "in use"), "try another port, or 0"),
+    ],
+)
+def test_who_cannot_listen_is_told_what_helps(error: OSError, remedy: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*args: Any, **options: Any) -> socket.socket:
+        raise error
+
+    monkeypatch.setattr(socket, "create_server", fail)
+    with pytest.raises(OpenError, match=re.escape(f"cannot listen at 127.0.0.1:5: {error}; {remedy}")):
+        asyncio.run(listening_sockets("127.0.0.1", 5))
 
 
 @pytest.mark.skipif("not has_ipv6()")

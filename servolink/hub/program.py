@@ -64,7 +64,7 @@ class Program:
     ) -> None:
         """Use `Hub.join`."""
         self.session_id = session_id or secrets.token_hex(16)
-        """What ties its connections to each other; unguessable."""
+        """What ties its connections to each other; the status lists it."""
         self.who = who
         """What people call it; to be escaped where it is shown."""
         self.door = door

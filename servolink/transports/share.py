@@ -77,7 +77,7 @@ class Welcome(Struct, kw_only=True):
 
     servolink: int
     session: str
-    """Ties the connections of one program; nobody else can guess it."""
+    """Ties the connections of one program; `status` lists it, so all programs of this user know it."""
     name: str
     url: str
     """The address of the board behind the hub."""

@@ -138,8 +138,8 @@ async def board_release(caller: Caller, params: NoParams) -> HoldNow:
 def limits_tighten(caller: Caller, params: Tighten) -> Done:
     """Limit what this program moves, beside the limits of the board, until it leaves. Nothing can loosen them.
 
-    Call it first: it is refused once the program has moved or changed something, and on a connection that belongs to
-    the `session` of a program with frames.
+    Call it first: it is refused once the program has moved or changed something or read a record, and on a connection
+    that belongs to the `session` of a program with frames.
     """
     angles = dict(params.angles)
     pair = angles.pop("all", None)
