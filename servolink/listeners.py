@@ -151,6 +151,7 @@ _BACKLOG = 100
 _SEND_BUFFER = 256 * 1024  # in the system, which by itself would give some MiB to each host that does not read
 _ACCEPT_PAUSE = 1.0  # seconds between attempts while no connection can be accepted
 _PORT_ATTEMPTS = 10
+_MOST_CONNECTIONS = 4096  # to one address, where the system has no limit or a high one
 _NO_SUCH_FAMILY = {errno.EAFNOSUPPORT, errno.EADDRNOTAVAIL}  # a machine without IPv6
 
 
@@ -231,6 +232,19 @@ async def accepting(listening: Sequence[socket.socket], start: Callable[[socket.
         await asyncio.wait(tasks)
         for each in listening:
             each.close()
+
+
+def most_connections() -> int:
+    """Return how many connections strangers may have to one address: a quarter of the files this process may open.
+
+    Whoever may connect could take all of them otherwise, and nobody could stop the board any more.
+    """
+    if sys.platform == "win32":
+        return _MOST_CONNECTIONS
+    import resource
+
+    most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return _MOST_CONNECTIONS if most == resource.RLIM_INFINITY else min(max(most // 4, 1), _MOST_CONNECTIONS)
 
 
 def place_of(listening: Sequence[socket.socket]) -> str:

@@ -28,6 +28,16 @@ LIST = QueryServoListRequest()
 ANSWER = QueryServoListResponse((1, 2, 3))
 
 
+@pytest.mark.skipif("sys.platform == 'win32'")
+@pytest.mark.parametrize(("files", "most"), [(96, 24), (1, 1), (1024, 256), (1 << 20, 4096), (None, 4096)])
+def test_an_address_takes_a_quarter_of_the_files(files: int | None, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    import resource
+
+    limit = resource.RLIM_INFINITY if files is None else files
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
+    assert listeners.most_connections() == most
+
+
 def test_a_host_that_does_not_read_keeps_nothing_open_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(listeners, "_LINGER", 0.0)
 

@@ -9,6 +9,7 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.errors import OpenError, TransportUnavailable
+from servolink.hub.doors import network
 from servolink.hub.doors.network import tcp_door
 from servolink.hub.hub import Hub
 from servolink.hub.roles import Role
@@ -105,6 +106,40 @@ def test_who_only_connects_is_not_a_program_and_harms_nobody() -> None:
                 line.line.close()
 
     on_hub(use)
+
+
+def test_the_silent_make_room_and_programs_do_not(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(network, "most_connections", lambda: 5)
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        async with tcp_door(hub, ANYWHERE) as url:
+            first = await raw_tcp(url)
+            await first.send(LIST)
+            assert await first.until(len(ANSWER)) == ANSWER
+            silent = [await raw_tcp(url) for _ in range(20)]
+            others = [await raw_tcp(url) for _ in range(4)]
+            for line in silent:
+                assert await line.until_end() == b""
+            for line in others:
+                await line.send(LIST)
+                assert await line.until(len(ANSWER)) == ANSWER
+            with await raw_tcp(url) as too_many:
+                assert await too_many.until_end() == b""
+            for line in (first, *others):
+                await line.send(LIST)
+                assert await line.until(len(ANSWER)) == ANSWER
+            first.line.close()
+            await until(lambda: len(hub.programs) == 4)
+            with await raw_tcp(url) as line:
+                await line.send(LIST)
+                assert await line.until(len(ANSWER)) == ANSWER
+            for line in (*silent, *others):
+                line.line.close()
+
+    on_hub(use)
+    assert caplog.text.count("5 connections are open") == 1
 
 
 def test_garbage_behind_the_magic_is_counted() -> None:

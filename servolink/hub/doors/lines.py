@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager
 
 from servolink.escaping import escape
 from servolink.hub.program import Program
-from servolink.listeners import accepting
+from servolink.listeners import RareWarning, accepting
 
 HIGH, LOW = 128 * 1024, 32 * 1024
 """Bytes that a program has not read, at which nothing more is asked for it, and at which it is again."""
@@ -41,6 +41,11 @@ class Line(asyncio.BufferedProtocol, ABC):
         self._program: Program | None = None
         self._written = 0
         self._timer: asyncio.TimerHandle | None = None  # while the program does not read
+
+    @property
+    def is_program(self) -> bool:
+        """Whether the program has begun as it should."""
+        return self._program is not None
 
     def end(self) -> None:
         """Close the connection; what was sent may still be read for a moment."""
@@ -158,10 +163,16 @@ class Line(asyncio.BufferedProtocol, ABC):
 
 
 @asynccontextmanager
-async def serve_lines(listening: Sequence[socket.socket], make: Callable[[], Line]) -> AsyncIterator[set[Line]]:
-    """Make a line for each connection to these sockets, within this context; yield those that are connected."""
-    lines = set[Line]()
+async def serve_lines(
+    listening: Sequence[socket.socket], make: Callable[[], Line], *, most: int | None = None
+) -> AsyncIterator[None]:
+    """Make a line for each connection to these sockets, within this context; for at most about `most` at once.
+
+    One more takes the place of that which has been connected longest without being a program, or is closed.
+    """
+    lines = dict[Line, None]()  # the oldest first
     tasks = set[asyncio.Task[None]]()
+    warning = RareWarning()
 
     async def serve(connection: socket.socket) -> None:
         line = make()
@@ -170,14 +181,19 @@ async def serve_lines(listening: Sequence[socket.socket], make: Callable[[], Lin
             await asyncio.get_running_loop().connect_accepted_socket(lambda: line, connection)
         except OSError:
             return  # the program is gone already
-        lines.add(line)
+        lines[line] = None
         try:
             await line.gone.wait()
         finally:
-            lines.discard(line)
+            lines.pop(line, None)
             line.abort("")
 
     def start(connection: socket.socket) -> None:
+        if most is not None and len(tasks) >= most:
+            warning.log("%d connections are open: there is no room for more", most)
+            if not _drop_silent(lines):
+                connection.close()
+                return
         task = asyncio.ensure_future(serve(connection))
         tasks.add(task)
         task.add_done_callback(tasks.discard)
@@ -185,7 +201,7 @@ async def serve_lines(listening: Sequence[socket.socket], make: Callable[[], Lin
 
     try:
         async with accepting(listening, start):
-            yield lines
+            yield
     finally:
         for line in lines:
             line.end()
@@ -196,3 +212,13 @@ async def serve_lines(listening: Sequence[socket.socket], make: Callable[[], Lin
         if tasks:
             await asyncio.wait(tasks)
             await asyncio.sleep(0)  # in which asyncio closes what was aborted
+
+
+def _drop_silent(lines: dict[Line, None]) -> bool:
+    """Disconnect the oldest connection that is not a program. Return whether there is one."""
+    silent = next((line for line in lines if not line.is_program), None)
+    if silent is None:
+        return False
+    del lines[silent]
+    silent.abort("")
+    return True

@@ -11,7 +11,7 @@ from servolink.escaping import quote
 from servolink.hub.doors.lines import Line, serve_lines
 from servolink.hub.hub import Hub
 from servolink.hub.roles import Role
-from servolink.listeners import RareWarning, host_and_port, listening_sockets, place_of
+from servolink.listeners import RareWarning, host_and_port, listening_sockets, most_connections, place_of
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import MAGIC
@@ -37,7 +37,7 @@ async def tcp_door(
 
     listening = await listening_sockets(*host_and_port(place))
     url = f"tcp://{place_of(listening)}"
-    async with serve_lines(listening, make):
+    async with serve_lines(listening, make, most=most_connections()):
         yield url
 
 
