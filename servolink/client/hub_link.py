@@ -10,23 +10,14 @@ import msgspec
 from msgspec import Raw, Struct
 
 from servolink.client.reconnect import ConnectionState
+from servolink.client.roles import is_motion, needed_role_name
 from servolink.client.rpc_channel import open_channel
 from servolink.connection.connection import Connection
-from servolink.errors import ConnectionLost
+from servolink.errors import ConnectionLost, Rejected
 from servolink.escaping import escape
-from servolink.protocol.editing import AddServoParameterRequest, ExecuteMacroRequest
 from servolink.protocol.packet import Packet
-from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest, SetServoParameterRequest
-from servolink.transports.share import Greeting, ShareTransport, Welcome
+from servolink.transports.share import ROLES, Greeting, RoleName, ShareTransport, Welcome
 
-_MOTIONS = (
-    SetServoParameterRequest,
-    ExecuteActionRequest,
-    ExecuteActionExRequest,
-    ExecuteMacroRequest,
-    AddServoParameterRequest,  # a servo turns to its new correction at once
-)
-"""What a hub sends for the holder of the lease only; but a stop is always sent."""
 _LIMIT = 5.0  # seconds for the hub to answer what it answers at once
 _logger = logging.getLogger(__name__)
 
@@ -122,7 +113,11 @@ class HubLink:
 
     @asynccontextmanager
     async def moving(self) -> AsyncIterator[None]:
-        """Hold the lease in this context. Raise MotionRefused, which names the holder, if another program has it."""
+        """Hold the lease while servos turn because of what is stored.
+
+        Raise MotionRefused, which names the holder, if another program has it, and Rejected without the role.
+        """
+        self._require("edit", "changing what is stored")
         had_lease = self._has_lease
         if not had_lease:
             await self.take_lease()
@@ -133,11 +128,24 @@ class HubLink:
                 self._channel.tell("lease.give")
 
     async def _pass_packet(self, packet: Packet) -> None:
-        """Take the lease before a motion. Raise MotionRefused, which says who has it, if another program has."""
+        """Take the lease before a motion. Raise MotionRefused, which says who has it, if another program has.
+
+        Raise Rejected for a packet that needs a higher role: the hub would not send it, and could not always say so.
+        """
+        self._require(needed_role_name(packet), type(packet).__name__)
         if self._inner is not None:
             await self._inner(packet)
-        if not self._has_lease and _is_motion(packet):
+        if not self._has_lease and is_motion(packet):
             await self.take_lease()
+
+    def _require(self, needed: RoleName, what: str) -> None:
+        """Raise Rejected if `what` needs a higher role than this program has."""
+        name, role = escape(self._welcome.name), self._welcome.role
+        if ROLES.index(role) < ROLES.index(needed):
+            raise Rejected(
+                f"nothing was sent: {what} needs the role {needed}, and this program has the role {role}; "
+                f"connect to share://{name}?role={needed}"
+            )
 
     def _hear(self, method: str, params: Raw) -> None:
         """Take a notification."""
@@ -187,12 +195,6 @@ class HubLink:
         """End the connection too: without the hub's word a program could wait for ever."""
         if self._connection.answers.ended is None:
             self._connection.answers.lost(ConnectionLost(f"the hub of {self._welcome.name} has closed the connection"))
-
-
-def _is_motion(packet: Packet) -> bool:
-    if isinstance(packet, SetServoParameterRequest) and (packet.is_start, packet.is_hold) == (0, 1):
-        return False
-    return isinstance(packet, _MOTIONS)
 
 
 async def open_link(connection: Connection, transport: ShareTransport) -> HubLink | None:

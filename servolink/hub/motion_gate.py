@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
+from servolink.client.roles import is_motion, is_stop
 from servolink.escaping import escape
 from servolink.hub.lease import LeaseChange, MotionLease
-from servolink.hub.roles import Role, is_motion, is_stop, needed_role
+from servolink.hub.roles import Role, needed_role
 from servolink.protocol.codec import response_class
 from servolink.protocol.packet import Packet, Request, Response, Result
 from servolink.protocol.servos import ALL_SERVOS, ServoState, SetServoParameterRequest, SetServoParameterResponse

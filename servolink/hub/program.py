@@ -9,10 +9,11 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
+from servolink.client.roles import is_stop
 from servolink.errors import DecodeError
 from servolink.escaping import escape
 from servolink.hub.exchanges import Exchange, ProgramCounters, ProgramQueue
-from servolink.hub.roles import Role, is_stop
+from servolink.hub.roles import Role
 from servolink.hub.session_state import SessionState
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec, in_range

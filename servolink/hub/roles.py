@@ -1,11 +1,12 @@
-"""Roles: the packets that a program may send, and those that move a robot."""
+"""Roles: what a program may do."""
 
 from __future__ import annotations
 
 from enum import IntEnum
 
-from servolink.protocol import editing, joystick, servos, settings
-from servolink.protocol.packet import Packet, Query
+from servolink.client.roles import needed_role_name
+from servolink.protocol import editing, servos
+from servolink.protocol.packet import Packet
 
 
 class Role(IntEnum):
@@ -25,46 +26,12 @@ class Role(IntEnum):
         return self.name.lower()
 
 
-_ROLES: dict[type[Packet], Role] = {
-    # The mode, the unit and the subscription belong to one program (`SessionState`): others do not notice them.
-    settings.TransmissionModeSettingRequest: Role.WATCH,
-    servos.SetAngleUnitRequest: Role.WATCH,
-    joystick.SubscribeButtonEventRequest: Role.WATCH,
-    settings.SendDummyDataRequest: Role.WATCH,
-    servos.ExecuteActionExRequest: Role.RUN,
-    editing.ExecuteMacroRequest: Role.RUN,
-    joystick.SetActiveJoystickTableRequest: Role.RUN,
-    servos.SetServoParameterRequest: Role.MOVE,
-    servos.ExecuteActionRequest: Role.MOVE,
-}
-"""The role that a packet needs, if it is neither a query nor a change of what is stored."""
-
-_MOTIONS = (
-    servos.SetServoParameterRequest,
-    servos.ExecuteActionRequest,
-    servos.ExecuteActionExRequest,
-    editing.ExecuteMacroRequest,
-    editing.AddServoParameterRequest,  # a servo turns to its new correction at once
-)
-
 _STORED_MOTIONS = (servos.ExecuteActionExRequest, editing.ExecuteMacroRequest, editing.AddServoParameterRequest)
 
 
 def needed_role(packet: Packet) -> Role:
     """Return the lowest role that may send `packet`. What is not known here needs the highest."""
-    if isinstance(packet, Query) or is_stop(packet):
-        return Role.WATCH
-    return _ROLES.get(type(packet), Role.EDIT)
-
-
-def is_stop(packet: Packet) -> bool:
-    """Return whether `packet` stops and holds a servo or all of them, which anybody may do at any time (3.2.3)."""
-    return isinstance(packet, servos.SetServoParameterRequest) and (packet.is_start, packet.is_hold) == (0, 1)
-
-
-def is_motion(packet: Packet) -> bool:
-    """Return whether `packet` can make a servo turn, or drop what it holds, so that it needs the lease."""
-    return isinstance(packet, _MOTIONS) and not is_stop(packet)
+    return Role[needed_role_name(packet).upper()]
 
 
 def carries_angles(packet: Packet) -> bool:

@@ -10,12 +10,13 @@ from functools import partial
 from typing import Any
 
 from servolink.client.board import Board
+from servolink.client.roles import is_motion
 from servolink.errors import ConnectionLost, OutcomeUnknown, Rejected, ServolinkError, WrongBoard
 from servolink.hub.events import ButtonRelay
 from servolink.hub.exchanges import Exchange
 from servolink.hub.lease_keeper import LeaseKeeper
 from servolink.hub.motions import Motions, Outcome
-from servolink.hub.roles import carries_angles, is_motion
+from servolink.hub.roles import carries_angles
 from servolink.hub.unit_switch import UnitsKept, UnitSwitch
 from servolink.protocol.editing import ExecuteMacroResponse, WriteProjectIDRequest, WriteProjectIDResponse
 from servolink.protocol.joystick import SubscribeButtonEventRequest

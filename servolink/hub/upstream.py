@@ -10,11 +10,12 @@ from functools import partial
 from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 from servolink.client.board import Board
+from servolink.client.roles import is_motion
 from servolink.connection.scheduler import MOST_ASIDE
 from servolink.errors import ServolinkError
 from servolink.escaping import escape
 from servolink.hub.exchanges import Exchange, RoundRobin
-from servolink.hub.roles import carries_angles, is_motion
+from servolink.hub.roles import carries_angles
 from servolink.hub.sending import STOPPED, PacketSender
 from servolink.hub.stopping import stop
 from servolink.protocol.codec import Codec

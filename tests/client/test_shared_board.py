@@ -32,8 +32,8 @@ from servolink.hub.notices import ConnectionChanged
 from servolink.project.model import Project
 from servolink.project.transfer.apply import backup_for
 from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.editing import QueryActionListRequest
-from servolink.protocol.records import Action
+from servolink.protocol.editing import ExecuteMacroRequest, QueryActionListRequest
+from servolink.protocol.records import Action, ServoParameter
 from servolink.transports.share import Greeting
 from servolink.virtual.kind import BoardKind
 from tests.hub.door_hub import on_hub, sharing, until
@@ -332,11 +332,36 @@ def test_an_endless_message_ends_the_channel(monkeypatch: pytest.MonkeyPatch) ->
     with_hub(main)
 
 
+@pytest.mark.parametrize(
+    ("role", "needed", "use"),
+    [
+        ("watch", "run", lambda board: board.request(ExecuteMacroRequest(1))),
+        ("watch", "move", lambda board: board.move({1: 60}, duration=0.05)),
+        ("run", "move", lambda board: board.move({1: 60}, duration=0.05)),
+        ("run", "move", lambda board: board.release(1)),
+        ("move", "edit", lambda board: board.add_action(WAVE)),
+        ("move", "edit", lambda board: board.apply_project(Project(1))),
+        ("move", "edit", lambda board: board.add_servo_parameters([ServoParameter(1, 3)])),
+    ],
+)
+def test_what_the_role_does_not_allow_is_an_error_before_anything_is_sent(
+    role: str, needed: str, use: Callable[[Board], Awaitable[object]]
+) -> None:
+    async def main(hub: Hub) -> None:
+        async with connect(f"share://rex?role={role}") as board:
+            with pytest.raises(Rejected, match=rf"needs the role {needed}, .* has the role {role}; .*role={needed}"):
+                await use(board)
+            assert hub.lease is None
+            assert hub.status().programs[0].refused == 0
+            await board.stop()
+
+    with_hub(main)
+
+
 def test_a_refusal_for_other_reasons_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     async def main(hub: Hub) -> None:
         async with connect("share://rex?role=watch") as board:
-            with pytest.raises(Rejected, match="needs the role run"):
-                await board.move({1: 60}, duration=0.05)
+            board.connection.guard = None  # which refuses it itself
             with pytest.raises(Rejected):
                 await board.add_action(WAVE)
             await until(lambda: "AddActionRequest was not sent to the board: AddActionRequest needs" in caplog.text)

@@ -7,9 +7,9 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
+from servolink.client.roles import is_motion
 from servolink.hub.hub import Hub, share
 from servolink.hub.notices import LeaseChanged, Notice
-from servolink.hub.roles import is_motion
 from servolink.profiles.profile import BoardProfile, SafetyLimits
 from servolink.project.model import Project
 from servolink.protocol.packet import Packet

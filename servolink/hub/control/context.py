@@ -9,6 +9,7 @@ from contextvars import ContextVar
 from typing import NamedTuple, TypeAlias, TypeVar
 
 from servolink.client.board import Board
+from servolink.client.roles import is_motion
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.errors import ConnectionLost, MotionRefused, RequestTimeout
@@ -16,7 +17,7 @@ from servolink.hub.control.faults import Code, RpcError
 from servolink.hub.hub import Hub
 from servolink.hub.local import LocalTransport
 from servolink.hub.notices import HoldChanged, HoldStatus, LeaseStatus, Notice
-from servolink.hub.roles import Role, is_motion
+from servolink.hub.roles import Role
 from servolink.hub.sending import STOPPED
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
