@@ -22,8 +22,8 @@ from servolink.protocol.parser import PADDING, FrameParser
 from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
 
 MOST_HELD = 256 * 1024
-"""A program whose requests that are not over take so many bytes is not read until some of them are: a stop behind them
-waits, so it is much more than the board could be asked soon."""
+"""Bytes that the requests of a program may take that are not over; it is not read while they take more. There is room
+for more than a board answers in a while, because a stop that was not read is not found."""
 REQUEST_BYTES = 256
 """How many of these a request counts for, beside its content: there is room for a thousand short ones."""
 
