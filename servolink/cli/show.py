@@ -136,7 +136,8 @@ def _tell(recording: Recording, wanted: Selection) -> None:
     # What went wrong is also seen from what is missing, so that the story needs every message.
     summary = Summary()
     entries = summary.over(recording.entries(msgspec.structs.replace(wanted, only_problems=False)))
-    story = Story(hz=_hz(recording.about), packets=_tells_packets(recording.about, wanted))
+    is_all = not wanted.packet and wanted.servo_id is None
+    story = Story(hz=_hz(recording.about), packets=_tells_packets(recording.about, wanted), silences=is_all)
     for line in story.tell(entries):
         if line.is_problem or not wanted.only_problems:
             _print_line(line)

@@ -26,6 +26,7 @@ from servolink.recorder.channels import (
     decode,
 )
 from servolink.recorder.mcap_reader import McapReader, Metadata
+from servolink.recorder.round_trips import RoundTrips
 
 ALL_SERVOS = 255
 GOOD = {"answered", "sent"}
@@ -44,7 +45,7 @@ class Entry(NamedTuple):
 
 
 class Selection(msgspec.Struct, frozen=True):
-    """Which messages are wanted."""
+    """Which messages are wanted. A response is if its request is, or no failure could be told from what is left."""
 
     since: float | None = None
     """Seconds since the first message."""
@@ -92,9 +93,9 @@ class Recording:
 
     def entries(self, selection: Selection | None = None) -> Iterator[Entry]:
         """Yield the messages, without those that cannot be read. Raise RecordingError if the disk fails."""
-        wanted = selection or Selection()
+        wanted, trips = selection or Selection(), RoundTrips()
         for entry in chain((self._first,) if self._first else (), self._all):
-            if wanted.takes(entry):
+            if wanted.takes(_request_of(entry, trips)):
                 yield entry
 
     @property
@@ -158,6 +159,17 @@ def is_problem(message: Message) -> bool:
     if isinstance(message, Event):
         return message.kind == "alarm" or message.what == "lost"
     return isinstance(message, ProblemFound)
+
+
+def _request_of(entry: Entry, trips: RoundTrips) -> Entry:
+    """Return the request that `entry` is the response to; `entry` itself if it is not one."""
+    message = entry.message
+    if not isinstance(message, PacketSeen) or message.noise or message.error:
+        return entry
+    for trip in trips.take(entry.seconds, message):
+        if trip.packet and trip.response:
+            return Entry(trip.seconds, 0, entry.topic, PacketSeen("sent", packet=trip.packet, fields=trip.fields))
+    return entry
 
 
 def _is_about(message: Message, servo_id: int) -> bool:

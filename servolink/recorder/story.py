@@ -31,15 +31,17 @@ class Line(NamedTuple):
 class Story:
     """Tells entries in their order."""
 
-    def __init__(self, *, hz: float = 0.0, packets: bool = False) -> None:
+    def __init__(self, *, hz: float = 0.0, packets: bool = False, silences: bool = True) -> None:
         """Report gaps in readings of the servos, of which there should be `hz` a second.
 
-        `packets` tells every request with its response, not only the commands.
+        `packets` tells every request with its response, not only the commands. `silences` tells when the board was
+        silent, which only the packets of all kinds and servos show.
         """
         self.silences: Counter[str] = Counter()
         """How often the board was silent, or its servos were not read."""
         self._longest_gap = max(_SILENCE, _MISSED / hz) if hz > 0 else 0.0
         self._packets = packets
+        self._silences = silences
         self._trips = RoundTrips()
         self._read_at: float | None = None
         self._waiting_since: float | None = None  # for any response
@@ -69,7 +71,7 @@ class Story:
             return
         if message.direction == "received":
             yield from self._silence(seconds)
-        elif self._waiting_since is None and response_name(message.packet):
+        elif self._silences and self._waiting_since is None and response_name(message.packet):
             self._waiting_since = seconds
         if self._packets:
             yield from map(_trip_line, self._trips.take(seconds, message))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.recorder.channels import Event, Message, ServosRead
+from servolink.recorder.channels import Event, Message, PacketSeen, ServosRead
 from tests.cli.programs import call
 from tests.cli.terminals import ESCAPE, in_terminal
 from tests.recorder.files import ABOUT, write
@@ -49,6 +49,27 @@ def test_bytes_are_base64_in_json(recording: str, capsys: pytest.CaptureFixture[
 def test_packet_is_told_with_its_response(recording: str, capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, "show", recording, "--packet", "SetAngleUnit")
     assert "line        SetAngleUnit servo_id=3 unit_type=0, NOT ANSWERED" in said.out
+
+
+@pytest.mark.parametrize("options", [("--servo", "3"), ("--servo", "99"), ("--to", "0.1"), ("--packet", "QueryServo")])
+def test_selection_invents_no_failure(
+    options: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    messages: list[tuple[float, Message]] = [
+        (0.0, PacketSeen("sent", 20020, "QueryServoRequest", {"servo_id": 255})),
+        (0.2, PacketSeen("received", 20021, "QueryServoResponse", {"servos": [{"servo_id": 1}]})),
+        (1.0, PacketSeen("sent", 30110, "AddServoParameterRequest", {"servos": [{"servo_id": 3}]})),
+        (1.1, PacketSeen("received", 30111, "AddServoParameterResponse", {"result": 1})),
+    ]
+    said = call(capsys, "show", str(write(tmp_path / "x.mcap", messages)), *options)
+    assert "problems  none" in said.out
+
+
+def test_other_packets_break_a_silence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lost = PacketSeen("sent", 20020, "QueryServoRequest", {"servo_id": 3})
+    other = PacketSeen("received", 20011, "QueryServoListResponse", {"servo_id_list": [3]})
+    path = str(write(tmp_path / "x.mcap", [(0.0, lost), (0.9, other), (1.8, other), (2.7, other), (2.8, lost)]))
+    assert "nothing came" not in call(capsys, "show", path, "--servo", "3").out
 
 
 def test_cut_file_is_shown_with_a_remark(recording: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -92,6 +92,28 @@ def test_selection(tmp_path: Path, selection: Selection, wanted: set[int]) -> No
         assert [each.message for each in recording.entries(selection)] == [MESSAGES[at][1] for at in sorted(wanted)]
 
 
+TRIM = PacketSeen("sent", 30110, "AddServoParameterRequest", {"servos": [{"servo_id": 3}]}, 20)
+TRIMMED = PacketSeen("received", 30111, "AddServoParameterResponse", {"result": 1}, 11)
+ASK_ALL = PacketSeen("sent", 20020, "QueryServoRequest", {"servo_id": 255}, 10)
+ANSWER_ALL = PacketSeen("received", 20021, "QueryServoResponse", {"servos": [{"servo_id": 4}]}, 30)
+
+
+@pytest.mark.parametrize(
+    ("selection", "wanted"),
+    [
+        (Selection(servo_id=3), {0, 1, 2, 3}),
+        (Selection(servo_id=4), {0, 1}),
+        (Selection(until=1.05), {0, 1, 2, 3}),
+        (Selection(since=0.05), {2, 3, 4}),
+    ],
+)
+def test_response_is_selected_with_its_request(tmp_path: Path, selection: Selection, wanted: set[int]) -> None:
+    unasked = PacketSeen("received", 20021, "QueryServoResponse", {"servos": []}, 30)
+    messages: list[tuple[float, Message]] = [(0, ASK_ALL), (0.1, ANSWER_ALL), (1, TRIM), (1.1, TRIMMED), (9, unasked)]
+    with Recording(write(tmp_path / "out.mcap", messages)) as recording:
+        assert [each.message for each in recording.entries(selection)] == [messages[at][1] for at in sorted(wanted)]
+
+
 def test_file_cut_anywhere_gives_what_is_whole(tmp_path: Path) -> None:
     whole = write(tmp_path / "out.mcap", MESSAGES * 5, chunk_size=200).read_bytes()
     cut, counts = tmp_path / "cut.mcap", []
