@@ -125,7 +125,8 @@ def load_state(board: Hardware, path: Path) -> None:
     except OSError as error:
         raise OpenError(f"{path}: cannot be read: {reason(error)}") from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise OpenError(f"{path}: is not a saved board: {error}; delete it to start over") from error
+        advice = "give another file (`servolink apply` writes a project file to a board)"
+        raise OpenError(f"{path}: is not a saved board: {error}; {advice}") from error
     if state.byte_order != board.codec.byte_order:
         raise OpenError(f"{path}: was saved by a {state.byte_order}-endian board; use --byte-order {state.byte_order}")
     before, board.storage.contents = board.storage.contents, Contents()

@@ -137,11 +137,11 @@ def test_bad_files_are_refused_with_the_reason(tmp_path: Path, changes: dict[str
     assert board.storage.project_id == 5
 
 
-@pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"{", b"[]", b'{"byte_order": "little"}'])
-def test_what_is_no_state_is_refused(tmp_path: Path, content: bytes) -> None:
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"{", b"[]", b'{"byte_order": "little"}', b'{"schema": 1}'])
+def test_what_is_no_state_is_refused_and_not_to_be_deleted(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "board.json"
     path.write_bytes(content)
-    with pytest.raises(OpenError, match="is not a saved board"):
+    with pytest.raises(OpenError, match=r"is not a saved board: .*; give another file \(`servolink apply`"):
         load_state(VirtualBoard(), path)
 
 
