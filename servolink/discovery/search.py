@@ -135,8 +135,11 @@ def boards(candidates: Iterable[DeviceInfo]) -> list[DeviceInfo]:
     candidates = list(candidates)
     uses = Counter((scheme(candidate), candidate.identity.device) for candidate in candidates)
     ambiguous = {identity for (_, identity), count in uses.items() if count > 1 or not identity.serial_number}
+    shared = [candidate.shares for candidate in candidates if candidate.shares]
     groups: dict[object, list[DeviceInfo]] = {}
     for candidate in candidates:
+        if not candidate.shares and any(is_same_place(candidate.url, place) for place in shared):
+            continue  # its hub stands for it, also where neither has an identity
         identity = candidate.identity.device
         groups.setdefault(candidate if identity in ambiguous else identity, []).append(candidate)
     return [min(ways, key=lambda way: (not way.shares, bool(way.problem))) for ways in groups.values()]

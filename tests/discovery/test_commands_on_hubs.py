@@ -9,10 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from servolink.discovery import search
+from servolink.discovery.announcements import announced
 from servolink.discovery.hubs import claim_hub
 from servolink.discovery.names import Alias, save_alias
 from servolink.doctor.environment import check_holders
 from servolink.doctor.system import SystemFacts
+from servolink.transports.device_info import DeviceInfo
 from tests.cli.programs import call
 
 URL = "tcp://127.0.0.1:1"
@@ -56,3 +59,12 @@ def test_the_doctor_wants_no_hub_to_be_killed() -> None:
     (finding,) = check_holders(SystemFacts(), URL)
     assert finding.observation == f"{URL} is {SHARED}"
     assert "servolink --board share://rex" in finding.remedy
+
+
+def test_a_shared_board_is_one_board(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """The doctor queries it through its hub, as every command does."""
+    monkeypatch.setattr(search, "_KINDS", ("servolink.discovery.announcements", "servolink.discovery.hubs"))
+    with announced(DeviceInfo(URL, "virtual board")):
+        said = call(capsys, "doctor")
+    assert "2 boards are here" not in said.out
+    assert "share://rex: no hub of this name is running" in said.out  # nobody listens in this test

@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -168,6 +169,7 @@ def test_the_search_leads_to_the_hub() -> None:
         assert board.problem == f"shared by a hub (pid {os.getpid()}): use share://rex"
         assert not shared.problem
         assert only([board, shared]) == "share://rex"
+        assert boards([board, shared]) == [shared]
         assert asyncio.run(resolve_url(None)) == "share://rex"
         with pytest.raises(OpenError, match=f"{TCP} is shared by a hub"):
             asyncio.run(resolve_url(None, through_hub=False))
@@ -176,6 +178,8 @@ def test_the_search_leads_to_the_hub() -> None:
 def test_of_the_ways_to_a_board_the_hub_is_taken() -> None:
     hid = DeviceInfo("hid://1209:0001/A1", "board", SERIAL.identity)
     assert boards([SERIAL, hid, HUB]) == [HUB]
+    twin = replace(SERIAL, url="serial:///dev/ttyACM1")  # of an adapter whose maker gives all the same number
+    assert boards([SERIAL, twin, HUB]) == [twin, HUB]
 
 
 def test_a_name_leads_to_the_hub_of_its_board(monkeypatch: pytest.MonkeyPatch) -> None:
