@@ -13,7 +13,7 @@ from servolink.cli.output import print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.share_view import facts, programs
 from servolink.client.rpc_channel import RpcChannel, open_channel
-from servolink.discovery.hubs import candidates
+from servolink.discovery.hubs import candidates, hub_of
 from servolink.discovery.names import resolve_url
 from servolink.errors import OpenError
 from servolink.hub.control.messages import LeaseNow
@@ -46,12 +46,16 @@ def talk_to_hub(args: argparse.Namespace) -> int:
 
 
 async def _chosen(args: argparse.Namespace) -> str:
-    """Return the name of the hub of the board that was named, or of the only one that runs."""
-    if args.url is not None or args.name is not None:
-        url = args.url if args.url is not None else f"{_SCHEME}{args.name}"
-        url = url if url.startswith(_SCHEME) else await resolve_url(url)
+    """Return the name of the hub that was named, of the hub of the board, or of the only one that runs."""
+    if args.name is not None:
+        return str(args.name)
+    if args.url is not None:
+        url = await resolve_url(args.url)
         if not url.startswith(_SCHEME):
-            raise OpenError(f"{url} is not shared; `servolink share --board {args.url}` shares it")
+            hub = await asyncio.to_thread(hub_of, url)
+            if hub is None:
+                raise OpenError(f"{url} is not shared; `servolink share --board {args.url}` shares it")
+            url = hub.url
         return url.removeprefix(_SCHEME).partition("?")[0]
     names = [hub.url.removeprefix(_SCHEME) for hub in await asyncio.to_thread(candidates)]
     if not names:

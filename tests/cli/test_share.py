@@ -124,6 +124,18 @@ def test_the_lease_is_taken_from_a_program_and_given_back(shared: subprocess.Pop
     finished(moving, signal.SIGTERM)
 
 
+def test_it_answers_for_the_board_at_an_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    board = started("virtual", "--tcp", "127.0.0.1:0")
+    url = lines_of(board, 1)[0].split()[1]
+    hub = started("share", "--board", url, "--name", "rex")
+    lines_of(hub, 1)
+    assert in_pipe("share", "--status", "--json", "--board", url).json["name"] == "rex"
+    monkeypatch.setenv("SERVOLINK_BOARD", "tcp://127.0.0.1:1")
+    assert in_pipe("share", "--status", "--json", "--name", "rex").json["url"] == url
+    finished(hub, signal.SIGTERM)
+    finished(board, signal.SIGTERM)
+
+
 def test_a_second_hub_is_told_of_the_first(shared: subprocess.Popen[str]) -> None:
     said = program("share", "--board", "virtual://", "--name", "rex")
     assert said.code == 3
