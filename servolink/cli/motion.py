@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from servolink.client.servos import Servo
 
 DEFAULT_SPEED = 60.0
-"""Degrees per second, when neither time nor speed is given."""
+"""Degrees per second, at most, when neither time nor speed is given."""
 
 _TARGET = re.compile(r"(.+)=(.+)", re.DOTALL)
 _WHOLE = re.compile(r"[+-]?[0-9]{1,9}", re.ASCII)
@@ -40,7 +40,12 @@ def configure_move(parser: argparse.ArgumentParser) -> None:
     pace.add_argument(
         "--duration", type=number(0.01, 327.67, "seconds"), metavar="SECONDS", help="how long it takes, 0.01 to 327.67"
     )
-    pace.add_argument("--speed", type=SPEED, metavar="N", help=f"degrees per second ({DEFAULT_SPEED:g})")
+    pace.add_argument(
+        "--speed",
+        type=SPEED,
+        metavar="N",
+        help=f"degrees per second ({DEFAULT_SPEED:g}, or what the servo's cap allows)",
+    )
     parser.add_argument(
         "--wait", action=argparse.BooleanOptionalAction, default=True, help="wait until all have arrived (default)"
     )
@@ -81,7 +86,6 @@ def run_move(args: argparse.Namespace) -> int:
         usage_error(args, "a servo is given twice")
     if args.adc and args.duration is None:
         usage_error(args, "--adc needs --duration: speeds are in degrees per second")
-    pace = DEFAULT_SPEED if args.speed is None and args.duration is None else args.speed
 
     async def talk(board: Board, interruption: Interruption) -> int:
         from servolink.client.names import find_targets
@@ -89,6 +93,7 @@ def run_move(args: argparse.Namespace) -> int:
         found, captions = await find_targets(board, named)
         targets = {servo_id: kind(angle) for servo_id, angle in found.items()}
         before = {servo.servo_id: servo for servo in await reported(board, targets)}
+        pace = _speeds(board, targets) if args.speed is None and args.duration is None else args.speed
         # `move` checks this as well, but no servo must be started for a move that is then refused.
         await board.move(targets, duration=args.duration, speed=pace, dry_run=True)
         await make_ready(board, [before[servo_id] for servo_id in targets], interruption, start=args.start)
@@ -108,6 +113,11 @@ def run_move(args: argparse.Namespace) -> int:
         return OK
 
     return run_with_board(args, talk, angle_unit=kind.unit, **limits_of(args))
+
+
+def _speeds(board: Board, servo_ids: Iterable[int]) -> dict[int, float]:
+    """Return the speed of each servo if nobody asked for one: no cap refuses it."""
+    return {servo_id: min(DEFAULT_SPEED, board.limits.cap_of(servo_id) or DEFAULT_SPEED) for servo_id in servo_ids}
 
 
 async def make_ready(board: Board, servos: Iterable[Servo], interruption: Interruption, *, start: bool) -> None:

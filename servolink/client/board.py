@@ -16,7 +16,7 @@ from servolink.connection.stats import Stats
 from servolink.escaping import escape
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import MotionLimits
-from servolink.motion.movement import INTERVAL_UNIT
+from servolink.motion.movement import INTERVAL_UNIT, Speed
 from servolink.numeric import as_number
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
 from servolink.protocol.codec import Codec
@@ -322,16 +322,16 @@ class Board:
         targets: Targets,
         *,
         duration: float | None = None,
-        speed: float | None = None,
+        speed: Speed | None = None,
         wait: bool = False,
         dry_run: bool = False,
     ) -> float:
         """Move servos together to angles in degrees (or `Adc`) and return the duration in seconds (3.2.5).
 
-        Give either `duration`, 0.01..327.67 seconds, or `speed` in degrees per second: then the present angles are
-        read first, and each servo turns at that speed. Raise MotionRefused, before anything moves, for an angle outside
-        `angle_limits` or a speed above `speed_cap`. Without `angle_limits` any angle is sent, as the protocol gives no
-        range.
+        Give either `duration`, 0.01..327.67 seconds, or `speed` in degrees per second, one for all servos or a mapping
+        by servo id: then the present angles are read first, and each servo turns at its speed. Raise MotionRefused,
+        before anything moves, for an angle outside `angle_limits` or a speed above `speed_cap`. Without `angle_limits`
+        any angle is sent, as the protocol gives no range.
 
         With `soft_start`, the first movement of a servo is no faster than that: if need be, the whole movement takes
         longer, for all of its servos alike, and so does the returned duration. The first movement is that on a new

@@ -28,7 +28,7 @@ from servolink.errors import (
 from servolink.escaping import quote
 from servolink.motion.angles import AngleUnit, Degrees, in_unit, wire_angles
 from servolink.motion.limits import MotionLimits, degrees_per_second
-from servolink.motion.movement import INTERVAL_UNIT, check_limits, checked_targets, intervals_for, seconds_for
+from servolink.motion.movement import INTERVAL_UNIT, Speed, check_limits, check_pace, checked_targets, intervals_for
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ALL_SERVOS,
@@ -161,14 +161,14 @@ class ServoController:
         targets: Targets,
         *,
         duration: float | None = None,
-        speed: float | None = None,
+        speed: Speed | None = None,
         wait: bool = False,
         dry_run: bool = False,
     ) -> float:
         """Move servos together (see `Board.move`)."""
         connection = self._session.connection
         stops = connection.stops
-        seconds_for(0, duration, speed, self._interval_unit)  # refuse an impossible pace before anything is sent
+        check_pace(duration, speed, self._interval_unit)  # refuse an impossible pace before anything is sent
         angles = checked_targets(await servo_targets(self._session, targets))  # a copy, as the caller may change them
         if not self.units.is_changing:  # while they change, only `_planned` can say what is possible
             self._goals(angles, speed)
@@ -298,7 +298,7 @@ class ServoController:
             bool(state.is_hold),
         )
 
-    def _goals(self, targets: Mapping[int, float], speed: float | None) -> dict[int, int]:
+    def _goals(self, targets: Mapping[int, float], speed: Speed | None) -> dict[int, int]:
         """Return `targets` in the units that are set. Raise EncodeError for those that are not possible."""
         angles = wire_angles(targets, self.units.of)
         check_limits(angles, self.units.of, self._limits, speed)
@@ -308,7 +308,7 @@ class ServoController:
         return {servo_id: in_unit(angle, self.units.of(servo_id)) for servo_id, angle in angles.items()}
 
     async def _planned(
-        self, targets: Mapping[int, float], duration: float | None, speed: float | None
+        self, targets: Mapping[int, float], duration: float | None, speed: Speed | None
     ) -> tuple[dict[int, int], dict[int, int], set[int]]:
         """Return the goals, each servo's time in intervals and the servos that will move, for the units set now."""
         await self.units.ensure()

@@ -13,6 +13,8 @@ from servolink.numeric import as_number
 
 INTERVAL_UNIT = 0.01
 """Seconds that an interval of 1 stands for (3.2.5), unless a board was found to count otherwise."""
+Speed = float | Mapping[int, float]
+"""Degrees per second: one for all servos, or by servo id."""
 _LONGEST = 0x7FFF
 
 
@@ -29,7 +31,7 @@ def check_limits(
     angles: Mapping[int, int],
     unit_of: Callable[[int], AngleUnit | None],
     limits: MotionLimits,
-    speed: float | None = None,
+    speed: Speed | None = None,
 ) -> None:
     """Raise MotionRefused for an angle outside its limits, or if limits or `speed` cannot apply to the servo's unit."""
     if speed is None and not limits:
@@ -49,7 +51,7 @@ def intervals_for(
     limits: MotionLimits,
     *,
     duration: float | None,
-    speed: float | None,
+    speed: Speed | None,
     unit: float = INTERVAL_UNIT,
     soft: Collection[int] = (),
 ) -> dict[int, int]:
@@ -61,7 +63,8 @@ def intervals_for(
     """
     distances = {servo_id: abs(angle - here[servo_id]) if here else 0 for servo_id, angle in angles.items()}
     times = {
-        servo_id: max(seconds_for(distance, duration, speed, unit), unit) for servo_id, distance in distances.items()
+        servo_id: max(seconds_for(distance, duration, _speed_of(servo_id, speed), unit), unit)
+        for servo_id, distance in distances.items()
     }
     slower = 1.0
     for servo_id in soft:
@@ -83,6 +86,20 @@ def intervals_for(
                 f"servo {servo_id}: {distance} degrees in {sent:g} s is {asked:.0f} degrees/s; its cap is {exceeded}"
             )
     return intervals
+
+
+def check_pace(duration: float | None, speed: Speed | None, unit: float = INTERVAL_UNIT) -> None:
+    """Raise EncodeError for an impossible duration or speed."""
+    for one in speed.values() if isinstance(speed, Mapping) else [speed]:
+        seconds_for(0, duration, one, unit)
+
+
+def _speed_of(servo_id: int, speed: Speed | None) -> float | None:
+    if not isinstance(speed, Mapping):
+        return speed
+    if servo_id not in speed:
+        raise EncodeError(f"move: there is no speed for servo {servo_id}")
+    return speed[servo_id]
 
 
 def seconds_for(distance: int, duration: float | None, speed: float | None, unit: float = INTERVAL_UNIT) -> float:

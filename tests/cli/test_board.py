@@ -311,3 +311,9 @@ def test_a_damaged_profile_keeps_nobody_from_stopping(robot: Robot, say: type) -
     said = say("-b rex stop")
     assert said.code == 0
     assert said.err.endswith("line 2: depth must be 1..64, not 900; stopping without it\n")
+
+
+def test_a_move_at_no_speed_in_particular_keeps_to_the_limits(say: type) -> None:
+    say("board set rex --speed 1=20")
+    assert say("-b rex move 1=62 2=63 --no-wait --json").json["duration_seconds"] == 3
+    assert "its cap is 20" in say("-b rex move 1=62 --speed 60").err

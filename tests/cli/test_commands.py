@@ -145,6 +145,13 @@ def test_move_that_does_not_wait(board: Board) -> None:
     assert board("stop").code == 0
 
 
+def test_move_at_no_speed_in_particular_keeps_to_the_caps(robot: Robot) -> None:
+    robot.board.servos[1].angle = robot.board.servos[2].angle = 0
+    assert robot("move", "1=60", "--speed-cap", "30", "--json").json["duration_seconds"] == 2
+    assert robot("move", "1=0", "--speed-cap", "90", "--json").json["duration_seconds"] == 1
+    assert "its cap is 30" in robot("move", "1=60", "--speed-cap", "30", "--speed", "60").err
+
+
 def test_move_in_raw_readings(board: Board) -> None:
     moved = board("move", "3=2100", "--adc", "--duration", "0.05", "--json").json
     assert moved["servos"][0]["angle_unit"] == "adc"

@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 from servolink.errors import EncodeError, MotionRefused
 from servolink.motion.angles import wire_angles
 from servolink.motion.limits import AngleLimits, MotionLimits, degrees_per_second, motion_limits
-from servolink.motion.movement import INTERVAL_UNIT, check_limits, checked_targets, intervals_for, seconds_for
+from servolink.motion.movement import (
+    INTERVAL_UNIT,
+    check_limits,
+    check_pace,
+    checked_targets,
+    intervals_for,
+    seconds_for,
+)
 
 FREE = MotionLimits()
 
@@ -285,6 +292,15 @@ def test_a_first_movement_never_exceeds_its_soft_start(
 def test_each_servo_takes_the_time_that_its_way_takes_at_the_speed() -> None:
     here = {1: 0, 2: 45, 3: 90}
     assert intervals_for({1: 90, 2: 90, 3: 90}, here, FREE, duration=None, speed=45) == {1: 200, 2: 100, 3: 1}
+
+
+def test_each_servo_may_have_a_speed_of_its_own() -> None:
+    here = {1: 0, 2: 45}
+    assert intervals_for({1: 90, 2: 90}, here, FREE, duration=None, speed={1: 90, 2: 45}) == {1: 100, 2: 100}
+    with pytest.raises(EncodeError, match="there is no speed for servo 2"):
+        intervals_for({1: 90, 2: 90}, here, FREE, duration=None, speed={1: 90})
+    with pytest.raises(EncodeError, match="speed must be finite and above 0"):
+        check_pace(None, {1: 90, 2: 0})
 
 
 def test_a_way_that_takes_too_long_is_refused() -> None:
