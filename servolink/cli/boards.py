@@ -12,6 +12,7 @@ from servolink.cli.arguments import add_timeout
 from servolink.cli.main import FAILED, NO_BOARD, OK, fail, usage_error
 from servolink.cli.output import Table, print_error, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible, run_with_board
+from servolink.cli.terminal import can_ask, confirm
 from servolink.client.board import Board
 from servolink.connection.options import options_in
 from servolink.connection.probe import PATIENCE, ProbeResult, probe
@@ -24,11 +25,12 @@ from servolink.discovery.names import (
     remove_alias,
     save_alias,
 )
-from servolink.discovery.search import NONE_HERE, discover, search
+from servolink.discovery.search import NONE_HERE, discover, is_same_place, search
 from servolink.errors import InvalidAddress, OpenError, TransportError
 from servolink.files import is_name
 from servolink.profiles.store import profile_names
 from servolink.protocol.servos import ALL_SERVOS
+from servolink.transports.address import with_options
 from servolink.transports.device_info import DeviceInfo
 from servolink.transports.registry import create
 
@@ -112,6 +114,7 @@ def configure_use(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run_use)
     parser.add_argument("name", nargs="?", metavar="NAME", help="of letters, digits, - and _")
     parser.add_argument("address", nargs="?", metavar="BOARD", help="the address, as `servolink list` prints it")
+    parser.add_argument("--yes", action="store_true", help="give the name of another board without asking")
     instead = parser.add_mutually_exclusive_group()
     instead.add_argument("--list", action="store_true", help="print all names")
     instead.add_argument("--remove", metavar="NAME", help="forget a name")
@@ -132,15 +135,46 @@ def run_use(args: argparse.Namespace) -> int:
 def _keep_name(args: argparse.Namespace) -> int:
     if not is_name(args.name):
         usage_error(args, f"{args.name!r} cannot be a name: use up to 64 letters, digits, - and _, and no port")
-    alias = alias_for(args.address, search())
-    _refuse_invalid(args.address)
+    url = with_options(args.address, _options(args))
+    alias = alias_for(url, search())
+    _refuse_invalid(url)
+    before = load_aliases().get(args.name)
+    if before is None or before == alias or args.yes:
+        return _save(args, alias)
+    question = f"{args.name} is {_meant(before)} now"
+    if args.name in profile_names() and not is_same_place(before.url, alias.url):
+        question += f", which would lose its limits to {_meant(alias)}: see `servolink board show {args.name}`"
+    if args.json or not can_ask():
+        usage_error(args, f"{question}; --yes gives the name to {alias.url}")
+
+    async def main(interruption: Interruption) -> int:
+        if await confirm(f"{question}. Give the name to {alias.url}?"):
+            return _save(args, alias)
+        print_error(f"servolink: {interruption.state}")
+        return FAILED
+
+    return run_interruptible(main, "nothing was changed")
+
+
+def _options(args: argparse.Namespace) -> dict[str, str]:
+    """Return the options of the connection on the command line, as an address has them."""
+    patience = None if args.timeout is None else f"{args.timeout:g}"
+    given = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": patience}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def _save(args: argparse.Namespace, alias: Alias) -> int:
     save_alias(args.name, alias)
     if args.json:
         print_json(_named(args.name, alias))
     else:
-        board = f"the board with serial number {alias.serial_number}, on any port" if alias.serial_number else alias.url
-        print_text(f"{args.name} is {board}; kept in {aliases_path()}")
+        print_text(f"{args.name} is {_meant(alias)}; kept in {aliases_path()}")
     return OK
+
+
+def _meant(alias: Alias) -> str:
+    number = alias.serial_number
+    return f"the board with serial number {number}, on any port" if number else alias.url
 
 
 def _refuse_invalid(url: str) -> None:

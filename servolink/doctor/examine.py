@@ -31,7 +31,7 @@ from servolink.errors import InvalidAddress, ProfileError, TransportError
 from servolink.escaping import escape
 from servolink.profiles.store import load_profile
 from servolink.protocol.frame import ByteOrder
-from servolink.transports.address import Address
+from servolink.transports.address import Address, with_options
 from servolink.transports.device_info import DeviceInfo
 from servolink.transports.registry import create
 
@@ -211,9 +211,7 @@ def _with_baudrate(url: str) -> str:
 
 
 def _with_option(url: str, name: str, value: str) -> str:
-    place, _, query = url.partition("?")
-    others = [option for option in query.split("&") if option and option.partition("=")[0] != name]
-    return escape(f"{place}?{'&'.join([*others, f'{name}={value}'])}")
+    return escape(with_options(url, {name: value}))
 
 
 def _differences(url: str, response: ProbeResponse, byte_order: ByteOrder) -> Iterator[Finding]:

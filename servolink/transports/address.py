@@ -163,6 +163,18 @@ def refusal(url: str, reason: str) -> InvalidAddress:
     return InvalidAddress(f"{shorten(url) or 'an empty text'}: {reason}")
 
 
+def with_options(url: str, options: Mapping[str, str]) -> str:
+    """Return the address `url` with these options, in place of those of the same names."""
+    if not options:
+        return url
+    from urllib.parse import quote  # most programs start without it
+
+    place, _, query = url.partition("?")
+    others = [option for option in query.split("&") if option and option.partition("=")[0] not in options]
+    together = "&".join([*others, *(f"{name}={quote(value, safe='')}" for name, value in options.items())])
+    return f"{place}?{together}"
+
+
 def shorten(text: str) -> str:
     """Return `text` cut to a length that an error can show."""
     return text if len(text) <= _LONGEST else text[:_LONGEST] + "..."

@@ -97,7 +97,7 @@ def test_what_cannot_be_is_wrong_usage_and_changes_nothing(options: str, why: st
 
 
 def test_a_caption_is_looked_up_on_the_board_and_its_id_kept(robot: Robot, say: type) -> None:
-    say("use rex virtual://")
+    say("use rex virtual:// --yes")
     robot.ask(lambda board: board.add_servo_parameters([ServoParameter(2, 0, "hip"), ServoParameter(3, 0, "a=b")]))
     said = say("board set rex --angle Hip=20..160 --speed a=b=90 --speed all=120 --angle 1=0..9")
     assert (said.code, said.err) == (0, "")
@@ -257,7 +257,7 @@ def test_a_terminal_is_asked(typed: str, code: int, say: type) -> None:
 
 
 def test_limits_are_those_of_every_command(robot: Robot, say: type) -> None:
-    say("use rex virtual://")
+    say("use rex virtual:// --yes")
     say("board set rex --angle 1=0..20")
     for board in ("rex", "virtual://"):
         said = say(f"--board {board} move 1=50")
@@ -269,7 +269,7 @@ def test_limits_are_those_of_every_command(robot: Robot, say: type) -> None:
 def test_another_board_is_stopped_and_read_with_a_warning_and_not_moved(
     robot: Robot, say: type, caplog: pytest.LogCaptureFixture
 ) -> None:
-    say("use rex virtual://")
+    say("use rex virtual:// --yes")
     save_profile("rex", BoardProfile(identity=BoardIdentityRecord(servo_ids=(1, 2, 3, 4))))
     assert say("-b rex servos").code == 0
     difference = "rex was learnt with servos 1..4; the board at virtual:// has servos 1..3"
@@ -283,7 +283,7 @@ def test_another_board_is_stopped_and_read_with_a_warning_and_not_moved(
 
 def test_a_board_without_project_ids_is_not_asked_for_an_unfinished_import(robot: Robot, say: type) -> None:
     robot.board = VirtualBoard(3, kind=BoardKind(unsupported=("QueryProjectID",)))
-    say("use rex virtual://")
+    say("use rex virtual:// --yes")
     assert say("-b rex servos --timeout 0.5").code != 0
     say("board set rex --unsupported QueryProjectID")
     assert say("-b rex servos --timeout 0.5").code == 0
@@ -291,7 +291,7 @@ def test_a_board_without_project_ids_is_not_asked_for_an_unfinished_import(robot
 
 def test_queries_that_a_board_does_not_answer_delay_nothing(robot: Robot, say: type) -> None:
     robot.board = VirtualBoard(3, kind=BoardKind(unsupported=("QueryRemainPower", "QueryServoParameter")))
-    say("use rex virtual://")
+    say("use rex virtual:// --yes")
     say("board set rex --unsupported QueryRemainPower,QueryServoParameter")
     said = say("-b rex watch --hz 10 --seconds 1 --json")
     assert (said.code, said.err) == (0, "")
@@ -302,7 +302,7 @@ def test_queries_that_a_board_does_not_answer_delay_nothing(robot: Robot, say: t
 
 
 def test_a_damaged_profile_keeps_nobody_from_stopping(robot: Robot, say: type) -> None:
-    say("use rex virtual://")
+    say("use rex virtual:// --yes")
     save_profile("rex", LEARNT)
     profile_path("rex").write_text("[settings]\ndepth = 900\n")
     said = say("-b rex servos")

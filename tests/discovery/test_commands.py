@@ -12,7 +12,9 @@ import pytest
 
 from servolink.cli import boards
 from servolink.connection.connection import Connection
-from servolink.discovery.names import aliases_path
+from servolink.discovery.names import aliases_path, load_aliases
+from servolink.profiles.profile import BoardProfile, SafetyLimits
+from servolink.profiles.store import save_profile
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from tests.cli.programs import call, finished, started
 from tests.cli.terminals import in_pipe, in_terminal
@@ -141,8 +143,39 @@ def test_a_name_keeps_the_options_of_the_address(
     monkeypatch.setattr(Connection, "shake_hands", noting)
     assert call(capsys, "--url", "toy", "--byte-order", "little", "info").code == 3
     assert waited == [0.2]
+    assert call(capsys, "--timeout", "5", "use", "arm", "virtual://?depth=2", "--byte-order", "big").code == 0
+    assert load_aliases()["arm"].url == "virtual://?depth=2&byte_order=big&patience=5"
     said = call(capsys, "use", "toy", "virtual://?servos=3&byte_order=middle")
     assert (said.code, "option byte_order must be one of little, big, not 'middle'" in said.err) == (2, True)
+
+
+def test_a_name_is_given_to_another_board_only_if_somebody_says_so(
+    here: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    here()
+    assert call(capsys, "use", "arm", "virtual://").code == 0
+    assert call(capsys, "use", "arm", "virtual://").code == 0
+    said = call(capsys, "use", "arm", "tcp://10.0.0.1:9")
+    assert (said.code, said.out) == (2, "")
+    assert said.err.endswith("error: arm is virtual:// now; --yes gives the name to tcp://10.0.0.1:9\n")
+    assert load_aliases()["arm"].url == "virtual://"
+    save_profile("arm", BoardProfile(limits=SafetyLimits(speed_cap=30)))
+    said = call(capsys, "use", "arm", "tcp://10.0.0.1:9", "--json")
+    assert "which would lose its limits to tcp://10.0.0.1:9: see `servolink board show arm`; --yes" in said.err
+    assert call(capsys, "use", "arm", "tcp://10.0.0.1:9", "--yes").code == 0
+    assert load_aliases()["arm"].url == "tcp://10.0.0.1:9"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")
+@pytest.mark.parametrize(("answer", "url"), [("n", "virtual://"), ("y", "tcp://10.0.0.1:9")])
+def test_somebody_at_a_terminal_is_asked_for_a_name_that_is_taken(
+    answer: str, url: str, here: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    here()
+    assert call(capsys, "use", "arm", "virtual://").code == 0
+    said = in_terminal("use", "arm", "tcp://10.0.0.1:9", typed=f"{answer}\n")
+    assert "Give the name to tcp://10.0.0.1:9?" in said.out
+    assert load_aliases()["arm"].url == url
 
 
 def test_use_lists_and_forgets_names(here: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:

@@ -206,7 +206,7 @@ def test_the_backup_is_read_as_commands_will_read_it(
     where: str, robot: Robot, learnt: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if where == "address":
-        assert call(capsys, "use", "rex", "virtual://?caption_encoding=big5").code == 0
+        assert call(capsys, "use", "rex", "virtual://?caption_encoding=big5", "--yes").code == 0
     else:
         save_profile("rex", BoardProfile(settings=BoardSettings(caption_encoding="big5")))
     assert learnt("--write", "--yes").code == 0
