@@ -31,6 +31,7 @@ _COMMON = ("byte_order", "caption_encoding")  # settings whose options every com
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink board set`: one for each limit and setting."""
     from servolink.profiles.profile import BoardSettings, fields_of
+    from servolink.profiles.store import in_shell
 
     parser.set_defaults(run=run)
     add_name(parser)
@@ -62,8 +63,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     for name, (_, about) in fields_of(BoardSettings).items():
         if name not in _COMMON:
             option = f"--{name.replace('_', '-')}"
-            help_text = f"{about.meaning} ({about.wanted})"
-            settings.add_argument(option, type=_setting(name), metavar="VALUE", help=help_text)
+            metavar = "NAME,..." if name == "unsupported" else "VALUE"
+            help_text = in_shell(f"{about.meaning} ({about.wanted})")
+            settings.add_argument(option, type=_setting(name), metavar=metavar, help=help_text)
     settings.add_argument(
         "--unset", action="append", default=[], type=_unsettable, metavar="NAME", help="forget a setting, or soft-start"
     )

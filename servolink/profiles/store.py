@@ -122,10 +122,17 @@ def setting_from_text(name: str, text: str) -> Any:
         with suppress(ValueError):
             value = float(text)
             value = int(text)
+    hint, described = fields_of(BoardSettings)[name]
     try:
-        return _leaf(fields_of(BoardSettings)[name][0], value, (name,))
+        return _leaf(hint, value, (name,))
     except _Fault as fault:
-        raise ValueError(fault.text.removeprefix(f"{name} ").removeprefix(f"{name}: ")) from None
+        problem = fault.text.removeprefix(f"{name} ").removeprefix(f"{name}: ")
+        raise ValueError(problem.replace(described.wanted, in_shell(described.wanted), 1)) from None
+
+
+def in_shell(text: str) -> str:
+    """Return what `About` says of values as people write them in a shell: without the quotes and brackets of TOML."""
+    return re.sub(r'["\[\]]', "", text)
 
 
 class _Fault(Exception):

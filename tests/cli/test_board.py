@@ -67,6 +67,15 @@ def test_limits_and_settings_are_set_and_unset(say: type) -> None:
     assert profile().limits == SafetyLimits(angles={1: (-90.5, 0)}, speed_caps={3: 90})
 
 
+def test_the_help_writes_values_as_a_shell_takes_them(say: type) -> None:
+    told = " ".join(say("board set --help").out.split("settings (and")[1].split())
+    assert "auto (if the board is silent), 1 (always) or keep (never)" in told
+    assert "--unsupported NAME,... queries that the board does not answer, such as QueryMemorySize" in told
+    assert '"' not in told
+    say("board set rex --unsupported QueryMemorySize,QueryRemainPower --transmission-mode auto")
+    assert profile().settings.unsupported == ("QueryMemorySize", "QueryRemainPower")
+
+
 @pytest.mark.parametrize(
     ("options", "why"),
     [
@@ -74,7 +83,7 @@ def test_limits_and_settings_are_set_and_unset(say: type) -> None:
         ("--depth 900", "argument --depth: must be 1..64, not 900"),
         ("--depth 4.5", "argument --depth: must be 1..64, not 4.5"),
         ("--depth nan", "argument --depth: must be 1..64, not nan"),
-        ("--transmission-mode 2", 'argument --transmission-mode: must be "auto", "keep" or 1, not 2'),
+        ("--transmission-mode 2", "argument --transmission-mode: must be auto, keep or 1, not 2"),
         ("--unsupported QueryX", "argument --unsupported: 'QueryX' is not a query of the protocol"),
         ("--angle 3", "argument --angle: must be SERVO=VALUE, not '3'"),
         ("--angle 3=20", "argument --angle: must be like 3=20..160 or 3=unset, not '3=20'"),
