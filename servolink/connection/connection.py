@@ -191,6 +191,7 @@ class Connection:
                 self.answers.times,
                 wake=self._wake,
                 random=self._random,
+                byte_order=self.codec.byte_order,
                 unsupported=self._unsupported,
             )
             self.answers.close_all()

@@ -14,6 +14,7 @@ from servolink.connection.handshake import MOST_SILENT, Handshake
 from servolink.errors import ConnectionLost, OpenError
 from servolink.escaping import escape
 from servolink.protocol.editing import QueryProjectIDRequest
+from servolink.protocol.frame import ByteOrder
 from servolink.protocol.joystick import QueryActiveJoystickTableRequest
 from servolink.protocol.packet import Packet, Query
 from servolink.protocol.servos import SetServoParameterResponse
@@ -56,11 +57,13 @@ class Opening:
         *,
         wake: bool,
         random: Random,
+        byte_order: ByteOrder = "little",
         unsupported: Collection[str] = (),
     ) -> None:
         """Send with `send`, and give up after `patience` seconds of silence.
 
         `wake` sets transmission mode 1 if the board is silent at first. `received` returns the bytes received so far.
+        `byte_order` is the one in use.
         `unsupported` names queries that it is known not to answer, such as `QueryMemorySize`.
         """
         self._url = url
@@ -71,6 +74,7 @@ class Opening:
         self._times = times
         self._wake = wake
         self._random = random
+        self._other_order = "little" if byte_order == "big" else "big"
         self._unsupported = [
             query.packet_id for query in FENCES if type(query).__name__.removesuffix("Request") in unsupported
         ]
@@ -188,11 +192,13 @@ class Opening:
         if self._received() > self._received_before:
             raise OpenError(
                 f"{where} sends bytes, but no frame of this protocol ({asked}): try the other byte order "
-                "(byte_order=big) or another baud rate; it may also be another device; `servolink doctor` finds out"
+                f"(byte_order={self._other_order}) or another baud rate; it may also be another device; `servolink "
+                "doctor` finds out"
             )
         raise OpenError(
             f"{where} is open, but no board answers ({asked}): is it switched on, is this its port, is it a data "
-            "cable? Else try another baud rate or the other byte order (byte_order=big); `servolink doctor` finds out"
+            f"cable? Else try another baud rate or the other byte order (byte_order={self._other_order}); `servolink "
+            "doctor` finds out"
         )
 
     def _too_little(self, asked: str) -> OpenError:

@@ -18,6 +18,7 @@ from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost
 from servolink.protocol.codec import Codec
+from servolink.protocol.frame import ByteOrder
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
 from servolink.transports.base import Receiver
@@ -62,9 +63,9 @@ class FakeBoard:
     url = "fake://board"
     takes_at_once = True
 
-    def __init__(self, *, servos: int = 4, usual: Fate | None = None) -> None:
-        self.codec = Codec()
-        self.virtual = VirtualBoard(servos)
+    def __init__(self, *, servos: int = 4, usual: Fate | None = None, byte_order: ByteOrder = "little") -> None:
+        self.codec = Codec(byte_order)
+        self.virtual = VirtualBoard(servos, 0, self.codec)
         self.usual = usual or Fate()
         """What becomes of a request for which nothing was planned."""
         self.usual_of: dict[type[Packet], Fate] = {}
@@ -85,7 +86,7 @@ class FakeBoard:
         self._free_at = 0.0
         self._said: list[bytes] = []
         self._session = self.virtual.attach(self._said.append)
-        self._parser = FrameParser()
+        self._parser = FrameParser(byte_order)
         self._receiver: Receiver | None = None
 
     def plan(self, declared: type[Packet], *fates: Fate) -> None:
@@ -181,7 +182,7 @@ class FakeBoard:
 async def connected(board: FakeBoard, *, handshake: bool = False, **options: Any) -> AsyncIterator[Connection]:
     """Open a connection to `board`, and close it. It works at its whole depth, unless the options say otherwise."""
     options = {"write_depth": options.get("depth", 1), "learn": False} | options
-    connection = Connection(board, Codec(), **options)
+    connection = Connection(board, Codec(board.codec.byte_order), **options)
     await connection.open(handshake=handshake)
     try:
         yield connection

@@ -11,6 +11,7 @@ from servolink.errors import ConnectionLost, OpenError
 from servolink.protocol.editing import (
     AddActionRequest,
 )
+from servolink.protocol.frame import ByteOrder
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import (
@@ -51,12 +52,23 @@ def test_a_silent_board_is_given_up_after_the_patience_and_five_tries(patience: 
     run(main())
 
 
-def test_bytes_without_a_frame_are_explained_by_byte_order_and_baud_rate() -> None:
+def test_the_byte_order_to_try_is_the_other_one() -> None:
     async def main() -> None:
-        board = FakeBoard(usual=Fate(mangle=lambda frame: bytes(255 - byte for byte in frame)))
+        board = FakeBoard(usual=LOST, byte_order="big")
+        async with opening(board) as connection:
+            with pytest.raises(OpenError, match=r"no board answers .*the other byte order \(byte_order=little\)"):
+                await connection.shake_hands()
+
+    run(main())
+
+
+@pytest.mark.parametrize(("used", "other"), [("little", "big"), ("big", "little")])
+def test_bytes_without_a_frame_are_explained_by_byte_order_and_baud_rate(used: ByteOrder, other: ByteOrder) -> None:
+    async def main() -> None:
+        board = FakeBoard(usual=Fate(mangle=lambda frame: bytes(255 - byte for byte in frame)), byte_order=used)
         async with opening(board) as connection:
             begun = now()
-            with pytest.raises(OpenError, match=r"sends bytes, but no frame .*byte_order=big.* baud rate.*doctor"):
+            with pytest.raises(OpenError, match=rf"sends bytes, but no frame .*byte_order={other}.* baud rate.*doctor"):
                 await connection.shake_hands()
             assert now() == pytest.approx(begun + 3)
 
