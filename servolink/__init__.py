@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from servolink.errors import RequestError as RequestError
     from servolink.errors import RequestTimeout as RequestTimeout
     from servolink.errors import ServolinkError as ServolinkError
+    from servolink.errors import SeveralBoards as SeveralBoards
     from servolink.errors import TargetNotReached as TargetNotReached
     from servolink.errors import TransportError as TransportError
     from servolink.errors import TransportUnavailable as TransportUnavailable
@@ -153,6 +154,7 @@ else:
         "scale_project": "servolink.project.adjust",
         "Servo": "servolink.client.servos",
         "ServolinkError": "servolink.errors",
+        "SeveralBoards": "servolink.errors",
         "ServoParameter": "servolink.protocol.records",
         "ServoReading": "servolink.client.watch",
         "ServoReadings": "servolink.client.watch",

@@ -6,6 +6,7 @@ ServolinkError
 │  │  ├─ InvalidAddress (ValueError)  the address is written wrongly; the text says how to write it
 │  │  └─ ProfileError (ValueError)    what is kept of the board is damaged; the text says in which file and line
 │  ├─ OpenError                       not found, busy, not permitted; the text says what to do
+│  │  └─ SeveralBoards                none was named, and several are here; the text lists them
 │  └─ ConnectionLost                  was open and is lost; every waiting call gets the first cause
 ├─ PacketError (ValueError)
 │  ├─ EncodeError                     a value does not fit its field; nothing was sent
@@ -66,6 +67,10 @@ class ProfileError(TransportUnavailable, ValueError):
 
 class OpenError(TransportError):
     """The address could not be opened; the text says what to do about it."""
+
+
+class SeveralBoards(OpenError):
+    """No board was named, and several are here; the text lists them."""
 
 
 class ConnectionLost(TransportError):

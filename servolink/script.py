@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar, overload
 
-from servolink.errors import InvalidAddress, ProfileError, ServolinkError, TransportError
+from servolink.errors import InvalidAddress, ProfileError, ServolinkError, SeveralBoards, TransportError
 from servolink.escaping import escape, quote
 
 T = TypeVar("T")
@@ -17,7 +17,7 @@ OK, FAILED, USAGE, NO_BOARD, INTERRUPTED = 0, 1, 2, 3, 130
 
 def exit_code(error: ServolinkError) -> int:
     """Return the exit code of a program that ends with `error`."""
-    if isinstance(error, InvalidAddress):
+    if isinstance(error, InvalidAddress | SeveralBoards):
         return USAGE
     is_absent = isinstance(error, TransportError) and not isinstance(error, ProfileError)
     return NO_BOARD if is_absent else FAILED
@@ -31,8 +31,8 @@ def run(main: Any) -> Any:
     """Run a script: call `main`, which may be an async function, and return its result.
 
     If it raises a ServolinkError, print file, line and text on standard error, and end the program with the exit code
-    of the command line: 3 if there is no board, 2 for a wrong address, otherwise 1. Ctrl-C ends it with 130. Other
-    errors are defects of the script and raised; `python -X dev` raises all of them.
+    of the command line: 3 if there is no board, 2 for a wrong address or if several boards are here, otherwise 1.
+    Ctrl-C ends it with 130. Other errors are defects of the script and raised; `python -X dev` raises all of them.
     """
     try:
         return _call(main)

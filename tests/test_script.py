@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import servolink
-from servolink.errors import InvalidAddress, NotFound, OpenError, RequestTimeout, ServolinkError
+from servolink.errors import InvalidAddress, NotFound, OpenError, RequestTimeout, ServolinkError, SeveralBoards
 from servolink.script import exit_code
 from tests import processes
 
@@ -143,6 +143,7 @@ def test_in_a_notebook_it_says_what_to_write() -> None:
     [
         (OpenError("x"), 3),
         (InvalidAddress("x"), 2),
+        (SeveralBoards("x"), 2),
         (RequestTimeout("x"), 1),
         (NotFound("x"), 1),
         (ServolinkError("x"), 1),

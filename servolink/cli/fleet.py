@@ -94,7 +94,7 @@ def add_access(parser: argparse.ArgumentParser) -> None:
 
 
 def access_of(args: argparse.Namespace, url: str) -> BrokerAccess:
-    """Return how to get into the broker at `url`. Raise InvalidAddress or OpenError, which say what to correct."""
+    """Return how to get into the broker at `url`. Raise InvalidAddress or ServolinkError, which say what to correct."""
     from servolink.fleet.access import broker_access
 
     return broker_access(
@@ -117,7 +117,7 @@ def add_groups(parser: argparse.ArgumentParser) -> None:
 
 
 def fleet_of(args: argparse.Namespace, *, servos: bool = False) -> Fleet:
-    """Return the fleet of `args`. Raise InvalidAddress or OpenError, which say what to correct."""
+    """Return the fleet of `args`. Raise InvalidAddress or ServolinkError, which say what to correct."""
     from servolink import fleet
     from servolink.fleet.topics import PREFIX
 

@@ -10,7 +10,7 @@ from ipaddress import ip_address
 from servolink.cli.arguments import board_name, listening, number
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import counted, print_error, print_json, print_text
-from servolink.cli.session import Interruption, run_interruptible
+from servolink.cli.session import Interruption, choose_board, run_interruptible
 
 _MOST_SECONDS = 3600.0
 
@@ -66,6 +66,8 @@ def run(args: argparse.Namespace) -> int:
         from servolink.cli.share_status import talk_to_hub
 
         return talk_to_hub(args)
+
+    args.url = choose_board(args)
 
     async def main(interruption: Interruption) -> int:
         return await _share(args, interruption)

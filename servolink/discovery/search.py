@@ -9,7 +9,7 @@ from dataclasses import replace
 from importlib import import_module
 from typing import NamedTuple
 
-from servolink.errors import InvalidAddress, OpenError, TransportError
+from servolink.errors import InvalidAddress, OpenError, SeveralBoards, TransportError
 from servolink.transports.address import Address
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from servolink.transports.registry import DISCOVERY, PlugIn, plug_ins
@@ -146,7 +146,10 @@ def boards(candidates: Iterable[DeviceInfo]) -> list[DeviceInfo]:
 
 
 def only(candidates: Sequence[DeviceInfo]) -> str:
-    """Return the address of the only board, or of the only one that can be opened; OpenError names them all."""
+    """Return the address of the only board, or of the only one that can be opened.
+
+    Raise SeveralBoards, which names them all, or OpenError if there is none that can be opened.
+    """
     found = boards(candidates)
     usable = [board for board in found if not board.problem]
     if len(usable) == 1:
@@ -155,7 +158,7 @@ def only(candidates: Sequence[DeviceInfo]) -> str:
         raise OpenError(NONE_HERE)
     if len(found) == 1:
         raise OpenError(f"{found[0].url}: {found[0].problem}")
-    raise OpenError(f"{len(found)} boards are here; name one of {', '.join(board.url for board in found)}")
+    raise SeveralBoards(f"{len(found)} boards are here; name one of {', '.join(board.url for board in found)}")
 
 
 def scheme(candidate: DeviceInfo) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NoReturn
 from urllib.parse import unquote, urlsplit
 
-from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
+from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable
 from servolink.escaping import quote
 from servolink.files import read_file, reason
 
@@ -92,7 +92,7 @@ def broker_access(
     the certificates that the broker's is checked against, those of the system unless given; `certificate` and `key`
     are this program's own.
 
-    Raise InvalidAddress for an impossible address, and OpenError for a file that cannot be used.
+    Raise InvalidAddress for an impossible address, and ServolinkError for a file that cannot be used.
     """
     address = parse_broker(url)
     if not address.is_encrypted and (ca or certificate or key):
@@ -108,12 +108,12 @@ def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSL
     try:
         context = ssl.create_default_context(cafile=ca)
     except (OSError, ssl.SSLError) as error:
-        raise OpenError(f"{ca} cannot be used as certificates of authorities: {reason(error)}") from error
+        raise ServolinkError(f"{ca} cannot be used as certificates of authorities: {reason(error)}") from error
     if certificate is not None:
         try:
             context.load_cert_chain(certificate, key, password=_no_password)
         except (OSError, ssl.SSLError, ValueError) as error:
-            raise OpenError(
+            raise ServolinkError(
                 f"{certificate} and its key cannot be used: {reason(error)}; both must be PEM files, and "
                 "the key must not be encrypted"
             ) from error
@@ -130,7 +130,7 @@ def _password(address: BrokerAddress, user: str | None, file: Path | None) -> st
         try:
             text = read_file(file, _MOST_PASSWORD).decode()
         except (OSError, ValueError) as error:
-            raise OpenError(f"{file} cannot be used as a password: {reason(error)}") from error
+            raise ServolinkError(f"{file} cannot be used as a password: {reason(error)}") from error
         return _with_user(user, text.partition("\n")[0].removesuffix("\r"), f"the password in {file}")
     if (text := os.environ.get(PASSWORD_VARIABLE, "")) or user is None:
         return _with_user(user, text, f"the password in {PASSWORD_VARIABLE}") if text else None

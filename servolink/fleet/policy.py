@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from servolink.errors import OpenError
+from servolink.errors import ServolinkError
 from servolink.escaping import quote
 from servolink.files import MIB, is_name, read_file, reason
 from servolink.fleet.groups import fleet_file
@@ -64,7 +64,7 @@ class FleetFile(Struct, frozen=True):
 def load_fleet_file(path: Path | None = None) -> FleetFile:
     """Return the policy in `path`, or in `fleet.toml` of this user, which need not exist.
 
-    Raise OpenError, which names the file and the place in it, if it cannot be used.
+    Raise ServolinkError, which names the file and the place in it, if it cannot be used.
     """
     chosen = path or fleet_file()
     try:
@@ -72,13 +72,13 @@ def load_fleet_file(path: Path | None = None) -> FleetFile:
     except FileNotFoundError as error:
         if path is None:
             return FleetFile()
-        raise OpenError(f"{chosen} does not exist") from error
+        raise ServolinkError(f"{chosen} does not exist") from error
     except (OSError, ValueError) as error:
-        raise OpenError(f"{chosen} cannot be read: {reason(error)}") from error
+        raise ServolinkError(f"{chosen} cannot be read: {reason(error)}") from error
     try:
         return _checked(msgspec.convert(tomllib.loads(text), _File))
     except (ValueError, RecursionError, OverflowError) as error:  # errors of TOML and of types are ValueErrors
-        raise OpenError(f"{chosen} cannot be used: {error}; correct it") from error
+        raise ServolinkError(f"{chosen} cannot be used: {error}; correct it") from error
 
 
 def _checked(file: _File) -> FleetFile:

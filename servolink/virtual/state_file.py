@@ -16,7 +16,7 @@ from typing import Annotated, Self
 import msgspec
 from msgspec import Meta, Struct
 
-from servolink.errors import OpenError, PacketError, ServolinkError
+from servolink.errors import PacketError, ServolinkError
 from servolink.files import MIB, read_file, reason, write_atomically
 from servolink.locks import open_locked
 from servolink.protocol import editing, joystick
@@ -43,7 +43,7 @@ class StateFile:
     """
 
     def __init__(self, board: Hardware, path: Path) -> None:
-        """Load `path` as `load_state` does. Raise OpenError too if another board uses it, or if it cannot be locked."""
+        """Load `path` as `load_state` does. Raise ServolinkError too if another board uses it."""
         self._board = board
         self._path = path
         target = Path(os.path.realpath(path))
@@ -53,9 +53,9 @@ class StateFile:
             lock = open_locked(self._lock_path)
         except OSError as error:
             load_state(board, path)  # its error says more if nothing can be saved there at all
-            raise OpenError(f"{path}: cannot be locked: {self._lock_path}: {reason(error)}") from error
+            raise ServolinkError(f"{path}: cannot be locked: {self._lock_path}: {reason(error)}") from error
         if lock is None:
-            raise OpenError(
+            raise ServolinkError(
                 f"{path}: another virtual board uses this file; close that one first. To share one board, run "
                 f"`servolink virtual --state {path}` and connect to the address that it prints"
             )
@@ -112,28 +112,30 @@ def load_state(board: Hardware, path: Path) -> None:
     """Replace what `board` stores by the content of `path`. No effect if the file does not exist.
 
     Records are restored as they were, even several under one id and those that a partial write left, whatever options
-    this board has. Raise OpenError, and leave the board as it was, if the file cannot be read, is not the state of a
-    board, or does not fit this board.
+    this board has. Raise ServolinkError, and leave the board as it was, if the file cannot be read, is not the state of
+    a board, or does not fit this board.
     """
     try:
         # In hex a record takes less than three times its size.
         state = msgspec.json.decode(read_file(path, MIB + 4 * board.storage.memory), type=BoardState)
     except FileNotFoundError as error:
         if not path.resolve().parent.is_dir():  # where it could not be saved either
-            raise OpenError(f"{path}: the folder does not exist; create it first") from error
+            raise ServolinkError(f"{path}: the folder does not exist; create it first") from error
         return
     except OSError as error:
-        raise OpenError(f"{path}: cannot be read: {reason(error)}") from error
+        raise ServolinkError(f"{path}: cannot be read: {reason(error)}") from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         advice = "give another file (`servolink apply` writes a project file to a board)"
-        raise OpenError(f"{path}: is not a saved board: {error}; {advice}") from error
+        raise ServolinkError(f"{path}: is not a saved board: {error}; {advice}") from error
     if state.byte_order != board.codec.byte_order:
-        raise OpenError(f"{path}: was saved by a {state.byte_order}-endian board; use --byte-order {state.byte_order}")
+        raise ServolinkError(
+            f"{path}: was saved by a {state.byte_order}-endian board; use --byte-order {state.byte_order}"
+        )
     before, board.storage.contents = board.storage.contents, Contents()
     for at, request in enumerate(state.requests):
         if problem := _store(board, request):
             board.storage.contents = before
-            raise OpenError(f"{path}: requests[{at}]: {problem}")
+            raise ServolinkError(f"{path}: requests[{at}]: {problem}")
     board.battery = state.battery
     for servo_id, angle in state.angles.items():
         if (servo := board.servos.get(servo_id)) is not None:

@@ -7,7 +7,7 @@ import logging
 from pathlib import Path
 from typing import cast
 
-from servolink.errors import ServolinkError
+from servolink.errors import OpenError, ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.address import Address
@@ -146,7 +146,10 @@ class VirtualTransport(BaseTransport):
     async def _open(self) -> None:
         """Attach to the board. Raise OpenError if the state cannot be loaded, or belongs to another open board."""
         if self._state is not None:
-            self._file = StateFile(self.board, self._state)
+            try:
+                self._file = StateFile(self.board, self._state)
+            except ServolinkError as error:
+                raise OpenError(str(error)) from error
             self._saver = StateSaver(self.board, self._file)
         self._session = self.board.attach(self._receive, lambda: self._unsent)
         self._driver = BoardDriver(self.board)

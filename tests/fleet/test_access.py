@@ -9,7 +9,7 @@ import keyring
 import pytest
 from keyring.errors import KeyringError
 
-from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
+from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable
 from servolink.fleet.access import PASSWORD_VARIABLE, BrokerAddress, broker_access, parse_broker
 
 SESAME = "sesame"
@@ -91,11 +91,11 @@ def test_no_keyring_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_files_that_cannot_be_used_are_named(tmp_path: Path) -> None:
     missing, wrong = tmp_path / "missing", tmp_path / "wrong.pem"
     wrong.write_text("nothing", encoding="utf-8")
-    with pytest.raises(OpenError, match=r"missing cannot be used as a password: No such file"):
+    with pytest.raises(ServolinkError, match=r"missing cannot be used as a password: No such file"):
         broker_access("mqtt://rex@localhost", password_file=missing)
-    with pytest.raises(OpenError, match=r"wrong.pem cannot be used as certificates"):
+    with pytest.raises(ServolinkError, match=r"wrong.pem cannot be used as certificates"):
         broker_access("mqtts://localhost", ca=wrong)
-    with pytest.raises(OpenError, match=r"wrong.pem and its key cannot be used"):
+    with pytest.raises(ServolinkError, match=r"wrong.pem and its key cannot be used"):
         broker_access("mqtts://localhost", certificate=wrong)
 
 

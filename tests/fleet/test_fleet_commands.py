@@ -284,3 +284,18 @@ def test_without_the_extra_it_says_what_to_install(said: Callable[..., Said], mo
     found = said("list")
     assert found.code == NO_BOARD
     assert found.err == "servolink: servolink fleet needs aiomqtt: pip install 'servolink[fleet]'\n"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("fleet", "list", "--broker", "mqtt://rex@127.0.0.1", "--password-file", "nofile"),
+        ("fleet", "join", "mqtt://127.0.0.1", "--policy", "nofile"),
+    ],
+)
+def test_a_file_that_is_missing_is_a_failure_and_not_a_missing_board(
+    command: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = call(capsys, *command)
+    assert (found.code, found.out) == (FAILED, "")
+    assert "nofile" in found.err

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.errors import OpenError
+from servolink.errors import ServolinkError
 from servolink.fleet.policy import BoardPolicy, load_fleet_file
 
 pytestmark = pytest.mark.usefixtures("user")
@@ -57,13 +57,13 @@ def test_a_board_has_the_default_unless_it_says_otherwise(tmp_path: Path) -> Non
 def test_a_file_that_cannot_be_meant_so_is_refused(tmp_path: Path, text: str, why: str) -> None:
     path = tmp_path / "fleet.toml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(OpenError, match=r"fleet.toml cannot be used: ") as error:
+    with pytest.raises(ServolinkError, match=r"fleet.toml cannot be used: ") as error:
         load_fleet_file(path)
     assert why in str(error.value)
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    with pytest.raises(OpenError, match="does not exist"):
+    with pytest.raises(ServolinkError, match="does not exist"):
         load_fleet_file(tmp_path / "none")
-    with pytest.raises(OpenError, match="cannot be read: Is a directory"):
+    with pytest.raises(ServolinkError, match="cannot be read: Is a directory"):
         load_fleet_file(tmp_path)

@@ -423,8 +423,8 @@ def test_it_ends_with_its_terminal() -> None:
         (("--script", "missing"), 2, "missing"),
         (("--script", "/dev/zero"), 2, "is not a regular file"),
         (("--tcp", "192.0.2.1:80"), 3, "try another port"),
-        (("--state", "/"), 3, "cannot be read"),
-        (("--state", "/dev/zero"), 3, "is not a regular file"),
+        (("--state", "/"), 1, "cannot be read"),
+        (("--state", "/dev/zero"), 1, "is not a regular file"),
         (("--state", "missing/board.json"), 2, "missing does not exist; create it"),
     ],
 )

@@ -10,7 +10,7 @@ from typing import get_args
 
 import pytest
 
-from servolink.errors import OpenError, ServolinkError
+from servolink.errors import ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (
     AddMacroRequest,
@@ -131,7 +131,7 @@ def test_bad_files_are_refused_with_the_reason(tmp_path: Path, changes: dict[str
     path = _saved(tmp_path, **changes)
     board = VirtualBoard(servos=1)
     board.storage.project_id = 5
-    with pytest.raises(OpenError, match=text) as caught:
+    with pytest.raises(ServolinkError, match=text) as caught:
         load_state(board, path)
     assert str(path) in str(caught.value)
     assert board.storage.project_id == 5
@@ -141,17 +141,17 @@ def test_bad_files_are_refused_with_the_reason(tmp_path: Path, changes: dict[str
 def test_what_is_no_state_is_refused_and_not_to_be_deleted(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "board.json"
     path.write_bytes(content)
-    with pytest.raises(OpenError, match=r"is not a saved board: .*; give another file \(`servolink apply`"):
+    with pytest.raises(ServolinkError, match=r"is not a saved board: .*; give another file \(`servolink apply`"):
         load_state(VirtualBoard(), path)
 
 
 def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OpenError, match="cannot be read"):
+    with pytest.raises(ServolinkError, match="cannot be read"):
         load_state(VirtualBoard(), tmp_path)
 
 
 def test_what_is_no_file_is_refused_without_waiting_for_it() -> None:
-    with pytest.raises(OpenError, match=r"cannot be read: .*not a regular file"):
+    with pytest.raises(ServolinkError, match=r"cannot be read: .*not a regular file"):
         load_state(VirtualBoard(), Path(os.devnull))
 
 
@@ -159,19 +159,19 @@ def test_a_file_larger_than_any_state_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "board.json"
     with path.open("wb") as file:
         file.truncate(1 << 30)
-    with pytest.raises(OpenError, match=r"board\.json: cannot be read: is larger than 4,848,576 bytes"):
+    with pytest.raises(ServolinkError, match=r"board\.json: cannot be read: is larger than 4,848,576 bytes"):
         load_state(VirtualBoard(kind=BoardKind(memory=950_000)), path)
 
 
 def test_a_file_that_could_not_be_saved_is_refused_at_the_start(tmp_path: Path) -> None:
-    with pytest.raises(OpenError, match="the folder does not exist; create it first"):
+    with pytest.raises(ServolinkError, match="the folder does not exist; create it first"):
         load_state(VirtualBoard(), tmp_path / "nowhere" / "board.json")
 
 
 def test_a_board_with_less_memory_refuses_what_does_not_fit(board: VirtualBoard, tmp_path: Path) -> None:
     path = tmp_path / "board.json"
     save_state(board, path)
-    with pytest.raises(OpenError, match="needs more memory"):
+    with pytest.raises(ServolinkError, match="needs more memory"):
         load_state(VirtualBoard(servos=3, codec=board.codec, kind=BoardKind(memory=50)), path)
 
 
