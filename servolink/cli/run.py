@@ -6,14 +6,14 @@ import argparse
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, nullcontext, suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from servolink.cli.arguments import RECORD_NAME
 from servolink.cli.live import follow, live_bars
 from servolink.cli.main import OK
 from servolink.cli.motion import add_limits, limits_of, make_ready
 from servolink.cli.output import is_terminal, print_error, print_json, print_text
-from servolink.cli.servos import are, listed
+from servolink.cli.servos import are, listed, warn_of_missing
 from servolink.cli.session import Interruption, run_with_board
 from servolink.errors import ServolinkError
 
@@ -23,6 +23,15 @@ if TYPE_CHECKING:
     from servolink.protocol.record_types import RecordType
 
 _STOP_LIMIT = 0.15  # seconds for a stop to be confirmed after Ctrl-C, which must end soon
+
+
+class _Servos(NamedTuple):
+    """Servos that a run is for, by id."""
+
+    here: list[int]
+    """Those that the board has."""
+    idle: list[int]
+    """Those of them that are stopped or released, and will not move."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
 
     async def talk(board: Board, interruption: Interruption) -> int:
         found = await read_run(board, args.kind, args.record)
-        idle = await _prepare(board, interruption, args, found)
+        servos = await _prepare(board, interruption, args, found)
         if args.wait:
             await play(board, interruption, found, shown=not args.json and is_terminal())
         else:
@@ -61,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
             interruption.state = f"{name} may have been started; `servolink stop` stops the servos"
             await start_run(board, found)
             interruption.state = f"{name} runs; `servolink stop` stops the servos"
-        _print(args, found, idle=idle)
+        _print(args, found, servos)
         return OK
 
     return run_with_board(args, talk, **limits_of(args))
@@ -102,22 +111,25 @@ async def read_run(board: Board, word: str, name: int | str) -> Run:
     return Run(stored, kind.by_id(stored)[number], known or INTERVAL_UNIT)
 
 
-async def _prepare(board: Board, interruption: Interruption, args: argparse.Namespace, found: Run) -> list[int]:
-    """Check that the run is possible, and start servos if asked to. Return those that will not move."""
+async def _prepare(board: Board, interruption: Interruption, args: argparse.Namespace, found: Run) -> _Servos:
+    """Check that the run is possible, and start servos if asked to."""
     from servolink.client.collect import check_can_wait
 
     await start_run(board, found, dry_run=True)
     servos = await board.servos()
     used = [servo for servo in servos if servo.servo_id in found.servo_ids()]
+    here = sorted(servo.servo_id for servo in used)
     if args.wait:
         check_can_wait(found, servos)
+    if missing := found.servo_ids() - set(here):
+        warn_of_missing(missing)
     if args.wait or args.start:
         await make_ready(board, used, interruption, start=args.start)
-        return []
+        return _Servos(here, [])
     idle = [servo.servo_id for servo in used if not (servo.is_start and servo.is_hold)]
     if idle:
         print_error(f"servolink: {are(idle)} stopped or released and will not move; --start starts and holds first")
-    return idle
+    return _Servos(here, idle)
 
 
 @asynccontextmanager
@@ -149,8 +161,8 @@ async def _follow(board: Board, found: Run, *, shown: bool) -> None:
         await follow(board, pose, seconds, draw)
 
 
-def _print(args: argparse.Namespace, found: Run, *, idle: list[int]) -> None:
-    servo_ids, seconds = sorted(found.servo_ids()), found.known_seconds()
+def _print(args: argparse.Namespace, found: Run, servos: _Servos) -> None:
+    servo_ids, seconds = servos.here, found.known_seconds()
     if args.json:
         described = {f"{args.kind}_id": _id(found), f"{args.kind}_caption": _caption(found)}
         print_json(
@@ -158,7 +170,7 @@ def _print(args: argparse.Namespace, found: Run, *, idle: list[int]) -> None:
                 **described,
                 "duration_seconds": seconds,
                 "servo_ids": servo_ids,
-                "idle_servos": idle,
+                "idle_servos": servos.idle,
                 "arrived": args.wait,
             }
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.main import OK
@@ -67,6 +67,12 @@ async def reported(board: Board, wanted: Iterable[int] = ()) -> tuple[Servo, ...
 def listed(servo_ids: Sequence[int]) -> str:
     """Return `servo 3` or `servos 3, 4`."""
     return f"servo{'s' if len(servo_ids) > 1 else ''} {', '.join(map(str, servo_ids))}"
+
+
+def warn_of_missing(servo_ids: Collection[int]) -> None:
+    """Print that the board does not have these servos of an action, which may be connected later."""
+    whose = "their" if len(servo_ids) > 1 else "its"
+    print_error(f"servolink: the board has no {listed(sorted(servo_ids))} now: {whose} steps move nothing")
 
 
 def are(servo_ids: Sequence[int]) -> str:

@@ -78,6 +78,22 @@ def test_a_pose_of_all_servos_names_each(robot: Robot) -> None:
     assert (twice.code, "a servo is given twice" in twice.err) == (1, True)
 
 
+def test_servos_that_the_board_does_not_have_are_named(robot: Robot) -> None:
+    """They may be connected later, so the action is stored and run all the same."""
+    warning = "servolink: the board has no servo 9 now: its steps move nothing\n"
+    added = robot("action", "add", "Far", "--pose", "9=3,1=4")
+    assert (added.code, added.err) == (0, warning)
+    assert robot("action", "rename", "Far", "Farther").err == ""
+    assert robot("action", "set", "Farther", "--pose", "8=3,9=3").err == (
+        "servolink: the board has no servos 8, 9 now: their steps move nothing\n"
+    )
+    assert robot("action", "set", "Farther", "--pose", "9=3,1=4").err == warning
+    started = robot("run", "action", "Farther")
+    assert (started.code, started.err) == (0, warning)
+    assert started.out == "action 3 'Farther' was started; it takes 1 s and moves servo 1\n"
+    assert robot("run", "action", "Farther", "--json").json["servo_ids"] == [1]
+
+
 def test_an_action_is_added_renamed_shown_and_deleted(robot: Robot) -> None:
     said = robot("action", "add", "Wave", "--pose", "1=30,2=-10", "--seconds", "0.5")
     assert (said.code, said.err) == (0, "")

@@ -14,6 +14,7 @@ from servolink.cli.apply import BoardImport
 from servolink.cli.live import shown_progress
 from servolink.cli.output import print_error, print_text
 from servolink.cli.records import print_changes
+from servolink.cli.servos import warn_of_missing
 from servolink.cli.session import UNFINISHED_IMPORT, UNTOUCHED, Interruption, run_with_board
 from servolink.client.board import Board
 from servolink.errors import ProjectError
@@ -58,6 +59,7 @@ async def change_content(args: argparse.Namespace, board: Board, interruption: I
     wanted = compare(before, after)
     for shared in newly_shared_captions(before, after):
         print_error(f"servolink: {shared}; from now on, give ids")
+    await _warn_of_missing_servos(board, before, after)
 
     async def plan(on_progress: ProgressCallback) -> Plan:
         found = await board.plan_project(after, unchecked=True, on_progress=on_progress)
@@ -69,6 +71,14 @@ async def change_content(args: argparse.Namespace, board: Board, interruption: I
         return await board.apply_project(after, unchecked=True, on_progress=on_progress)
 
     return await BoardImport(args, board, interruption, _WAY_OUT, show=show_changes).run(plan, work)
+
+
+async def _warn_of_missing_servos(board: Board, before: Project, after: Project) -> None:
+    """Say which servos of new steps the board does not have."""
+    known = [action.steps for action in before.actions]
+    moved = {step.servo_id for action in after.actions if action.steps not in known for step in action.steps}
+    if moved and (missing := moved - set(await board.servo_ids())):
+        warn_of_missing(missing)
 
 
 def newly_shared_captions(before: Project, after: Project) -> Iterator[str]:
