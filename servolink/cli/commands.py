@@ -19,6 +19,10 @@ TOPICS = (FIRST_STEPS, MOVE, STORED, PROJECTS, TOGETHER, RECORDINGS, DEVELOPERS)
 """In the order of `servolink --help`."""
 
 
+PATIENCE = "3"
+"""The seconds of `--timeout` of most commands if they are not given."""
+
+
 @dataclass(frozen=True, slots=True)
 class Command:
     """One command."""
@@ -31,6 +35,8 @@ class Command:
     """What may be typed after `servolink`, each on a board of its own; a test runs all of them on virtual boards."""
     takes_board: bool = True
     """Whether it has the option `--board`."""
+    patience: str = PATIENCE
+    """The seconds of its own option `--timeout` if they are not given."""
     needs_records: bool = False
     """Whether its examples need something stored on the board."""
 
@@ -72,6 +78,7 @@ COMMANDS = {
         "doctor:configure",
         "find out why a board does not work, and learn what it does",
         ("doctor", "doctor virtual://"),
+        patience="about 0.5",
     ),
     "studio": Command(
         FIRST_STEPS,

@@ -11,7 +11,7 @@ from textwrap import fill
 from typing import Any, NoReturn
 
 from servolink.cli.arguments import add_timeout, caption_encoding, not_empty
-from servolink.cli.commands import COMMANDS, TOPICS, Command
+from servolink.cli.commands import COMMANDS, PATIENCE, TOPICS, Command
 from servolink.escaping import escape
 
 EXIT_CODES = "exit codes: 0 ok, 1 failed, 2 wrong usage, 3 no board, 130 interrupted"
@@ -50,7 +50,7 @@ class Parser(argparse.ArgumentParser):
         """Add the common options, and those of the command from its module."""
         if self.command:
             command, self.command = self.command, None
-            _add_common_options(self, is_first=False, takes_board=command.takes_board)
+            _add_common_options(self, is_first=False, takes_board=command.takes_board, patience=command.patience)
             module, _, function = command.place.partition(":")
             getattr(importlib.import_module(f"servolink.cli.{module}"), function)(self)
 
@@ -108,7 +108,7 @@ def build_parser() -> Parser:
     return parser
 
 
-def _add_common_options(parser: Parser, *, is_first: bool, takes_board: bool = True) -> None:
+def _add_common_options(parser: Parser, *, is_first: bool, takes_board: bool = True, patience: str = PATIENCE) -> None:
     """Add the options of all commands, which may stand before the command and after it.
 
     Those before (`is_first`) have the defaults; those after it have none, so as not to undo the ones before.
@@ -128,7 +128,7 @@ def _add_common_options(parser: Parser, *, is_first: bool, takes_board: bool = T
             metavar="BOARD",
             help="address or name of the board (SERVOLINK_BOARD; the only one here)",
         )
-        add_timeout(group, default(None), "how long to wait for each response, 3 unless given")
+        add_timeout(group, default(None), f"how long to wait for each response, {patience} unless given")
     group.add_argument("--json", action="store_true", default=default(value=False), help="print JSON for programs")
     group.add_argument(
         "-v", "--verbose", action="count", default=default(0), help="log to standard error; -vv logs each frame"

@@ -16,6 +16,7 @@ from typing import Any
 from servolink.cli.arguments import listening, whole_number
 from servolink.cli.live import can_draw
 from servolink.cli.main import OK, usage_error
+from servolink.cli.output import print_error
 from servolink.cli.terminal import not_ignored, single_keys
 from servolink.discovery.announcements import announced
 from servolink.errors import TransportUnavailable
@@ -90,6 +91,7 @@ def run(args: argparse.Namespace) -> int:
         finally:
             if file is not None:
                 file.save()
+    print_error(f"ended: what the board stores is {f'kept in {args.state}' if args.state else 'gone'}")
     return OK
 
 

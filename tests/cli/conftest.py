@@ -35,7 +35,7 @@ def served() -> Iterator[Addresses]:
         yield Addresses(*addresses)
     finally:
         said = finished(process, signal.SIGINT)
-    assert (said.code, said.err) == (0, "")
+    assert (said.code, said.err) == (0, "ended: what the board stores is gone\n")
 
 
 @pytest.fixture(autouse=True)

@@ -164,3 +164,9 @@ def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch, *, sto
     write_recording(folder / "out.mcap", [(0.0, Event("mark", "mark", text="here"))])
     if stored:
         robot.board.storage.contents = contents_of(ON_THE_BOARD)
+
+
+@pytest.mark.parametrize(("command", "seconds"), [("info", "3"), ("doctor", "about 0.5")])
+def test_the_help_says_how_long_a_command_waits(command: str, seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
+    told = " ".join(call(capsys, command, "--help").out.split())
+    assert f"how long to wait for each response, {seconds} unless given" in told

@@ -350,3 +350,9 @@ def test_a_terminal_is_asked_before_something_is_deleted(typed: str, code: int, 
     assert "write this to the board, and delete action 1 from it? [y/N]" in said.out
     left = in_terminal("--url", address, "action", "list").out
     assert ("Wave" in left) == bool(code)
+
+
+@pytest.mark.parametrize(("verb", "default"), [("add", "1"), ("set", "as before")])
+def test_the_help_says_how_long_an_action_takes_unless_that_is_given(verb: str, default: str, robot: Robot) -> None:
+    told = " ".join(robot("action", verb, "--help").out.split())
+    assert f"--seconds N duration in steps of 0.01 s ({default})" in told

@@ -82,6 +82,9 @@ async def url(process: Process) -> str:
     return address
 
 
+GONE = "ended: what the board stores is gone\n"
+
+
 async def ended(process: Process, by: signal.Signals) -> tuple[int, str, str]:
     """End it and return exit code and what it said besides."""
     process.send_signal(by)
@@ -111,7 +114,7 @@ def test_it_serves_both_kinds_until_it_is_told_to_end(by: signal.Signals) -> Non
             # Two hosts at once on TCP, and one on the pseudo-terminal.
             talks = (talk(address, QueryServoListRequest()) for address in (network, network, terminal))
             assert await asyncio.gather(*talks) == [answer] * 3
-            assert await ended(process, by) == (0, "", "")
+            assert await ended(process, by) == (0, "", GONE)
 
     asyncio.run(main())
 
@@ -122,7 +125,7 @@ def test_it_ends_cleanly_while_hosts_are_connected() -> None:
             transport, heard = create(await url(process)), Heard()
             await transport.open(heard)
             await ask(transport, heard, QueryServoListRequest())
-            assert await ended(process, signal.SIGINT) == (0, "", "")
+            assert await ended(process, signal.SIGINT) == (0, "", GONE)
             assert await heard.until_lost() is not None
             await transport.close()
 
@@ -133,7 +136,7 @@ def test_a_pseudo_terminal_is_what_it_serves_when_nothing_is_said() -> None:
     async def main() -> None:
         async with served("--json") as process:
             assert json.loads(await line(process))["listening"].startswith("serial:///")
-            assert await ended(process, signal.SIGINT) == (0, "", "")
+            assert await ended(process, signal.SIGINT) == (0, "", GONE)
 
     asyncio.run(main())
 
@@ -143,7 +146,11 @@ def test_what_is_stored_outlives_it(tmp_path: Path) -> None:
         options = (*TCP, "--state", str(tmp_path / "board.json"))
         async with served(*options) as process:
             await talk(await url(process), WriteProjectIDRequest(77))
-            assert await ended(process, signal.SIGTERM) == (0, "", "")
+            assert await ended(process, signal.SIGTERM) == (
+                0,
+                "",
+                f"ended: what the board stores is kept in {options[-1]}\n",
+            )
         async with served(*options) as process:
             assert await talk(await url(process), QueryProjectIDRequest()) == [QueryProjectIDResponse(77)]
             await ended(process, signal.SIGTERM)
@@ -249,7 +256,7 @@ def test_adding_and_clearing_are_as_the_options_say() -> None:
         async with served(*TCP, *options) as process:
             asked = (WriteProjectIDRequest(77), AddMacroRequest(1), AddMacroRequest(1), QueryMacroListRequest())
             answers = await talk(await url(process), *asked, ClearAllDataRequest(), QueryProjectIDRequest())
-            assert await ended(process, signal.SIGINT) == (0, "", "")
+            assert await ended(process, signal.SIGINT) == (0, "", GONE)
             return [answers[3], answers[5]]
 
     one = MacroEntry(1, "")
@@ -309,7 +316,7 @@ def test_a_script_presses_buttons(tmp_path: Path) -> None:
         async with served(*TCP, "--script", str(script)) as process:
             events = await pressed(await url(process), None, 4)
             assert set(events) == {ButtonEventResponse(7, PRESS), ButtonEventResponse(7, UP)}
-            assert await ended(process, signal.SIGINT) == (0, "", "")
+            assert await ended(process, signal.SIGINT) == (0, "", GONE)
 
     asyncio.run(main())
 
@@ -387,7 +394,7 @@ def test_a_terminal_of_somebody_else_is_left_alone() -> None:
             async with served(*TCP, terminal=theirs, leading=False) as process:
                 await talk(await url(process), QueryServoListRequest())
                 assert termios.tcgetattr(theirs) == before
-                assert await ended(process, signal.SIGINT) == (0, "", "")
+                assert await ended(process, signal.SIGINT) == (0, "", GONE)
         finally:
             os.close(ours)
             os.close(theirs)

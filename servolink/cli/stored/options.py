@@ -64,7 +64,7 @@ def configure_add_table(parser: argparse.ArgumentParser) -> None:
 
 def configure_set_action(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink action set`."""
-    _add_set(parser, _add_action)
+    _add_set(parser, partial(_add_action, seconds="as before"))
 
 
 def configure_set_macro(parser: argparse.ArgumentParser) -> None:
@@ -111,8 +111,8 @@ class Part(NamedTuple):
     ratio: int
 
 
-def _add_action(parser: argparse.ArgumentParser) -> None:
-    """Add the options that describe an action."""
+def _add_action(parser: argparse.ArgumentParser, seconds: str = f"{DEFAULT_SECONDS:g}") -> None:
+    """Add the options that describe an action; it takes `seconds` unless another duration is given."""
     parser.set_defaults(needed="--pose")
     parser.add_argument(
         "--pose",
@@ -124,7 +124,7 @@ def _add_action(parser: argparse.ArgumentParser) -> None:
         "--seconds",
         type=number(0, 327.67, "seconds"),
         metavar="N",
-        help=f"how long it takes, to 0.01 ({DEFAULT_SECONDS:g})",
+        help=f"duration in steps of 0.01 s ({seconds})",
     )
 
 
