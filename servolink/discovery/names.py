@@ -11,7 +11,7 @@ from typing import NamedTuple
 import msgspec
 
 from servolink.discovery.search import is_same_place, only, search
-from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
+from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable
 from servolink.files import MIB, is_name, read_file, reason, user_folder, write_atomically
 from servolink.locks import lock
 from servolink.profiles.store import profile_names
@@ -67,7 +67,7 @@ def load_aliases() -> dict[str, Alias]:
 def save_alias(name: str, alias: Alias) -> None:
     """Give `name` to the board of `alias`; the file is replaced as a whole or not at all.
 
-    Raise InvalidAddress for an address that is not text.
+    Raise InvalidAddress for an address that is not text, ServolinkError if the file cannot be written.
     """
     try:
         f"{alias.url}{alias.serial_number}".encode()
@@ -78,7 +78,7 @@ def save_alias(name: str, alias: Alias) -> None:
 
 
 def remove_alias(name: str) -> None:
-    """Remove a name; do nothing if it is unknown."""
+    """Remove a name; do nothing if it is unknown. Raise ServolinkError if the file cannot be written."""
     if name in load_aliases():
         with _changing() as aliases:
             aliases.pop(name, None)
@@ -200,12 +200,19 @@ def _recognised(url: str, devices: Sequence[DeviceInfo] | None) -> Resolved:
 def _changing() -> Iterator[dict[str, Alias]]:
     """Pass the names, and write what they are at the end. Another program that changes them waits meanwhile."""
     path = aliases_path()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.with_suffix(".lock").open("ab", buffering=0) as file:
-        lock(file, wait=True)
-        aliases = load_aliases()
-        yield aliases
-        write_atomically(path, _toml(aliases).encode(), private=True)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.with_suffix(".lock").open("ab", buffering=0) as file:
+            lock(file, wait=True)
+            aliases = load_aliases()
+            yield aliases
+            write_atomically(path, _toml(aliases).encode(), private=True)
+    except OSError as error:
+        if isinstance(error, ServolinkError):  # the file cannot be read, which says more
+            raise
+        raise ServolinkError(
+            f"{path} cannot be written: {reason(error)}; names need a folder for settings that you may write to"
+        ) from error
 
 
 def _parse(text: str) -> dict[str, Alias]:

@@ -6,11 +6,12 @@ import asyncio
 import math
 from collections import deque
 from collections.abc import Awaitable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from random import Random
 
-from servolink.errors import ConnectionLost
-from servolink.transports.address import Address
+from servolink.errors import ConnectionLost, InvalidAddress
+from servolink.escaping import quote
+from servolink.transports.address import Address, shorten
 from servolink.transports.base import Transport
 from servolink.transports.foreign import contained
 from servolink.transports.lifecycle import WrappedTransport
@@ -40,9 +41,16 @@ class Faults:
     @classmethod
     def parse(cls, text: str) -> Faults:
         """Read `drop=0.01,flip=0.001`; InvalidAddress names the wrong part and the valid names."""
-        address = Address.parse("faults://?" + text.replace(",", "&"))
-        faults = cls.from_address(address)
-        address.refuse_unknown()
+        url = "faults://?" + text.replace(",", "&")
+        try:
+            address = Address.parse(url)
+            faults = cls.from_address(address)
+        except InvalidAddress as error:
+            raise InvalidAddress(str(error).removeprefix(f"{shorten(url)}: ").removeprefix("option ")) from None
+        known = [field.name for field in fields(cls)]
+        for name in (*address.options, *address.connection_options):
+            if name not in known:
+                raise InvalidAddress(f"{quote(shorten(name))} is not a fault; the faults are {', '.join(known)}")
         return faults
 
     @classmethod

@@ -29,7 +29,7 @@ from servolink.discovery.names import (
     resolve_url,
     save_alias,
 )
-from servolink.errors import InvalidAddress, OpenError, TransportUnavailable
+from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable
 from servolink.files import is_name
 from servolink.locks import lock
 from servolink.transports.device_info import DeviceInfo, PortIdentity
@@ -168,7 +168,7 @@ def test_a_write_that_fails_leaves_the_file_as_it_was(path: Path, monkeypatch: p
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "replace", no_space)
-    with pytest.raises(OSError, match="No space"):
+    with pytest.raises(ServolinkError, match=r"boards\.toml cannot be written: No space left on device; names need"):
         save_alias("right", Alias("virtual://"))
     monkeypatch.undo()
     assert {file.name for file in path.parent.iterdir()} == {path.name, "boards.lock"}

@@ -165,9 +165,10 @@ def test_all_are_read_from_a_text_or_from_an_address() -> None:
     [
         (
             "drp=0.1",
-            "unknown option drp; faults:// has: drop, flip, insert, delay, delay_time, duplicate, cut, unplug",
+            "'drp' is not a fault; the faults are drop, flip, insert, delay, delay_time, duplicate, cut, unplug",
         ),
-        ("drop=2", "option drop must be a number from 0 to 1, not '2'"),
+        ("byte_order=big", "'byte_order' is not a fault"),
+        ("drop=2", "drop must be a number from 0 to 1, not '2'"),
         ("drop", "must be written name=value"),
         ("unplug=0.5", "an integer"),
         ("delay_time=-1", "a number from 0 to 3600"),
@@ -177,6 +178,7 @@ def test_what_is_no_fault_is_refused(text: str, reason: str) -> None:
     with pytest.raises(TransportUnavailable) as caught:
         Faults.parse(text)
     assert reason in str(caught.value)
+    assert "faults://" not in str(caught.value)
 
 
 class _Line:

@@ -426,7 +426,7 @@ def test_it_ends_with_its_terminal() -> None:
         (("--memory", "-1"), 2, "from 0 to"),
         (("--on-duplicate", "update"), 2, "append"),
         (("--clear", "most"), 2, "records"),
-        (("--faults", "dorp=0.1"), 2, "unknown option dorp"),
+        (("--faults", "dorp=0.1"), 2, "'dorp' is not a fault"),
         (("--script", "missing"), 2, "missing"),
         (("--script", "/dev/zero"), 2, "is not a regular file"),
         (("--tcp", "192.0.2.1:80"), 3, "try another port"),
