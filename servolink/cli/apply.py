@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Awaitable, Callable
-from pathlib import Path
 from typing import TypeVar
 
-from servolink.cli.arguments import not_empty
+from servolink.cli.arguments import file_path, not_empty
 from servolink.cli.export import backup_named
 from servolink.cli.live import PHASES, shown_progress
 from servolink.cli.main import FAILED, OK
@@ -35,7 +34,7 @@ def configure_apply(parser: argparse.ArgumentParser) -> None:
         "Make the board hold exactly what a project file holds: records that the file lacks are deleted. "
         "Before anything changes, the content of the board is saved in a backup, which `servolink rollback` restores."
     )
-    parser.add_argument("file", type=Path, metavar="FILE", help="a project file")
+    parser.add_argument("file", type=file_path, metavar="FILE", help="a project file")
     parser.add_argument("--replace", action="store_true", help="if anything differs, delete and write everything")
     parser.add_argument("--no-backup", action="store_true", help="save no backup; what is replaced is lost")
     parser.add_argument("--yes", action="store_true", help="do not ask")

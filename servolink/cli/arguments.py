@@ -6,6 +6,7 @@ import argparse
 import math
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from servolink.errors import TransportUnavailable
@@ -21,6 +22,18 @@ def not_empty(text: str) -> str:
     if not text:
         raise argparse.ArgumentTypeError("must not be empty; give a value or leave the option out")
     return text
+
+
+def file_path(text: str) -> Path:
+    """Return the path that `text` is; an empty one would be the folder that people are in."""
+    return Path(not_empty(text))
+
+
+def new_file(text: str) -> Path:
+    """Return the path of a file to write."""
+    if text == "-":
+        raise argparse.ArgumentTypeError("must name a file; standard output is none (./- is a file)")
+    return file_path(text)
 
 
 def caption_encoding(text: str) -> str:

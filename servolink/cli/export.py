@@ -7,6 +7,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from servolink.cli.arguments import new_file
 from servolink.cli.live import shown_progress
 from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.output import Table, counted, print_error, print_json, print_table, print_text
@@ -25,7 +26,7 @@ from servolink.protocol.record_types import STORED_TYPES
 def configure_export(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink export`."""
     parser.set_defaults(run=run_export)
-    parser.add_argument("file", type=Path, metavar="FILE", help="such as robot.servolink.json")
+    parser.add_argument("file", type=new_file, metavar="FILE", help="such as robot.servolink.json")
     parser.add_argument("--yes", action="store_true", help="replace a project file without asking")
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from servolink.cli.arguments import not_empty
+from servolink.cli.arguments import file_path, not_empty
 from servolink.cli.commands import TOGETHER, Command
 from servolink.cli.parser import Parser
 
@@ -84,13 +83,13 @@ def add_access(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--user", type=not_empty, metavar="NAME", help="in place of the one in URL")
     group.add_argument(
         "--password-file",
-        type=Path,
+        type=file_path,
         metavar="FILE",
         help="with the password in its first line (SERVOLINK_MQTT_PASSWORD; the keyring of the system)",
     )
-    group.add_argument("--ca", type=Path, metavar="FILE", help="certificates that the broker's is checked against")
-    group.add_argument("--certificate", type=Path, metavar="FILE", help="of this program, if the broker wants one")
-    group.add_argument("--key", type=Path, metavar="FILE", help="that belongs to it")
+    group.add_argument("--ca", type=file_path, metavar="FILE", help="certificates that the broker's is checked against")
+    group.add_argument("--certificate", type=file_path, metavar="FILE", help="of this program, if the broker wants one")
+    group.add_argument("--key", type=file_path, metavar="FILE", help="that belongs to it")
 
 
 def access_of(args: argparse.Namespace, url: str) -> BrokerAccess:
@@ -112,7 +111,10 @@ def add_groups(parser: argparse.ArgumentParser) -> None:
         help="names of boards and groups, with commas between them (all)",
     )
     parser.add_argument(
-        "--groups", type=Path, metavar="FILE", help="where groups are named (fleet.toml in the user's config folder)"
+        "--groups",
+        type=file_path,
+        metavar="FILE",
+        help="where groups are named (fleet.toml in the user's config folder)",
     )
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from servolink.cli.arguments import whole_number
+from servolink.cli.arguments import file_path, whole_number
 from servolink.cli.fleet import add_broker, add_groups, fleet_of
 from servolink.cli.fleet_list import NOBODY
 from servolink.cli.live import PHASES
@@ -33,7 +32,7 @@ _UNCHANGED = "nothing was changed on any board"
 def configure_apply(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink fleet apply`."""
     parser.set_defaults(run=run_apply)
-    parser.add_argument("file", type=Path, metavar="FILE", help="a project file")
+    parser.add_argument("file", type=file_path, metavar="FILE", help="a project file")
     parser.add_argument("--replace", action="store_true", help="delete everything first, instead of what differs only")
     parser.add_argument("--no-backup", action="store_true", help="keep no backups")
     parser.add_argument("--fail-fast", action="store_true", help="begin no further board after a failure")
@@ -44,7 +43,9 @@ def configure_apply(parser: argparse.ArgumentParser) -> None:
 def configure_export(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink fleet export`."""
     parser.set_defaults(run=run_export)
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="for a file BOARD.servolink.json of each board")
+    parser.add_argument(
+        "folder", type=file_path, metavar="FOLDER", help="for a file BOARD.servolink.json of each board"
+    )
     parser.add_argument("--yes", action="store_true", help="replace project files without asking")
     _add_choice(parser)
 

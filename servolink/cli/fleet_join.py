@@ -7,10 +7,9 @@ import asyncio
 import gc
 import os
 from contextlib import AsyncExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from servolink.cli.arguments import add_timeout, board_name, not_empty, number
+from servolink.cli.arguments import add_timeout, board_name, file_path, not_empty, number
 from servolink.cli.fleet import BROKER_VARIABLE, access_of, add_access
 from servolink.cli.live import can_draw, staying_line
 from servolink.cli.main import OK, usage_error
@@ -44,7 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--policy",
-        type=Path,
+        type=file_path,
         metavar="FILE",
         help="what may be done from afar (fleet.toml in the user's config folder)",
     )

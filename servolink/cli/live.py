@@ -84,20 +84,20 @@ def live_bars(servo_ids: Container[int] = range(256), seconds: float = 0.0) -> I
     from rich.live import Live
 
     displayed = console()
-    block = "█" if displayed.encoding.startswith("utf") else "#"
+    block, zero = "█│" if displayed.encoding.startswith("utf") else "#|"
     with cleanup(displayed.show_cursor), Live(console=displayed, auto_refresh=False) as live:
 
         def draw(elapsed: float, servos: Sequence[Servo]) -> None:
             wanted = [servo for servo in servos if servo.servo_id in servo_ids]
             half = max(0, min(_HALF, (displayed.width - _BESIDE) // 2))
-            bars = _bars(wanted, block, half)
+            bars = _bars(wanted, block, zero, half)
             bars.add_row(*_progress(elapsed, seconds, block, half))
             live.update(bars, refresh=True)
 
         yield draw
 
 
-def _bars(servos: Sequence[Servo], block: str, half: int) -> Table:
+def _bars(servos: Sequence[Servo], block: str, zero: str, half: int) -> Table:
     from rich.table import Table
     from rich.text import Text
 
@@ -107,7 +107,7 @@ def _bars(servos: Sequence[Servo], block: str, half: int) -> Table:
     bars.add_column(justify="right")
     for servo in servos:
         length = min(half, round(abs(int(servo.angle)) / _WIDEST * half))
-        bar = (block * length).rjust(half) + "│" if servo.angle < 0 else " " * half + "│" + block * length
+        bar = (block * length).rjust(half) + zero if servo.angle < 0 else " " * half + zero + block * length
         colour = "red" if not (servo.is_start and servo.is_hold) else "cyan" if servo.angle < 0 else "green"
         bars.add_row(
             Text(f"servo {servo.servo_id}"), Text(bar.ljust(2 * half + 1), style=colour), Text(angle_text(servo.angle))

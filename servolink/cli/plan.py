@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
+from servolink.cli.arguments import file_path
 from servolink.cli.live import shown_progress
 from servolink.cli.main import FAILED, OK
 from servolink.cli.output import Table, print_error, print_json, print_table, print_text
@@ -20,7 +20,7 @@ from servolink.protocol.json_form import record_to_json
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink plan`."""
     parser.set_defaults(run=run)
-    parser.add_argument("file", type=Path, metavar="FILE", help="a project file")
+    parser.add_argument("file", type=file_path, metavar="FILE", help="a project file")
     parser.add_argument("--replace", action="store_true", help="as for `servolink apply --replace`")
 
 

@@ -8,10 +8,9 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from servolink.cli.arguments import alarm, number
+from servolink.cli.arguments import alarm, new_file, number
 from servolink.cli.main import FAILED, OK, fail, usage_error
 from servolink.cli.output import counted, print_error, print_json, print_text
 from servolink.cli.session import ENDLESS, Interruption, choose_board, run_interruptible
@@ -31,7 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink record`."""
     parser.set_defaults(run=run)
     parser.description = f"{parser.description}\n\n{ENDLESS}"
-    parser.add_argument("file", type=Path, metavar="FILE", help="a new file, such as out.mcap")
+    parser.add_argument("file", type=new_file, metavar="FILE", help="a new file, such as out.mcap")
     parser.add_argument("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds")
     parser.add_argument(
         "--hz",

@@ -11,7 +11,7 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from servolink.cli.arguments import listening, not_empty, whole_number
+from servolink.cli.arguments import listening, new_file, not_empty, whole_number
 from servolink.cli.main import NO_BOARD, OK, fail, usage_error
 from servolink.cli.output import Table, print_error, print_json, print_table, print_text
 from servolink.cli.spy_lines import Lines
@@ -53,7 +53,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="of the board's port (with --pty the one that the program sets, 115200 at first)",
     )
-    parser.add_argument("--record", type=Path, metavar="FILE", help="record to a new file, such as out.mcap")
+    parser.add_argument("--record", type=new_file, metavar="FILE", help="record to a new file, such as out.mcap")
     parser.add_argument("--quiet", action="store_true", help="show no packets, only what was learnt")
 
 

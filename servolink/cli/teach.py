@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
-from servolink.cli.arguments import SERVO_NAME, number, or_caption, whole_number
+from servolink.cli.arguments import SERVO_NAME, file_path, number, or_caption, whole_number
 from servolink.cli.main import FAILED, INTERRUPTED, OK, usage_error
 from servolink.cli.motion import check_can_release, chosen_servos, may_release
 from servolink.cli.output import counted, print_error, print_json, print_text
@@ -48,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="SERVO",
         help="the servos to release, by id or caption (all)",
     )
-    parser.add_argument("--file", type=Path, metavar="FILE", help="write into this project file, not to the board")
+    parser.add_argument("--file", type=file_path, metavar="FILE", help="write into this project file, not to the board")
     parser.add_argument(
         "--button",
         type=or_caption(whole_number(0, 2**32 - 1)),

@@ -6,10 +6,9 @@ import argparse
 import asyncio
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from servolink.cli.arguments import SERVO_NAME, alarm, number
+from servolink.cli.arguments import SERVO_NAME, alarm, new_file, number
 from servolink.cli.main import FAILED, OK, fail, usage_error
 from servolink.cli.motion import chosen_servos
 from servolink.cli.output import print_error
@@ -48,7 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds")
     parser.add_argument(
-        "--csv", type=Path, metavar="FILE", help="also write a row for each servo and reading, for a spreadsheet"
+        "--csv", type=new_file, metavar="FILE", help="also write a row for each servo and reading, for a spreadsheet"
     )
     parser.add_argument("--yes", action="store_true", help="replace FILE without asking")
     parser.add_argument(
@@ -70,6 +69,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Show readings until the time is over, until `q` is pressed or until Ctrl-C."""
+    if args.csv is not None and args.csv.is_dir():
+        usage_error(args, f"{args.csv} is a folder; name a file in it")
     asks = args.csv is not None and args.csv.exists() and not args.yes
     if asks and (args.json or not can_ask()):
         usage_error(args, f"{args.csv} exists; --yes replaces it")

@@ -422,3 +422,30 @@ def test_a_terminal_that_knows_ascii_only_is_enough() -> None:
     said = program("--url", "virtual://?servos=1", "servos", PYTHONUTF8="0", PYTHONIOENCODING="ascii")
     assert said.code == 0
     assert r"\xb0" in said.out
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["plan", "apply --yes", "export", "record", "project show", "project merge x.servolink.json", "watch --csv"],
+)
+def test_an_empty_name_is_no_folder(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "-b", "virtual://", *command.split(), "")
+    assert (said.code, said.out) == (2, "")
+    assert "must not be empty" in said.err
+
+
+@pytest.mark.parametrize("command", ["export", "record", "watch --csv", "project new"])
+def test_what_is_written_has_a_name(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    said = call(capsys, *command.split(), "-")
+    assert (said.code, said.out) == (2, "")
+    assert "must name a file" in said.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_watch_writes_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "-b", "virtual://", "watch", "--csv", str(tmp_path))
+    assert said.code == 2
+    assert "is a folder; name a file in it" in said.err

@@ -78,6 +78,17 @@ def test_no_angle_is_cut_off_beside_a_bar(angle: Angle, width: int, monkeypatch:
     assert f" {angle_text(angle)} " in said.getvalue().replace("\n", " ")
 
 
+@pytest.mark.parametrize(("encoding", "bar"), [("utf-8", "│██"), ("ascii", "|##")])
+def test_bars_are_made_of_what_the_terminal_can_show(encoding: str, bar: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    said = io.BytesIO()
+    file = io.TextIOWrapper(said, encoding=encoding, errors="backslashreplace")
+    monkeypatch.setattr(live, "console", lambda: Console(file=file, width=80, color_system=None))
+    with live.live_bars() as draw:
+        draw(0.0, [Servo(1, Degrees(90), 0, 0, 1, is_start=True, is_hold=True)])
+    file.flush()
+    assert bar in said.getvalue().decode(encoding)
+
+
 def test_each_picture_of_an_import_names_its_phase(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = io.StringIO()
     monkeypatch.setattr(live, "console", lambda **_: Console(file=drawn, force_terminal=True, width=100))

@@ -53,6 +53,14 @@ def test_a_servo_is_trimmed_and_named_and_the_rest_stays(robot: Robot) -> None:
     assert parameters(robot)[1].adjusted_degree == -2
 
 
+@pytest.mark.parametrize(("caption", "said"), [("all", True), ("7", True), ("name:x", True), ("All", False)])
+def test_a_caption_that_means_something_else_alone_is_said(caption: str, said: bool, robot: Robot) -> None:
+    hint = f"servolink: in commands, the caption '{caption}' is written name:{caption}\n"
+    renamed = robot("servo", "rename", "1", caption)
+    assert (renamed.code, renamed.err) == (0, hint if said else "")
+    assert robot("servo", "rename", f"name:{caption}", "hip").err == ""
+
+
 def test_units_are_set(robot: Robot) -> None:
     assert robot("servo", "unit", "1", "2", "adc").out == "servo 1, servo 2: angles are in raw ADC readings\n"
     assert robot("servo", "unit", "all", "degree", "--json").json == {"servo_ids": [255], "angle_unit": "degree"}

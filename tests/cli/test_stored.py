@@ -127,6 +127,12 @@ def test_records_and_servos_are_named_by_caption(robot: Robot) -> None:
     assert stored(robot).actions == (BOW, NOD)
 
 
+def test_an_action_with_a_number_for_a_caption_is_said_to_need_the_prefix(robot: Robot) -> None:
+    assert "the caption '3' is written name:3\n" in robot("action", "rename", "Bow", "3").err
+    assert robot("action", "show", "name:3").code == 0
+    assert robot("action", "rename", "name:3", "all").err == ""
+
+
 def test_lists_are_those_of_the_short_forms(robot: Robot) -> None:
     for noun in ("action", "macro", "table"):
         assert robot(noun, "list").out == robot(f"{noun}s").out

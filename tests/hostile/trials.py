@@ -22,7 +22,7 @@ class Trial:
 
 TRIALS: dict[str, tuple[Trial, ...]] = {
     "list": (Trial("list"), Trial("list --probe")),
-    "use": (Trial("use mine serial:///dev/{text}"), Trial("use mine virtual://?state={text}")),
+    "use": (Trial("use mine --yes serial:///dev/{text}"), Trial("use mine --yes virtual://?state={text}")),
     "doctor": (
         Trial("doctor serial:///dev/no{place}"),
         Trial("doctor {few}"),

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from servolink.cli.arguments import SERVO_NAME, number, or_caption, whole_number
+from servolink.cli.arguments import SERVO_NAME, file_path, new_file, number, or_caption, whole_number
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import counted, print_json, print_text
 from servolink.cli.project.source import add_force, add_output, add_source, with_project, write_edited, write_new
@@ -41,7 +40,7 @@ def configure_merge(parser: argparse.ArgumentParser) -> None:
         f"{parser.description}\n\nIf an id means two different records, the one of OTHER gets a new id."
     )
     add_source(parser)
-    parser.add_argument("other", type=Path, metavar="OTHER", help="the project file to add to it")
+    parser.add_argument("other", type=file_path, metavar="OTHER", help="the project file to add to it")
     add_output(parser)
 
 
@@ -179,7 +178,7 @@ _MOST_SERVOS = 254
 def configure_new(parser: argparse.ArgumentParser) -> None:
     """Add the options of `servolink project new`."""
     parser.set_defaults(run=run_new)
-    parser.add_argument("file", type=Path, metavar="FILE", help="such as robot.servolink.json")
+    parser.add_argument("file", type=new_file, metavar="FILE", help="such as robot.servolink.json")
     parser.add_argument("--servos", type=_count, default=_SERVOS, metavar="N", help=f"servos 1 to N ({_SERVOS})")
     add_force(parser)
 

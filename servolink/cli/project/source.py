@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from servolink.cli.arguments import new_file, not_empty
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import print_json, print_text
 from servolink.errors import ProjectError
@@ -18,7 +19,9 @@ from servolink.project.validate import validate_project
 
 def add_source(parser: argparse.ArgumentParser) -> None:
     """Add the argument FILE."""
-    parser.add_argument("source", metavar="FILE", help="a project file, or the address of a board, which is only read")
+    parser.add_argument(
+        "source", type=not_empty, metavar="FILE", help="a project file, or the address of a board, which is only read"
+    )
 
 
 def is_address(source: str) -> bool:
@@ -53,7 +56,7 @@ def with_project(args: argparse.Namespace, then: Callable[[Project], int]) -> in
 def add_output(parser: argparse.ArgumentParser) -> None:
     """Add the options that say where to write the result."""
     where = parser.add_mutually_exclusive_group(required=True)
-    where.add_argument("-o", "--output", type=Path, metavar="OUT", help="write the result to this file")
+    where.add_argument("-o", "--output", type=new_file, metavar="OUT", help="write the result to this file")
     where.add_argument("--in-place", action="store_true", help="write the result to FILE itself")
     add_force(parser)
 

@@ -17,12 +17,14 @@ from servolink.cli.records import print_changes
 from servolink.cli.servos import warn_of_missing
 from servolink.cli.session import UNFINISHED_IMPORT, UNTOUCHED, Interruption, run_with_board
 from servolink.client.board import Board
+from servolink.client.names import ALL
 from servolink.errors import ProjectError
+from servolink.escaping import quote
 from servolink.project.model import Project
-from servolink.project.naming import Named, listed
+from servolink.project.naming import Named, id_or_caption, listed
 from servolink.project.transfer.plan import compare
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
-from servolink.protocol.record_types import STORED_TYPES
+from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES
 
 Edit: TypeAlias = Callable[[Project, str], Project]
 """Takes what is on the board and its caption encoding, and returns what is to be there."""
@@ -59,6 +61,8 @@ async def change_content(args: argparse.Namespace, board: Board, interruption: I
     wanted = compare(before, after)
     for shared in newly_shared_captions(before, after):
         print_error(f"servolink: {shared}; from now on, give ids")
+    for caption in _hidden_captions(before, after):
+        print_error(f"servolink: in commands, the caption {quote(caption)} is written name:{caption}")
     await _warn_of_missing_servos(board, before, after)
 
     async def plan(on_progress: ProgressCallback) -> Plan:
@@ -71,6 +75,15 @@ async def change_content(args: argparse.Namespace, board: Board, interruption: I
         return await board.apply_project(after, unchecked=True, on_progress=on_progress)
 
     return await BoardImport(args, board, interruption, _WAY_OUT, show=show_changes).run(plan, work)
+
+
+def _hidden_captions(before: Project, after: Project) -> Iterator[str]:
+    """Yield each new caption that commands take for something else: for an id, for all servos, or for `name:`."""
+    for kind in STORED_TYPES:
+        old, new = ({kind.caption_of(one) for one in kind.by_id(project).values()} for project in (before, after))
+        for caption in sorted(new - old):
+            if id_or_caption(caption) != caption or (kind is SERVO_PARAMETER and caption == ALL):
+                yield caption
 
 
 async def _warn_of_missing_servos(board: Board, before: Project, after: Project) -> None:

@@ -6,10 +6,9 @@ import argparse
 import re
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from servolink.cli.arguments import RECORD_ID, RECORD_NAME, number, or_caption, whole_number
+from servolink.cli.arguments import RECORD_ID, RECORD_NAME, file_path, number, or_caption, whole_number
 from servolink.cli.commands import late
 from servolink.cli.motion import servo_angle
 
@@ -40,7 +39,7 @@ def _add_set(parser: argparse.ArgumentParser, add_options: Callable[[argparse.Ar
 
 
 def _add_source(parser: argparse.ArgumentParser, what: str) -> None:
-    parser.add_argument("--from", dest="source", type=Path, metavar="FILE", help=f"take {what}")
+    parser.add_argument("--from", dest="source", type=file_path, metavar="FILE", help=f"take {what}")
 
 
 def _add_id(parser: argparse.ArgumentParser, **options: Any) -> None:
