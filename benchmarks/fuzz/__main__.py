@@ -1,7 +1,7 @@
 """`python -m benchmarks.fuzz --minutes M`: so many minutes more of the runs that the figures count.
 
 With `--output FILE` what earlier runs have counted there is added to. Exit code 1 if something was found; each
-finding is printed with its input, which belongs into tests/fuzz/recorded.py.
+finding is printed with its input, which belongs in tests/fuzz/recorded.py.
 """
 
 from __future__ import annotations

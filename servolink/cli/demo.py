@@ -175,6 +175,7 @@ async def survive_delay(scene: Scene) -> Outcome:
     asyncio.get_running_loop().call_later(_LATER, scene.line.release)
     read = {servo.servo_id: int(servo.angle) for servo in await scene.board.servos()}
     since, held = scene.counted_since(before), scene.line.held - held
+    scene.stage.say("queries that were sent again count as well, and responses that came behind the one held back")
     return Outcome(
         {"delayed_responses": held, "late_angle": old[1], "angle": read[1], **since},
         {

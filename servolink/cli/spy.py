@@ -114,7 +114,7 @@ async def _board(args: argparse.Namespace) -> StreamTransport:
 
     board = create(await resolve_url(args.port, through_hub=False))
     if not isinstance(board, StreamTransport):
-        usage_error(args, f"argument PORT: {board.url} must be a serial port or tcp://HOST:PORT")
+        usage_error(args, f"argument PORT: {board.url} is neither a serial port nor tcp://HOST:PORT")
     if args.baudrate is not None:
         if not isinstance(board, SerialTransport):
             usage_error(args, f"argument --baudrate: {board.url} has none")

@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     if args.nudges and args.servos:
         usage_error(args, "--set names the servos itself: leave SERVO out")
     if not args.nudges and (args.json or not can_ask() or not can_draw()):
-        why = "servos are nudged by keys, which needs a terminal that shows pictures"
+        why = "servos are nudged by keys, which needs an interactive terminal"
         usage_error(args, f"{why}; without one, use --set SERVO=+N")
 
     async def talk(board: Board, interruption: Interruption) -> int:

@@ -83,12 +83,13 @@ async def find_targets(source: Source, targets: Targets) -> tuple[Mapping[int, f
     if ALL in targets and not every:
         raise NotFound("the board has no servos", request)
     found: dict[int, float] = {}
+    named: dict[int, int | str] = {}
     ids, captions = await find_servos(source, targets)
     for number, (servo, angle) in zip(ids, targets.items(), strict=True):
         for each in dict.fromkeys(every) if servo == ALL else (number,):
             if each in found:
-                raise EncodeError(f"servo {each} is given twice, the second time as {quote(servo)}")
-            found[each] = angle
+                raise EncodeError(f"servo {each} is given twice: as {quote(named[each])} and as {quote(servo)}")
+            found[each], named[each] = angle, servo
     return found, captions
 
 
@@ -112,7 +113,9 @@ async def record_id(
             raise AmbiguousName(f"the board lists {listed(same)}, so it is unknown which of them has this id", request)
         return found
     if name not in (one.record_id for one in named):
-        raise NotFound(f"the board has no {record_type} {quote(name)}; {closest(named, '')}", request)
+        raise NotFound(
+            f"the board has no {record_type} {quote(name)}; {closest(named, '', record_type.label)}", request
+        )
     return name
 
 
@@ -149,5 +152,5 @@ def _the_one(things: Iterable[Named], label: str, caption: str, request: Request
     if found:
         text = f"{quote(caption)} may be {listed(found, 'or')}; give the id"
         raise AmbiguousName(text, request)
-    there = closest(things, caption) if things or label != "servo" else "no servo of it has a caption"
+    there = closest(things, caption, label) if things or label != "servo" else "no servo of it has a caption"
     raise NotFound(f"the board has no {label} {quote(caption)}; {there}", request)

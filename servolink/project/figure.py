@@ -128,7 +128,9 @@ def refuse_newer(value: Any) -> None:
     """Raise EncodeError if `value` is a figure in a format of the future."""
     version = value.get("figure") if isinstance(value, dict) else None
     if type(version) is int and version > VERSION:
-        raise EncodeError(f"{version} is newer than {VERSION}, the newest this servolink reads; update it", "figure")
+        raise EncodeError(
+            f"{version} is newer than {VERSION}, the newest this servolink reads; update servolink", "figure"
+        )
 
 
 def checked_figure(figure: Figure) -> Figure:

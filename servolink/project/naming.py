@@ -47,10 +47,11 @@ def captioned(things: Iterable[Named], caption: str) -> list[Named]:
     return same or [one for one in different if _folded(one.caption) == _folded(caption)]
 
 
-def closest(things: Iterable[Named], caption: str) -> str:
+def closest(things: Iterable[Named], caption: str, label: str) -> str:
     """Return a text that lists what may have been meant by `caption`, such as `did you mean action 3 'Wave'?`.
 
-    Without a similar caption it lists the first few things in the order of ids, those with captions first.
+    Without a similar caption it lists the first few things in the order of ids, those with captions first. `label` is
+    their type.
     """
     from difflib import get_close_matches  # late: it is only for errors
 
@@ -61,7 +62,7 @@ def closest(things: Iterable[Named], caption: str) -> str:
     close = get_close_matches(_folded(caption[:_COMPARED]), by_text, n=3)
     if close:
         return f"did you mean {listed([one for text in close for one in by_text[text]], 'or')}?"
-    return f"there is {listed(different)}" if different else "there is none"
+    return f"there is {listed(different)}" if different else f"there are no {label}s"
 
 
 def listed(things: Sequence[Named], word: str = "and") -> str:

@@ -185,14 +185,16 @@ def _checked_path(path: object, call: str) -> Path:
 def _check_version(value: Any) -> None:
     """Raise EncodeError unless `value` is in the format that this library reads."""
     if not isinstance(value, dict):
-        raise EncodeError(f"must be an object, not {quote_json(value)}")
+        raise EncodeError(f"is not a project file: it needs a JSON object, not {quote_json(value)}")
     if "schema" not in value:
         raise EncodeError(f'"schema" is missing; a project file begins with "schema": {SCHEMA}')
     version = value["schema"]
     if type(version) is not int or version < SCHEMA:
         raise EncodeError(f"must be {SCHEMA}, the version of the format, not {quote_json(version)}", "schema")
     if version > SCHEMA:
-        raise EncodeError(f"{version} is newer than {SCHEMA}, the newest this servolink reads; update it", "schema")
+        raise EncodeError(
+            f"{version} is newer than {SCHEMA}, the newest this servolink reads; update servolink", "schema"
+        )
     try:
         refuse_newer(value.get("figure"))
     except EncodeError as error:

@@ -215,7 +215,9 @@ def find(project: Project, name: str, kinds: Iterable[RecordType[Any]]) -> Any:
         ids = " or ".join(f"{_short_label(type_of(one))}:{type_of(one).id_of(one)}" for one in found)
         raise ProjectError(f"'{name}' may be {' or '.join(map(name_of, found))}; write {ids}")
     existing = [Named(kind.label, kind.id_of(record), kind.caption_of(record)) for kind, record in records]
-    raise ProjectError(f"there is no {labels} '{name}'; {closest(existing, str(meant))}")
+    raise ProjectError(
+        f"there is no {labels} '{name}'; {closest(existing, str(meant), 's or '.join(kind.label for kind in kinds))}"
+    )
 
 
 def find_servo(project: Project, servo: int | str) -> int:
@@ -229,7 +231,7 @@ def find_servo(project: Project, servo: int | str) -> int:
         return found[0].record_id
     if found:
         raise ProjectError(f"'{servo}' may be {listed(found, 'or')}; give the id")
-    raise ProjectError(f"there is no servo '{servo}'; {closest(named, meant)}")
+    raise ProjectError(f"there is no servo '{servo}'; {closest(named, meant, 'servo')}")
 
 
 def _short_label(kind: RecordType[Any]) -> str:

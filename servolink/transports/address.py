@@ -160,7 +160,7 @@ class Address:
 
 def refusal(url: str, reason: str) -> InvalidAddress:
     """Return the error that names the address `url` and why it cannot be used."""
-    return InvalidAddress(f"{shorten(url) or 'an empty text'}: {reason}")
+    return InvalidAddress(f"{shorten(url)}: {reason}" if url else f"'' {reason}")
 
 
 def with_options(url: str, options: Mapping[str, str]) -> str:

@@ -310,10 +310,10 @@ def test_a_soft_start_comes_before_the_run(robot: Robot) -> None:
     [
         ("1=45.5", "the angle of servo 1 must be a whole number of degrees, not 45.5"),
         ("1=40000", "the angle of servo 1 must be from -32768 to 32767, not 40000"),
-        ("255=1", "'255=1' must be SERVO=ANGLE; the servo must be an integer from 0 to 254, not '255'"),
-        ("=1", "'=1' must be SERVO=ANGLE, as in 1=90, hip=-45 or all=0"),
+        ("255=1", "'255=1' is not of the form SERVO=ANGLE; the servo must be an integer from 0 to 254, not '255'"),
+        ("=1", "'=1' is not of the form SERVO=ANGLE, as in 1=90, hip=-45 or all=0"),
         ("hip=x", "the angle of 'hip' must be a whole number of degrees, not x"),
-        ("1", "'1' must be SERVO=ANGLE"),
+        ("1", "'1' is not of the form SERVO=ANGLE"),
     ],
 )
 def test_a_wrong_angle_is_explained(target: str, problem: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -115,7 +115,7 @@ def test_records_are_shown_by_name(command: str, line: str, named: Robot) -> Non
         ("run macro Danse", "the board has no macro 'Danse'; did you mean macro 1 'Dance'?"),
         ("run action 7", "the board has no action 7"),
         ("actions Bow", "the board has no action 'Bow'; there is action 1 'Wave' and action 2 '3'"),
-        ("move hip=3 1=4", "servo 1 is given twice, the second time as 1"),
+        ("move hip=3 1=4", "servo 1 is given twice: as 'hip' and as 1"),
         ("teach x hop --yes", "the board has no servo 'hop'; did you mean servo 1 'hip'?"),
         ("teach x --button B --yes", "the board has no button 'B'; there is button 7 'A'"),
     ],

@@ -128,7 +128,7 @@ def test_no_board_is_ever_moved(source: str, capsys: pytest.CaptureFixture[str])
 
 def test_a_virtual_board_may_be_where_it_comes_from(capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, "project", "play", "virtual://", "Wave")
-    assert (said.code, "there is none" in said.err) == (1, True)
+    assert (said.code, "there are no " in said.err) == (1, True)
 
 
 def test_ids_that_are_there_twice_are_not_played(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

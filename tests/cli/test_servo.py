@@ -44,11 +44,13 @@ def test_a_servo_is_trimmed_and_named_and_the_rest_stays(robot: Robot) -> None:
     assert said.out.startswith("+ servo parameter 3 ")
     assert parameters(robot) == (ServoParameter(2, 7, "knee"), ServoParameter(3, 4))
     assert robot("servo", "rename", "3", "hip").code == 0
+    assert robot("servo", "rename", "1", "toe").out.startswith("~ servo parameter 1 'toe'\n    caption '' -> 'toe'\n")
+    assert robot("servo", "rename", "1", "").code == 0
     assert robot("servo", "trim", "hip", "-2").code == 0
     assert parameters(robot) == (ServoParameter(2, 7, "knee"), ServoParameter(3, -2, "hip"))
     assert "nothing to change" in robot("servo", "trim", "hip", "-2").out
     assert robot("servo", "trim", "3", "0").code == 0
-    assert len(BackupStore().backups()) == 4
+    assert len(BackupStore().backups()) == 6
     assert robot("rollback", "--yes").code == 0
     assert parameters(robot)[1].adjusted_degree == -2
 

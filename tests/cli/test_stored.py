@@ -279,7 +279,7 @@ def test_what_cannot_be_is_refused_and_changes_nothing(command: str, why: str, r
         ("action add Wave --seconds 3", "say what it does: --pose"),
         ("action set 1", "say what it does: --pose"),
         ("action set 1 {} --seconds 3", "--seconds and JSON are both given; choose one"),
-        ("action add Wave --pose 1", "argument --pose: '1' must be SERVO=ANGLE"),
+        ("action add Wave --pose 1", "argument --pose: '1' is not of the form SERVO=ANGLE"),
         ("action add Wave --pose 1=3 --seconds 400", "must be from 0 to 327.67 seconds, not '400'"),
         ("action add Wave --pose 1=3 --from x", "--pose and --from are both given"),
         ("action add Wave --id 3 --from x", "--id and --from are both given"),

@@ -60,9 +60,9 @@ def test_programs_get_one_object(robot: Robot) -> None:
         (
             "",
             2,
-            "servos are nudged by keys, which needs a terminal that shows pictures; without one, use --set SERVO=+N",
+            "servos are nudged by keys, which needs an interactive terminal; without one, use --set SERVO=+N",
         ),
-        ("--json", 2, "which needs a terminal that shows pictures"),
+        ("--json", 2, "which needs an interactive terminal"),
         ("1 --set 2=+1", 2, "--set names the servos itself: leave SERVO out"),
         ("--set 3=4", 2, "'3=4' must be SERVO=+N or SERVO=-N, as in 3=+4; `servolink servo trim 3 4` stores 4"),
         ("--set 3=+400", 2, "must be an integer from -360 to 360"),

@@ -106,7 +106,7 @@ async def use_macros(board: Board) -> None:
     await board.delete_macro(3)
     with pytest.raises(Rejected, match="may have no such macro"):
         await board.delete_macro(3)
-    with pytest.raises(NotFound, match=r"^the board has no macro 3; there is none$"):
+    with pytest.raises(NotFound, match=r"^the board has no macro 3; there are no macros$"):
         await board.run_macro(3)
     await board.add_macro(Macro(4, "itself", (MacroCommand(4, MacroCommandType.MACRO),)))
     with pytest.raises(Rejected, match="may run itself, or something that is not stored"):

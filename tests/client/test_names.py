@@ -260,10 +260,10 @@ def test_a_name_of_several(use: Use, text: str) -> None:
 
 
 def test_a_servo_that_is_given_twice() -> None:
-    assert "servo 1 is given twice, the second time as 'all'" in failure(
+    assert "servo 1 is given twice: as 'hip' and as 'all'" in failure(
         lambda board: board.move({"hip": 3, "all": 4}, duration=1), EncodeError
     )
-    assert "servo 1 is given twice, the second time as '1'" in failure(
+    assert "servo 1 is given twice: as 'hip' and as '1'" in failure(
         lambda board: board.move({"hip": 3, "1": 4}, duration=1), EncodeError
     )
 
@@ -278,7 +278,7 @@ def test_a_long_list_is_cut() -> None:
 
 def test_boards_without_anything() -> None:
     nothing = Project()
-    assert failure(lambda board: board.action("x"), NotFound, stored=nothing).endswith("; there is none")
+    assert failure(lambda board: board.action("x"), NotFound, stored=nothing).endswith("; there are no actions")
     assert failure(lambda board: board.servo("x"), NotFound, stored=nothing).endswith("; no servo of it has a caption")
     button = failure(lambda board: button_id(board, "A"), NotFound, stored=nothing)
     assert button == "no button is captioned 'A': the board has no active joystick table"
@@ -304,7 +304,9 @@ def test_no_caption_stands_for_all_servos_or_for_no_record() -> None:
     text = failure(lambda board: board.release("hip"), NotFound, (QueryServoParameterRequest, both))
     assert text == "the board has no servo 'hip'; there is servo 3 'knee'"
     zero = QueryActionListResponse((ActionEntry(0, "Wave"),))
-    assert "there is none" in failure(lambda board: board.run_action("Wave"), NotFound, (QueryActionListRequest, zero))
+    assert "there are no actions" in failure(
+        lambda board: board.run_action("Wave"), NotFound, (QueryActionListRequest, zero)
+    )
 
 
 def test_an_id_with_two_captions_is_not_named_by_either() -> None:

@@ -102,7 +102,7 @@ def joint(**fields: Any) -> dict[str, Any]:
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
-    ({"figure": 2}, "figure.figure: 2 is newer than 1, the newest this servolink reads; update it"),
+    ({"figure": 2}, "figure.figure: 2 is newer than 1, the newest this servolink reads; update servolink"),
     ({"figure": "1"}, "figure.figure: must be one of 1, not '1'"),
     ({"wheels": 4}, "figure: 'wheels' is not a field; the fields are figure, name, view, joints, base, groups"),
     ({"name": "q" * 65}, f"figure.name: '{'q' * 65}' has 65 characters; at most 64"),

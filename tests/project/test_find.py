@@ -69,7 +69,7 @@ def test_exactly_that_caption_comes_first() -> None:
 
 @pytest.mark.parametrize("kind", [ACTION, MACRO, TABLE], ids=str)
 def test_of_nothing_nothing_is_found(kind: RecordType[Any]) -> None:
-    with pytest.raises(ProjectError, match="there is none"):
+    with pytest.raises(ProjectError, match="there are no "):
         find(Project(), "1", (kind,))
     many = Project(actions=tuple(Action(number) for number in range(1, 40)))
     with pytest.raises(ProjectError, match=r"there is action 1, action 2, action 3, action 4, action 5 and 34 more$"):

@@ -159,7 +159,7 @@ def test_what_cannot_be_done_is_said_before_anything_is_opened(
     said = call(capsys, "spy", "/dev/nobody", "--record", str(tmp_path / "none/out.mcap"))
     assert "does not exist; create it first" in said.err
     said = call(capsys, "spy", "virtual://")
-    assert (said.code, "must be a serial port or tcp://HOST:PORT" in said.err) == (2, True)
+    assert (said.code, "is neither a serial port nor tcp://HOST:PORT" in said.err) == (2, True)
     assert "has none" in call(capsys, "spy", "tcp://127.0.0.1:9", "--baudrate", "9600").err
     said = call(capsys, "spy", "/dev/nobody", "--record", str(tmp_path / "new.mcap"))
     assert (said.code, said.out, "there is no /dev/nobody" in said.err) == (3, "", True)

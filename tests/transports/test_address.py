@@ -122,7 +122,7 @@ def test_a_port_is_a_number_from_1_to_65535(port: str) -> None:
 @pytest.mark.parametrize(
     ("url", "text"),
     [
-        ("", "an empty text: is not an address; write it as serial:///dev/ttyACM0"),
+        ("", "'' is not an address; write it as serial:///dev/ttyACM0"),
         ("ttyACM0", "write it as serial:///dev/ttyACM0"),
         ("localhost:9000", "tcp://host:port"),
         ("1x://a", "is not an address"),

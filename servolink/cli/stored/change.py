@@ -23,8 +23,9 @@ from servolink.escaping import quote
 from servolink.project.model import Project
 from servolink.project.naming import Named, id_or_caption, listed
 from servolink.project.transfer.plan import compare
-from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
+from servolink.project.transfer.results import ApplyResult, Change, Plan, ProgressCallback
 from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES
+from servolink.protocol.records import ServoParameter
 
 Edit: TypeAlias = Callable[[Project, str], Project]
 """Takes what is on the board and its caption encoding, and returns what is to be there."""
@@ -107,8 +108,16 @@ def newly_shared_captions(before: Project, after: Project) -> Iterator[str]:
                 yield f"{listed(same)} share a caption"
 
 
+def _renamed(change: Change) -> Change:
+    """Return a change that gives a servo its first caption, and no correction, as a change of the caption."""
+    stored = change.new
+    if change.old is not None or not isinstance(stored, ServoParameter) or stored.adjusted_degree:
+        return change
+    return Change(change.what, ServoParameter(stored.servo_id), stored)
+
+
 def show_changes(plan: Plan) -> None:
     """Print what will change, without what that costs."""
-    print_changes(plan.changes)
+    print_changes([_renamed(change) for change in plan.changes])
     if not plan.differs:
         print_text("nothing to change: it is so already")

@@ -108,7 +108,7 @@ def _run(project: Project, part: Part) -> tuple[RecordType[Any], int]:
             f"{found[0].label}:{found[0].record_id}; {UNTOUCHED}"
         )
     if not found:
-        there = closest(named, str(caption))
+        there = closest(named, str(caption), "actions or macro")
         raise NotFound(f"the board has no action or macro {quote(caption)}; {UNTOUCHED}; {there}")
     return kinds[found[0].label], found[0].record_id
 
@@ -147,7 +147,7 @@ def stored_record(project: Project, kind: RecordType[Any], name: int | str) -> A
         return records[found[0].record_id]
     if found:
         raise AmbiguousName(f"{quote(meant)} may be {listed(found, 'or')}; give the id; {UNTOUCHED}")
-    there = closest(named, meant if isinstance(meant, str) else "")
+    there = closest(named, meant if isinstance(meant, str) else "", kind.label)
     raise NotFound(f"the board has no {kind} {quote(meant)}; {UNTOUCHED}; {there}")
 
 
