@@ -356,6 +356,10 @@ class Connection:
         await self._sender.write(self.codec.encode(packet))
         return True
 
+    def count_stop(self) -> None:
+        """Send no movement that was asked for before now: a stop has been sent in another way."""
+        self._sender.stops += 1
+
     def _call(self, packet: Request[Any] | Command, timeout: float | None) -> Call:
         patience = self.patience + self._margin if timeout is None else timeout
         if timeout is None and isinstance(packet, ClearAllDataRequest):

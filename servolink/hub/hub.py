@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import Any, TypeAlias
 
 from servolink.client.board import Board
 from servolink.client.events import ButtonEvent
 from servolink.client.reconnect import ConnectionState
-from servolink.errors import ConnectionLost, MotionRefused, Rejected, ServolinkError
+from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown, Rejected, ServolinkError
 from servolink.escaping import escape
 from servolink.hub.events import ButtonRelay
 from servolink.hub.exchanges import Exchange
@@ -37,6 +37,7 @@ from servolink.hub.notices import (
 from servolink.hub.program import Program
 from servolink.hub.roles import Role
 from servolink.hub.sending import PacketSender
+from servolink.hub.stopping import stop_each
 from servolink.hub.unit_switch import UnitSwitch
 from servolink.hub.upstream import Upstream, outcome_of
 from servolink.motion.angles import AngleUnit
@@ -189,6 +190,7 @@ class Hub:
         """Send a stop before everything else; see `Program`."""
         self._upstream.drop_motions()
         if stops_all(exchange.packet):
+            self._upstream.stopped_all()
             self._keeper.stopped()
         self._upstream.ask_stop(exchange)
 
@@ -234,16 +236,61 @@ class Hub:
         """
         _logger.info("%s stops the board", escape(who))
         self._upstream.drop_motions()
+        self._upstream.stopped_all()
         self._keeper.stopped()
         packet, begun = SetServoParameterRequest(ALL_SERVOS, 0, 1), self._now()
         stopping = self._upstream.stop(packet)
-
-        def tell(task: asyncio.Task[SetServoParameterResponse]) -> None:
-            for follow in self._followers:
-                follow(packet, outcome_of(task), begun, who, "")
-
-        stopping.add_done_callback(tell)
+        stopping.add_done_callback(lambda task: self._tell_stop(ALL_SERVOS, outcome_of(task), begun, who))
         return stopping
+
+    async def end_move(self, session_id: str, servo_ids: Sequence[int]) -> None:
+        """Stop servos where they are, and start them again, so that they hold and obey the next movement.
+
+        For a program that lets go of what it moves; one id of 255 means all servos. They stay stopped if somebody stops
+        all servos meanwhile, or has, and nobody has started any since. Raise OutcomeUnknown if they do not report that
+        they are stopped: then all servos are, without a connection as soon as there is one. Raise MotionRefused, and
+        stop nothing, if another program has the lease.
+        """
+        program = self.programs.get(session_id)
+        if program is None:
+            raise ConnectionLost("the session has ended; connect again")
+        if self.lease is not None and self.lease.session != session_id:
+            raise MotionRefused(f"nothing was stopped: {self.lease_reason(session_id)}")
+        self._upstream.drop_motions()
+        stops = self.stops
+        try:
+            await self._stop_servos(servo_ids, program.who)
+        except ServolinkError as error:
+            self._begin(self._stop_for(f"{program.who} has let go"))
+            raise OutcomeUnknown(f"{error}; all servos are stopped instead") from error
+        # A board may turn a servo that is started to its old target: only those are that have stopped (3.2.3).
+        for servo_id in servo_ids:
+            if self._upstream.is_stopped or (self._hold is not None and self._hold.session != session_id):
+                return
+            packet = SetServoParameterRequest(servo_id, 1, 1)
+            await self._upstream.begin(Exchange(program, packet, stops, asked_at=self._now()))
+
+    async def _stop_servos(self, servo_ids: Sequence[int], who: str) -> None:
+        """Stop servos, all if 255 is one of them, and tell those who follow requests what became of it."""
+        begun = self._now()
+        outcome: ServolinkError | bool = False
+        try:
+            if ALL_SERVOS in servo_ids:
+                await asyncio.shield(self._upstream.stop(SetServoParameterRequest(ALL_SERVOS, 0, 1)))
+            else:
+                await stop_each(self.board, servo_ids)
+            outcome = True
+        except ServolinkError as error:
+            outcome = error
+            raise
+        finally:
+            for servo_id in servo_ids:
+                response = SetServoParameterResponse(servo_id, 0, 1) if outcome is True else outcome
+                self._tell_stop(servo_id, response, begun, who)
+
+    def _tell_stop(self, servo_id: int, outcome: object, begun: float, who: str) -> None:
+        for follow in self._followers:
+            follow(SetServoParameterRequest(servo_id, 0, 1), outcome, begun, who, "")
 
     async def _stop_for(self, reason: str) -> None:
         """Stop all servos because nobody watches over them; without a connection, as soon as there is one again."""

@@ -21,7 +21,7 @@ from servolink.hub.unit_switch import UnitsKept, UnitSwitch
 from servolink.protocol.editing import ExecuteMacroResponse, WriteProjectIDRequest, WriteProjectIDResponse
 from servolink.protocol.joystick import SubscribeButtonEventRequest
 from servolink.protocol.packet import Command, Packet, Query, Request
-from servolink.protocol.servos import QueryServoRequest, SetAngleUnitRequest
+from servolink.protocol.servos import QueryServoRequest, SetAngleUnitRequest, SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest, ClearAllDataResponse
 
 Done = Callable[[Exchange, "Packet | ServolinkError", "bytes | None"], None]
@@ -51,6 +51,8 @@ class PacketSender:
         """
         self.stops = 0
         """How many times everything was stopped; a motion asked for before a stop is not sent after it."""
+        self.is_stopped = False
+        """Whether somebody has stopped all servos, and nobody has started any since."""
         self.motions = 0
         """How many motions were sent, or are being sent."""
         self._board = board
@@ -189,6 +191,8 @@ class PacketSender:
             self._on_refused(exchange, outcome.refused)
         elif outcome.response != ExecuteMacroResponse(0):
             self._keeper.moved(exchange)
+            if isinstance(exchange.packet, SetServoParameterRequest) and exchange.packet.is_start:
+                self.is_stopped = False
         return outcome.response
 
     async def _send_motion(self, exchange: Exchange, why_not: Callable[[], str]) -> Outcome:

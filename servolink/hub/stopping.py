@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from servolink.client.board import Board
 from servolink.errors import DecodeError, OutcomeUnknown, RequestTimeout
 from servolink.protocol.servos import (
@@ -35,3 +37,19 @@ async def stop(board: Board, packet: SetServoParameterRequest) -> SetServoParame
         if (states[0].is_start, states[0].is_hold) == (0, 1):
             return SetServoParameterResponse(packet.servo_id, 0, 1)
     raise OutcomeUnknown(f"a stop was sent {_TRIES} times and could not be confirmed", packet)
+
+
+async def stop_each(board: Board, servo_ids: Iterable[int]) -> None:
+    """Stop and hold some servos: the stops leave together, and one reading confirms them.
+
+    Raise OutcomeUnknown if one of them does not report it, RequestTimeout or ConnectionLost if nothing is reported.
+    """
+    connection = board.connection
+    wanted = set(servo_ids)
+    for servo_id in wanted:
+        await connection.send_stop(SetServoParameterRequest(servo_id, 0, 1))
+    query = QueryServoRequest(ALL_SERVOS)
+    states = (await connection.request(query, timeout=connection.patience / _TRIES, first=True)).servos
+    stopped = {state.servo_id for state in states if (state.is_start, state.is_hold) == (0, 1)}
+    if missing := sorted(wanted - stopped):
+        raise OutcomeUnknown(f"servos {missing} were asked to stop, and do not report that they are stopped", query)

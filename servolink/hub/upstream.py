@@ -66,6 +66,15 @@ class Upstream:
         """How many times everything was stopped."""
         return self._sender.stops
 
+    @property
+    def is_stopped(self) -> bool:
+        """Whether somebody has stopped all servos, and nobody has started any since."""
+        return self._sender.is_stopped
+
+    def stopped_all(self) -> None:
+        """Count all servos as stopped until somebody starts one."""
+        self._sender.is_stopped = True
+
     def start(self) -> None:
         """Begin to send."""
         for _ in range(self._board.connection.depth_bound + MOST_ASIDE):

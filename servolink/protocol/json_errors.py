@@ -106,6 +106,7 @@ _WORDS: dict[type, str] = {
     inspect.StrType: "text",
     inspect.BoolType: "true or false",
     inspect.NoneType: "null",
+    inspect.VarTupleType: "a list",
 }
 _TYPES: dict[type, tuple[type, ...]] = {
     inspect.IntType: (int,),

@@ -96,6 +96,11 @@ class Shared:
         """Return what the servos report, past all programs."""
         return (await self.hub.board.connection.request(QueryServoRequest(ALL_SERVOS))).servos
 
+    def angle(self, servo_id: int) -> float:
+        """Return where a servo is now."""
+        self.virtual.advance(asyncio.get_running_loop().time())
+        return self.virtual.servos[servo_id].angle
+
     @asynccontextmanager
     async def program(
         self, who: str = "studio", role: RoleName = "edit", session: str | None = None, dead_man: float | None = None

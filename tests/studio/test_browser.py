@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from tests.studio.browser import LISTEN, OF_OTHERS, SIZES, Studio, in_browser, is_stopped, opened, until
+from servolink import sync
+from tests.studio.browser import LISTEN, OF_OTHERS, SIZES, Studio, in_browser, is_stopped, opened, running, until
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 
@@ -53,8 +54,31 @@ def test_the_robot_moves_while_a_slider_is_held_and_not_longer(studio: Studio, b
         until(lambda: studio.angle(2) > before + 20)
         page.mouse.up()
         playwright.expect(page.get_by_text("You have control")).to_be_visible()
-        states = studio.board.servos()
-        assert all(servo.is_start for servo in states)
+        until(lambda: all(servo.is_start for servo in studio.board.servos()))
+
+
+def test_a_robot_that_answers_late_stops_where_it_is_and_never_turns_back(user: Path, browser: Any) -> None:
+    board = "virtual://?servos=16&turnaround=0.1"
+    with running("--board", board, "studio") as url, sync.connect("share://virtual") as reader:
+        studio = Studio(url, reader)
+        with opened(browser, url) as page:
+            page.evaluate(LISTEN)
+            before = studio.angle(2)
+            x, y = grab(page, 2)
+            page.mouse.move(x + 100, y, steps=10)
+            page.mouse.up()
+            goal = int(page.get_by_label("Target of servo 2,").input_value())
+            page.get_by_role("button", name="Hold to move").hover()
+            page.mouse.down()
+            until(lambda: studio.angle(2) > before + 10)
+            page.mouse.up()
+            angles = [studio.angle(2)]
+            while len(angles) < 3 or len(set(angles[-3:])) > 1:
+                angles.append(studio.angle(2))
+            assert angles == sorted(angles)
+            assert angles[-1] < goal - 10
+            assert "move.end" in page.evaluate("window.sent")
+            until(lambda: all(servo.is_start for servo in reader.servos()))
 
 
 def test_who_takes_over_watches_over_the_robot(studio: Studio, browser: Any) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from contextvars import ContextVar
 from typing import NamedTuple, TypeAlias, TypeVar
@@ -99,6 +99,7 @@ class Control:
         self._board: Board | None = None
         self._opening = asyncio.Lock()
         self._hold_changed = asyncio.Event()
+        self._moves_ended = 0
 
     async def close(self) -> None:
         """Leave the hub, which ends the lease and the hold; with a board of its own, the hold alone."""
@@ -126,6 +127,21 @@ class Control:
                 self._board = await _open(self.hub, transport, self._limits)
                 self._guard(self._board)
             return self._board
+
+    async def board_to_move(self) -> Board:
+        """Return the board of this program. Raise MotionRefused if its movement was ended while that was awaited."""
+        ended = self._moves_ended
+        board = await self.board()
+        if ended != self._moves_ended:
+            raise MotionRefused("nothing was moved: the movement was ended before it began")
+        return board
+
+    async def end_move(self, servo_ids: Sequence[int]) -> None:
+        """Stop what this program moves, also what it has asked for and was not sent yet (see `Hub.end_move`)."""
+        self._moves_ended += 1
+        if self._board is not None:
+            self._board.connection.count_stop()
+        await self.hub.end_move(self.session, servo_ids)
 
     async def readings(self) -> Board:
         """Return the board that the hub reads for all programs together, once no program holds it alone.

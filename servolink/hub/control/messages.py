@@ -35,6 +35,7 @@ def about(description: str) -> Meta:
 
 Which: TypeAlias = Annotated[int | str, about("an id, or a caption")]
 Servos: TypeAlias = Annotated[int | str, about('an id, a caption, or "all"')]
+_ServoId: TypeAlias = Annotated[int, Meta(ge=0, le=254)]
 
 
 class NoParams(Struct, forbid_unknown_fields=True):
@@ -215,6 +216,12 @@ class Moved(Struct, frozen=True):
     """The planned duration."""
 
     seconds: float
+
+
+class MoveEnd(Struct, forbid_unknown_fields=True):
+    """What to stop."""
+
+    servos: Annotated[tuple[_ServoId, ...] | None, about("ids of the servos that may move; null: all servos")] = None
 
 
 class Release(Struct, forbid_unknown_fields=True):

@@ -20,6 +20,7 @@ from servolink.hub.control.messages import (
     LeaseTake,
     Move,
     Moved,
+    MoveEnd,
     NoParams,
     Ran,
     Release,
@@ -39,6 +40,7 @@ from servolink.hub.notices import HubStatus
 from servolink.hub.recording import HubRecorder
 from servolink.hub.roles import Role
 from servolink.motion.limits import MotionLimits
+from servolink.protocol.servos import ALL_SERVOS
 
 
 class Caller(NamedTuple):
@@ -234,11 +236,23 @@ async def move(caller: Caller, params: Move) -> Moved:
 
     MotionRefused says why nothing moved: a limit, or another program that holds the lease.
     """
-    board = await caller.control.board()
+    board = await caller.control.board_to_move()
     seconds = await board.move(
         params.targets, duration=params.duration, speed=params.speed, wait=params.wait, dry_run=params.dry_run
     )
     return Moved(seconds)
+
+
+@METHODS.add("move.end", Role.MOVE, is_urgent=True)
+async def move_end(caller: Caller, params: MoveEnd) -> Done:
+    """Stop servos where they are, at once: the program lets go of what it moves. They hold, and obey the next movement.
+
+    They are started again when they have stopped, but not after a `stop` of all servos. Movements of this program that
+    are not sent yet are dropped. OutcomeUnknown says that servos did not report that they are stopped, so that all are
+    stopped at once; MotionRefused, that another program has the lease, and nothing was stopped.
+    """
+    await caller.control.end_move((ALL_SERVOS,) if params.servos is None else params.servos)
+    return Done()
 
 
 @METHODS.add("release", Role.MOVE, in_order=True)

@@ -3,7 +3,7 @@
 import { effect, signal } from "../html.js";
 import { Beats } from "../link/beats.js";
 import { RequestError } from "../link/link.js";
-import { isMine, linkState, servos } from "./robot.js";
+import { isMine, linkState, problem, servos } from "./robot.js";
 
 /** @typedef {import("../link/link.js").Link} Link */
 /** @typedef {import("../figure/figure.js").Pose} Pose */
@@ -13,7 +13,7 @@ const DEAD_MAN = 0.35; // seconds without a beat after which the hub stops the r
 const PERIOD = 40; // milliseconds between two movements, at least
 const SHORTEST = 0.08; // seconds
 const LEAST = 0.01; // seconds, as the board counts them
-const FREEZE = 0.1; // seconds, of the movement that ends another one where it is
+const SAME = 2; // degrees by which a servo may miss its target
 const LATE = 1; // seconds that a stored motion may take longer than it says
 
 /** What the person wants the servos to do, as far as it was sent or is about to be. */
@@ -39,6 +39,9 @@ export class Motion {
     this._playing = {};
     this._wake = () => {};
     this._runsUntil = 0; // milliseconds of `performance.now()`
+    this._arrivesAt = 0; // the same, for what was moved last; Infinity until that is known
+    /** @type {Promise<void> | null} */
+    this._ending = null;
     effect(() => {
       if (!isMine.value || linkState.value !== "open") this._letGo(); // somebody took over, or the connection is gone
     });
@@ -58,6 +61,7 @@ export class Motion {
   async begin({ force = false } = {}) {
     this._isHeld = true;
     refusal.value = "";
+    await this._ending; // until then, servos are stopped
     try {
       await this._link.call("lease.take", { dead_man: DEAD_MAN, force });
     } catch (error) {
@@ -105,11 +109,10 @@ export class Motion {
     this._isHeld = false;
     this._wanted = null;
     this._wake();
-    const moving = Object.keys(targets.value).map(Number).filter((id) => Math.abs((servos.value.get(id)?.angle ?? 0) - targets.value[id]) > 2);
+    const moving = this._moving();
     targets.value = {};
     if (moving.length === 0 || !isMine.value) return;
-    const here = Object.fromEntries(moving.map((id) => [id, servos.value.get(id)?.angle ?? 0]));
-    this._link.call("move", { targets: here, duration: FREEZE }).catch((error) => this._refused(error));
+    const ending = (this._ending = this._stopMoving(moving).finally(() => this._ending === ending && (this._ending = null)));
   }
 
   /**
@@ -151,6 +154,11 @@ export class Motion {
   leave() {
     this.end();
     this.endRun();
+    if (this._ending === null) this._give();
+    else this._ending.then(() => this._isHeld || this._give());
+  }
+
+  _give() {
     if (isMine.value) this._link.tell("lease.give");
     this._beats.stop();
   }
@@ -186,7 +194,41 @@ export class Motion {
    */
   async _move(pose, duration) {
     targets.value = { ...targets.value, ...pose };
-    await this._link.call("move", { targets: pose, duration }).catch((error) => this._refused(error));
+    await this._call(pose, duration);
+  }
+
+  /**
+   * @param {Pose} pose
+   * @param {number} duration seconds
+   */
+  async _call(pose, duration) {
+    this._arrivesAt = Infinity;
+    try {
+      const { seconds } = await this._link.call("move", { targets: pose, duration });
+      this._arrivesAt = performance.now() + seconds * 1000;
+    } catch (error) {
+      if (this._isHeld) this._refused(error); // or it was let go of, and that came first
+    }
+  }
+
+  /** Return the servos that this page moves and that may still turn: readings alone may be old. */
+  _moving() {
+    const isOver = performance.now() >= this._arrivesAt;
+    return Object.entries(targets.value).flatMap(([key, target]) => {
+      const id = Number(key), servo = servos.value.get(id);
+      const rests = servo === undefined || !isReady(servo) || (isOver && Math.abs(servo.angle - target) <= SAME);
+      return rests ? [] : [id];
+    });
+  }
+
+  /** @param {number[]} ids */
+  async _stopMoving(ids) {
+    const isOneStop = ids.length > 1 && [...servos.value.values()].every(isReady); // then all are the same afterwards
+    try {
+      await this._link.call("move.end", { servos: isOneStop ? null : ids });
+    } catch (error) {
+      if (error instanceof RequestError) problem.value = error.message; // without a connection, the hub stops the robot
+    }
   }
 
   async _send() {
@@ -198,7 +240,7 @@ export class Motion {
       if (pose === null || !this._isHeld) break;
       this._wanted = null;
       this._sentAt = performance.now();
-      await this._link.call("move", { targets: pose, duration: durationOf(pose) }).catch((error) => this._refused(error));
+      await this._call(pose, durationOf(pose));
     }
     this._isSending = false;
   }
@@ -216,9 +258,7 @@ export class Motion {
   /** @param {unknown} error */
   _refused(error) {
     if (error instanceof RequestError) refusal.value = error.message;
-    this._isHeld = false;
-    this._wake();
-    targets.value = {};
+    this.end(); // what was moved before does not go on
   }
 }
 
@@ -229,4 +269,12 @@ export class Motion {
 function durationOf(pose) {
   const ways = Object.entries(pose).map(([id, angle]) => Math.abs(angle - (servos.value.get(Number(id))?.angle ?? angle)));
   return Math.max(SHORTEST, Math.round((Math.max(0, ...ways) / pace.value) * 100) / 100);
+}
+
+/**
+ * Return whether a servo obeys movements.
+ * @param {import("./robot.js").Servo} servo
+ */
+function isReady(servo) {
+  return servo.is_start && servo.is_hold;
 }
