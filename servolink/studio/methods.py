@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from importlib.metadata import version
 from typing import Annotated, NamedTuple, Protocol
 
 import msgspec
 from msgspec import Meta, Struct
 
+from servolink.discovery import announcements
 from servolink.hub.control.messages import NoParams
 from servolink.hub.control.rpc import Methods
 from servolink.hub.roles import Role
@@ -42,20 +44,27 @@ class OpenPage(Protocol):
 class Studio:
     """What all pages have in common."""
 
-    def __init__(self, hub: str, *, is_virtual: bool) -> None:
-        """Serve the board that is shared as `hub`; nothing real moves if it `is_virtual`."""
+    def __init__(self, hub: str) -> None:
+        """Serve the board that is shared as `hub`."""
         self.hub = hub
-        self.is_virtual = is_virtual
         self.drafts = Drafts(hub)
         self.pages: set[OpenPage] = set()
         self.links: Links | None = None
         """None if only this machine reaches the studio."""
 
-    def welcome(self, welcome: Welcome) -> Welcomed:
-        """Return what a page is told first, when the hub has let it in."""
-        return Welcomed(
-            welcome.session, welcome.role, welcome.name, welcome.url, self.is_virtual, msgspec.Raw(welcome.profile)
-        )
+    async def welcome(self, welcome: Welcome) -> Welcomed:
+        """Return what a page is told first, when the hub has let it in.
+
+        Whether the board is virtual is found out each time: another hub of this name may share another board by now.
+        """
+        is_virtual = await asyncio.to_thread(_is_virtual, welcome.url)
+        profile = msgspec.Raw(welcome.profile)
+        return Welcomed(welcome.session, welcome.role, welcome.name, welcome.url, is_virtual, profile)
+
+
+def _is_virtual(address: str) -> bool:
+    """Return whether a board is made of software, as far as this machine knows."""
+    return address.startswith("virtual:") or any(one.url == address for one in announcements.candidates())
 
 
 class Welcomed(Struct, frozen=True):
@@ -67,6 +76,7 @@ class Welcomed(Struct, frozen=True):
     name: str
     url: str
     is_virtual: bool
+    """Whether nothing real moves."""
     profile: msgspec.Raw
 
 

@@ -70,7 +70,7 @@ async def serve_page(studio: Studio, gate: Gate, messages: web.WebSocketResponse
         return
     try:
         async with _connected(studio, hello.who, role) as (welcome, reader, writer):
-            await messages.send_str(msgspec.json.encode(studio.welcome(welcome)).decode())
+            await messages.send_str(msgspec.json.encode(await studio.welcome(welcome)).decode())
             await _Page(studio, role, hello, welcome, messages, reader, writer).talk()
     except OpenError as error:
         await messages.close(code=_NO_BOARD, message=str(error).encode()[:120])

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from servolink.client.board import Board
-from servolink.discovery import announcements, hubs
+from servolink.discovery import hubs
 from servolink.discovery.names import resolve_board
 from servolink.discovery.search import boards, search
 from servolink.errors import OpenError
@@ -40,13 +40,13 @@ async def studio_for(board: str | None, *, demo: bool = False, **options: Any) -
     if address.startswith(_SHARED):
         name = address.removeprefix(_SHARED).partition("?")[0]
         await _check_hub(name)
-        yield Studio(name, is_virtual=await asyncio.to_thread(_shares_virtual, name))
+        yield Studio(name)
         return
     async with AsyncExitStack() as stack:
         hub, _ = await stack.enter_async_context(serve_board(address, name=_name_of(address, board), **options))
         if address == VIRTUAL:
             await _store_demo(hub.board)
-        yield Studio(hub.name, is_virtual=await asyncio.to_thread(_is_virtual, address))
+        yield Studio(hub.name)
 
 
 async def _check_hub(name: str) -> None:
@@ -80,15 +80,6 @@ def _name_of(address: str, board: str | None) -> str | None:
         taken = {hub.url for hub in hubs.candidates()}
         return "virtual" if f"{_SHARED}virtual" not in taken else f"virtual-{os.getpid()}"
     return None
-
-
-def _shares_virtual(name: str) -> bool:
-    return any(hub.url == f"{_SHARED}{name}" and _is_virtual(hub.shares) for hub in hubs.candidates())
-
-
-def _is_virtual(address: str) -> bool:
-    """Return whether a board is made of software, as far as this machine knows."""
-    return address.startswith("virtual:") or any(one.url == address for one in announcements.candidates())
 
 
 @contextmanager

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import json
+from contextlib import AsyncExitStack
 
 import pytest
-from aiohttp import WSMsgType, WSServerHandshakeError
+from aiohttp import ClientSession, WSMsgType, WSServerHandshakeError
 
 from servolink.files import user_folder
+from servolink.hub.serving import serve_board
 from servolink.studio import draft_methods
 from servolink.studio.methods import Studio
 from servolink.studio.ports import keep_port, last_ports
 from servolink.studio.server import HEADERS, serve_studio
 from servolink.studio.start import VIRTUAL, studio_for
-from tests.studio.serving import Place, call, run, welcomed
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.serve import serve
+from tests.studio.serving import LIMIT, Place, call, run, welcomed
 
 pytestmark = pytest.mark.usefixtures("user")
 
@@ -91,6 +95,28 @@ def test_a_page_speaks_with_the_hub() -> None:
     run(test)
 
 
+def test_a_page_is_told_anew_whether_the_board_is_virtual() -> None:
+    async def main() -> None:
+        async with (
+            asyncio.timeout(LIMIT),
+            serve(VirtualBoard(3), tcp="127.0.0.1:0") as (real,),  # which is not announced as virtual
+            AsyncExitStack() as first,
+            ClientSession() as http,
+        ):
+            await first.enter_async_context(serve_board("virtual://", name="rex"))
+            async with studio_for("share://rex") as served, serve_studio(served, "127.0.0.1", 0) as (gate, port):
+                place = Place(served, gate, f"http://127.0.0.1:{port}", http)
+                token = gate.new_token("edit")
+                async with place.page() as page:
+                    assert (await welcomed(page, token))["is_virtual"]
+                await first.aclose()
+                async with serve_board(real, name="rex"), place.page() as page:
+                    welcome = await welcomed(page, token)
+                    assert (welcome["url"], welcome["is_virtual"]) == (real, False)
+
+    asyncio.run(main())
+
+
 def test_a_page_that_may_only_watch_moves_nothing_and_stops_everything() -> None:
     async def test(place: Place) -> None:
         async with place.page() as page:
@@ -163,7 +189,7 @@ def test_pages_are_told_of_edits_at_another_studio_of_the_board(monkeypatch: pyt
 
     async def test(place: Place) -> None:
         edit = {"kind": "active_joystick_table", "id": 0, "known": 0, "base": 1, "record": 2}
-        second = Studio(place.studio.hub, is_virtual=True)
+        second = Studio(place.studio.hub)
         async with serve_studio(second, "127.0.0.1", 0) as (gate, port), place.page() as here:
             there = place._replace(gate=gate, address=f"http://127.0.0.1:{port}")
             await welcomed(here, place.gate.new_token("edit"))
