@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import servolink
-from servolink import sync
+from servolink import Action, Macro, build_project, sync
 from tests.processes import finish, start
 from tests.studio.board_program import BoardProgram
 from tests.studio.browser import DEMO, in_browser, new_profile, opened
@@ -117,6 +117,45 @@ def test_an_edit_that_a_killed_studio_did_not_keep_is_there_in_the_next_one(boar
         page.get_by_role("link", name="Actions").click()
         expect(page.get_by_label("Name", exact=True)).to_have_value("here")
     finish(program, signal.SIGTERM)
+
+
+def shared_with(board: BoardProgram, caption: str) -> subprocess.Popen[str]:
+    """Store a macro and an action of this name on a board, and share it as `rex`."""
+    macro = Macro.of(caption, Action.pose(f"{caption} pose", {1: 30}, seconds=0.5))
+    with sync.connect(board.url) as connected:
+        connected.apply_project(build_project(macro), backup=False)
+    program = start([sys.executable, "-m", "servolink", "share", "--board", board.url, "--name", "rex"])
+    assert program.stdout is not None
+    assert "share://rex" in program.stdout.readline(), finish(program)
+    return program
+
+
+def test_a_page_shows_what_the_board_holds_that_has_the_name_now_and_keeps_its_edits(
+    board: BoardProgram, tmp_path: Path, browser: Any
+) -> None:
+    (tmp_path / "other").mkdir()
+    other = BoardProgram(tmp_path / "other")
+    hub = shared_with(board, "Alpha")
+    studio = start([sys.executable, "-m", "servolink", "studio", "--board", "rex", "--no-browser"])
+    assert studio.stdout is not None
+    with opened(browser, studio.stdout.readline().split()[-1], loss=True) as page:
+        page.get_by_role("link", name="Actions").click()
+        expect(page.get_by_label("Name", exact=True)).to_have_value("Alpha pose")
+        page.get_by_label("Name", exact=True).fill("mine")
+        page.get_by_label("Name", exact=True).press("Enter")
+        expect(page.get_by_text(re.compile("not written saved"))).to_be_visible()
+        page.get_by_role("link", name="Macros").click()
+        page.locator(".mrow").get_by_text("Alpha").wait_for()
+        finish(hub, signal.SIGKILL)
+        expect(page.get_by_text("The board is not shared any more.")).to_be_visible()
+        hub = shared_with(other, "Beta")
+        page.locator(".mrow").get_by_text("Beta").wait_for()
+        expect(page.locator(".mrow").get_by_text("Alpha")).to_have_count(0)
+        page.get_by_role("link", name="Actions").click()
+        expect(page.get_by_label("Name", exact=True)).to_have_value("mine")
+    for program in (studio, hub):
+        finish(program, signal.SIGTERM)
+    other.kill()
 
 
 def test_a_page_says_that_the_program_is_gone_that_shared_its_board(board: BoardProgram, browser: Any) -> None:

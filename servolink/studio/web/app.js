@@ -9,6 +9,7 @@ import { listenToKeys } from "./shell/keys.js";
 import { followAddress } from "./shell/rail.js";
 import { followFigure, loadTemplates } from "./state/figure.js";
 import { Motion } from "./state/motion.js";
+import { keepCurrent } from "./state/project.js";
 import { follow } from "./state/robot.js";
 import { who } from "./state/settings.js";
 
@@ -35,6 +36,7 @@ addEventListener("hashchange", () => location.hash.startsWith("#token=") && loca
 followAddress();
 follow(link, (notice, wasMine) => sayLease(notice, wasMine, motion));
 followFigure(link);
+keepCurrent(link);
 listenToKeys({ link, motion });
 await loadTemplates();
 render(html`<${App} link=${link} motion=${motion} />`, /** @type {Element} */ (document.getElementById("app")));

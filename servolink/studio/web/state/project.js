@@ -5,7 +5,7 @@ import { differencesOf, rebased } from "./differences.js";
 import { Drafts } from "./drafts.js";
 import { withDurations } from "./durations.js";
 import { recordOf, withEdit } from "./records.js";
-import { captions, linkState, welcome } from "./robot.js";
+import { captions, isLive, linkState, welcome } from "./robot.js";
 import { UndoList } from "./undo.js";
 
 /** @typedef {import("./records.js").Project} Project */
@@ -25,16 +25,22 @@ export const keeping = signal(/** @type {import("./drafts.js").Keeping} */ ("sav
 /** An edit of another page of what this page has edited too, or that deletes a record; and what there was before. */
 export const conflict = signal(/** @type {{ theirs: Kept, mine: any, isDeleted: boolean } | null} */ (null));
 
+const AGAIN = 3000; // milliseconds after which reading is tried again
 const SETTLES = 500; // milliseconds after which all edits that were given up together have been told of
 
 /** @type {Drafts | null} */
 let drafts = null;
 let rereading = 0;
+/** With which connection the board was read. */
+const readBy = signal(/** @type {import("../link/link.js").Welcome | null} */ (null));
 const steps = /** @type {UndoList<Project>} */ (new UndoList());
 export const { undoLabel, redoLabel } = steps;
 
 /** The records in which the draft differs from the board. */
 export const differences = computed(() => (stored.value && draft.value ? differencesOf(stored.value, draft.value) : []));
+
+/** Whether the board was read since this connection began: another board may have the name of the last one by now. */
+export const isCurrent = computed(() => readBy.value !== null && readBy.value === welcome.value);
 
 effect(() => {
   if (stored.value) captions.value = Object.fromEntries(stored.value.servo_parameters.map((one) => [one.servo_id, one.servo_caption]));
@@ -50,10 +56,26 @@ export function open(link) {
 }
 
 /**
+ * Read again, with each new connection, what was read before.
+ * @param {Link} link
+ */
+export function keepCurrent(link) {
+  let timer = 0;
+  const look = () => {
+    clearTimeout(timer);
+    if (!isLive.value || isCurrent.value || stored.peek() === null) return;
+    if (reading.peek().state !== "reading") reread(link);
+    timer = setTimeout(look, AGAIN);
+  };
+  effect(look);
+}
+
+/**
  * Read again what the board holds. Edits are kept, records that were not edited are those of the board.
  * @param {Link} link
  */
 export async function reread(link) {
+  const connection = welcome.value;
   reading.value = { state: "reading", done: 0, total: 0, item: "", error: "" };
   /** @param {{ done: number, total: number, item?: string }} progress */
   const show = ({ done, total, item = "" }) => (reading.value = { ...reading.value, done, total, item });
@@ -61,7 +83,10 @@ export async function reread(link) {
     const { project } = await link.call("project.export", {}, show);
     if (stored.value && draft.value) replace(rebased(stored.value, draft.value, project), project);
     else await begin(link, project);
-    reading.value = { ...reading.value, state: "ready" };
+    batch(() => {
+      readBy.value = connection;
+      reading.value = { ...reading.value, state: "ready" };
+    });
   } catch (error) {
     reading.value = { ...reading.value, state: "failed", error: error instanceof Error ? error.message : "" };
   }

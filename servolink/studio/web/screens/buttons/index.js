@@ -9,7 +9,7 @@ import { toast } from "../../parts/toasts.js";
 import { down, heard } from "../../state/button-events.js";
 import { durations } from "../../state/durations.js";
 import { refusal, running } from "../../state/motion.js";
-import { draft, stored } from "../../state/project.js";
+import { draft, isCurrent, stored } from "../../state/project.js";
 import { isLive, mayMove } from "../../state/robot.js";
 import { mode } from "../../state/view.js";
 import { t } from "../../texts/text.js";
@@ -135,7 +135,7 @@ const NoTables = ({ project }) => html`<div class="card empty">
 function usePresses(motion) {
   const presses = useRef(/** @type {Presses | null} */ (null));
   presses.current ??= new Presses({
-    button: (id) => buttonOf(stored.value ? shownTable(stored.value) : undefined, id),
+    button: (id) => buttonOf(stored.value && isCurrent.value ? shownTable(stored.value) : undefined, id),
     seconds: (macroId) => (stored.value ? totals(stored.value)(macroId) : 0),
     run: (macroId, seconds) => run(motion, macroId, seconds),
   });
