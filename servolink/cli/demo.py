@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import math
-import os
 import shlex
 import shutil
 import socket
@@ -18,7 +17,7 @@ from pathlib import Path
 
 from servolink.cli.demo_stage import FaultyLine, Outcome, Scene, Stage
 from servolink.cli.live import PHASES
-from servolink.cli.main import FAILED, OK, usage_error
+from servolink.cli.main import FAILED, OK, refuse_board
 from servolink.cli.output import Table
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.terminal import cleanup
@@ -277,9 +276,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Play all steps: 0, or 1 if a check failed."""
-    # The variables name the user's board for other commands, which says nothing about this one.
-    if args.url not in {None, os.environ.get("SERVOLINK_BOARD"), os.environ.get("SERVOLINK_URL")}:
-        usage_error(args, "the demo has virtual boards of its own; leave out --board")
+    refuse_board(args, "the demo has virtual boards of its own; leave out --board")
     stage = Stage(as_json=args.json, fast=args.fast)
 
     async def main(interruption: Interruption) -> int:

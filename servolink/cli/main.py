@@ -25,8 +25,20 @@ from servolink.errors import ServolinkError
 from servolink.escaping import escape
 from servolink.script import FAILED, INTERRUPTED, NO_BOARD, OK, USAGE, exit_code
 
-__all__ = ["FAILED", "INTERRUPTED", "NO_BOARD", "OK", "USAGE", "fail", "refuse_input", "run", "usage_error"]
+__all__ = [
+    "FAILED",
+    "INTERRUPTED",
+    "NO_BOARD",
+    "OK",
+    "USAGE",
+    "fail",
+    "refuse_board",
+    "refuse_input",
+    "run",
+    "usage_error",
+]
 
+_VARIABLES = ("SERVOLINK_BOARD", "SERVOLINK_URL")
 _TRACEBACK = 2  # so many -v print the traceback of an error
 
 
@@ -81,6 +93,15 @@ def refuse_input(args: argparse.Namespace, source: Path, outputs: Iterable[Path]
                 )
 
 
+def refuse_board(args: argparse.Namespace, text: str) -> None:
+    """End as wrong usage, with `text`, if a board was given to a command that takes none.
+
+    The variables name the user's board for other commands, which says nothing about this one.
+    """
+    if args.url not in {None, *map(os.environ.get, _VARIABLES)}:
+        usage_error(args, text)
+
+
 def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     args: argparse.Namespace
     args, unknown = build_parser().parse_known_args(argv)
@@ -88,7 +109,7 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
         hint = getattr(args, "alternative", "")  # what some commands say to those who want a part of what they do
         usage_error(args, f"unexpected argument: {unknown[0]}{hint}")
     if args.url is None:
-        args.url = os.environ.get("SERVOLINK_BOARD") or os.environ.get("SERVOLINK_URL") or None
+        args.url = next(filter(None, map(os.environ.get, _VARIABLES)), None)
     return args
 
 

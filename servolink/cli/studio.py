@@ -7,7 +7,7 @@ import asyncio
 import re
 from contextlib import AsyncExitStack
 
-from servolink.cli.main import OK, usage_error
+from servolink.cli.main import OK, refuse_board, usage_error
 from servolink.cli.output import print_error, print_json, print_text
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.errors import TransportUnavailable
@@ -56,8 +56,8 @@ def _host(text: str) -> str:
 
 def run(args: argparse.Namespace) -> int:
     """Serve the studio until Ctrl-C or SIGTERM."""
-    if args.demo and args.url:
-        usage_error(args, "--demo uses a board of its own; leave out --board")
+    if args.demo:
+        refuse_board(args, "--demo uses a board of its own; leave out --board")
 
     async def main(interruption: Interruption) -> int:
         return await _serve(args, interruption)
