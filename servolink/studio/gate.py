@@ -15,32 +15,36 @@ from typing import TypeAlias
 
 from servolink.transports.share import RoleName
 
-LOOPBACK = ("127.0.0.1", "localhost")
+LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 _TOKEN_BYTES = 24
 _TLS = "https://"
+_DEFAULT_PORTS = (("http://", ":80"), (_TLS, ":443"))
 
 Token: TypeAlias = str
 
 
 def address_of(host: str, port: int) -> str:
-    """Return the address of the page for those who reach this machine as `host`."""
-    return host.rstrip("/") if host.startswith(_TLS) else f"http://{host}:{port}"
+    """Return the address of the page for those who reach this machine as `host`, as browsers write it."""
+    address = host.rstrip("/") if host.startswith(_TLS) else f"http://{host}:{port}"
+    for scheme, default in _DEFAULT_PORTS:
+        if address.startswith(scheme):
+            address = address.removesuffix(default)
+    return address.lower()
 
 
 class Gate:
     """Knows the names under which the studio is reached, and the tokens that open it."""
 
-    def __init__(self, port: int, hosts: Iterable[str] = ()) -> None:
+    def __init__(self, port: int, hosts: Iterable[str] = (), own: str = LOOPBACK[0]) -> None:
         """Admit pages that were loaded from this machine at `port`, or as one of `hosts`, such as `robot.local`.
 
-        A host may be behind a proxy that encrypts, as in `https://robot.school.example`.
+        A host may be behind a proxy that encrypts, as in `https://robot.school.example`. This machine itself reaches
+        the studio as `own`.
         """
-        self._hosts = {f"{host}:{port}" for host in LOOPBACK}
-        self._origins = {f"http://{host}" for host in self._hosts}
-        for host in hosts:
-            address = address_of(host, port).lower()
-            self._hosts.add(address.partition("://")[2])
-            self._origins.add(address)
+        self.address = address_of(own, port)
+        """The address of the page on this machine."""
+        self._origins = {self.address, *(address_of(host, port) for host in (*LOOPBACK, *hosts))}
+        self._hosts = {origin.partition("://")[2] for origin in self._origins}
         self._tokens: dict[Token, RoleName] = {}
 
     def is_ours(self, host: str | None) -> bool:

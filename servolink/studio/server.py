@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable, Sequence
 from contextlib import asynccontextmanager, suppress
+from ipaddress import ip_address
 from socket import socket
 from typing import Any
 
@@ -48,7 +49,7 @@ async def serve_studio(
     """
     listening = await _listening(studio, host, port)
     used: int = listening[0].getsockname()[1]
-    gate = Gate(used, allowed_hosts)
+    gate = Gate(used, allowed_hosts, _own_host([each.getsockname()[0] for each in listening]))
     runner = web.AppRunner(application(studio, gate), access_log=None, handle_signals=False, shutdown_timeout=1.0)
     try:
         await runner.setup()
@@ -80,6 +81,16 @@ async def _listening(studio: Studio, host: str, port: int) -> list[socket]:
     if port == 0:
         keep_port(studio.hub, listening[0].getsockname()[1])
     return listening
+
+
+def _own_host(places: Sequence[str]) -> str:
+    """Return as what this machine itself reaches a server that listens at these addresses."""
+    found = [ip_address(place) for place in places]
+    for own in ("127.0.0.1", "::1"):
+        loopback = ip_address(own)
+        if any(each == loopback or (each.is_unspecified and each.version == loopback.version) for each in found):
+            return f"[{own}]" if ":" in own else own
+    return f"[{places[0]}]" if ":" in places[0] else places[0]
 
 
 def application(studio: Studio, gate: Gate) -> web.Application:

@@ -16,7 +16,6 @@ from servolink.client.board import Board
 from servolink.discovery import hubs
 from servolink.discovery.names import resolve_board
 from servolink.discovery.search import boards, search
-from servolink.errors import OpenError
 from servolink.files import user_folder
 from servolink.hub.serving import serve_board
 from servolink.project.project_file import parse_project
@@ -111,12 +110,3 @@ def _private_page(url: str) -> Iterator[Path | None]:
         if path is not None:
             with suppress(OSError):
                 path.unlink()
-
-
-def check_place(host: str, allowed_hosts: tuple[str, ...]) -> None:
-    """Raise OpenError if the studio would listen in a network without a name under which pages may reach it."""
-    if host not in {"127.0.0.1", "localhost", "::1"} and not allowed_hosts:
-        raise OpenError(
-            f"--host {host} opens the studio to the network: say under which names it is reached, as in "
-            "--allow-host robot.local, or leave --host out"
-        )

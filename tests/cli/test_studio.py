@@ -15,6 +15,11 @@ pytest.importorskip("aiohttp", reason="the extra studio is not installed")
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (("--host", "foo"), "must be an IP address of this machine, or * for all of them, not 'foo'"),
+        (("--host", ""), "must be an IP address"),
+        (("--host", "192.168.1.20"), "--host 192.168.1.20 opens the studio to the network"),
+        (("--host", "*"), "--host * opens the studio to the network"),
+        (("--allow-host", "http://robot"), "must be a name or address"),
         (("--demo", "--board", "rex"), "--demo uses a board of its own; leave out --board"),
     ],
 )

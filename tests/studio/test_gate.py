@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from servolink.studio.gate import Gate
+from servolink.studio.gate import Gate, address_of
 
 
 def test_names_of_this_machine_are_known_with_the_port_only() -> None:
@@ -36,6 +36,18 @@ def test_an_allowed_host_may_stand_behind_a_proxy() -> None:
             assert gate.is_our_page(other) == (other == address)
             assert gate.is_ours(f"robot.local{port}") == address.endswith(f"robot.local{port}")
         assert not gate.is_ours("other.local:8200")
+
+
+def test_browsers_leave_the_default_port_out() -> None:
+    gate = Gate(80, ["robot.local", "https://robot.school.example:443"])
+    assert gate.address == "http://127.0.0.1"
+    assert address_of("https://Robot.school.example:443/", 80) == "https://robot.school.example"
+    for name, scheme in (("localhost", "http"), ("robot.local", "http"), ("robot.school.example", "https")):
+        assert gate.is_ours(name)
+        assert gate.is_our_page(f"{scheme}://{name}")
+    assert not gate.is_our_page("http://robot.school.example")
+    assert address_of("https://robot.local:80", 443) == "https://robot.local:80"
+    assert address_of("robot.local", 443) == "http://robot.local:443"
 
 
 def test_a_token_opens_the_studio_for_its_role_until_it_is_revoked() -> None:

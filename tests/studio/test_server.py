@@ -9,6 +9,7 @@ from contextlib import AsyncExitStack
 import pytest
 from aiohttp import ClientSession, WSMsgType, WSServerHandshakeError
 
+from servolink.errors import OpenError
 from servolink.files import user_folder
 from servolink.hub.serving import serve_board
 from servolink.studio import draft_methods
@@ -220,6 +221,22 @@ def test_a_page_that_may_only_watch_edits_no_draft() -> None:
             await welcomed(page, place.gate.new_token("watch"))
             assert (await call(page, "studio.draft.get"))["result"] == {"records": []}
             assert "needs the role" in (await call(page, "studio.draft.save", edits=[]))["error"]["message"]
+
+    run(test)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "*", "::", "::1", "127.0.0.2"])
+def test_this_machine_reaches_the_studio_wherever_it_listens(host: str) -> None:
+    async def test(place: Place) -> None:
+        try:
+            async with serve_studio(place.studio, host, 0) as (gate, _):
+                there = place._replace(gate=gate, address=gate.address)
+                async with place.http.get(f"{gate.address}/") as response:
+                    assert response.status == 200
+                async with there.page() as page:
+                    assert (await welcomed(page, gate.new_token("edit")))["role"] == "edit"
+        except OpenError as error:
+            pytest.skip(str(error))  # no IPv6, or one address of this machine only
 
     run(test)
 
