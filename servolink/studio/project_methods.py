@@ -94,7 +94,7 @@ def findings(project: Project, profile: ProfileInUse | None) -> list[Diagnostic]
     return found + preflight(project, limits=profile.limits, interval_unit=interval_unit)
 
 
-@METHODS.add("studio.backup", Role.WATCH)
+@METHODS.add("studio.backup", Role.EDIT)
 async def backup(caller: Caller, params: BackupNumber) -> ProjectExported:
     """Return what a backup holds. ProjectError says that no backup has this number, or that it was changed."""
     store = BackupStore()

@@ -77,6 +77,16 @@ def test_a_project_is_checked_before_it_is_written() -> None:
     run(test)
 
 
+def test_who_may_only_watch_reads_no_backups_of_other_boards() -> None:
+    async def test(place: Place) -> None:
+        async with place.page() as page:
+            await welcomed(page, place.gate.new_token("watch"))
+            for method, params in (("project.backups", {}), ("studio.backup", {"number": 1})):
+                assert "needs the role edit" in (await call(page, method, **params))["error"]["message"]
+
+    run(test)
+
+
 def test_movements_are_checked_against_the_limits_of_the_board() -> None:
     poses = [Action(number, "", (Step(1, degree, 50),)) for number, degree in ((1, 0), (2, 150))]
     commands = [MacroCommand(number, 0, 100, 1, 500) for number in (1, 2)]

@@ -196,7 +196,7 @@ async def project_rollback(caller: Caller, params: ProjectRollback, on_progress:
     return _applied(result)
 
 
-@METHODS.add("project.backups", Role.WATCH)
+@METHODS.add("project.backups", Role.EDIT)
 def project_backups(caller: Caller, params: NoParams) -> BackupList:
     """Return all backups of boards on this computer."""
     return BackupList(
