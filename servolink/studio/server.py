@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable, Sequence
 from contextlib import asynccontextmanager, suppress
+from functools import partial
 from ipaddress import ip_address
 from socket import socket
 from typing import Any
@@ -12,7 +13,8 @@ from typing import Any
 from aiohttp import web
 
 from servolink.errors import OpenError
-from servolink.listeners import listening_sockets
+from servolink.listeners import accepting, listening_sockets
+from servolink.studio.connections import Connections
 from servolink.studio.draft_methods import follow_drafts
 from servolink.studio.files import PageFile, page_files
 from servolink.studio.gate import Gate
@@ -35,6 +37,7 @@ HEADERS = {
     "X-Frame-Options": "DENY",
 }
 _WRONG_HOST = 421
+_KEEP_ALIVE = 15.0  # seconds that a connection stays open for another request
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -50,14 +53,21 @@ async def serve_studio(
     listening = await _listening(studio, host, port)
     used: int = listening[0].getsockname()[1]
     gate = Gate(used, allowed_hosts, _own_host([each.getsockname()[0] for each in listening]))
-    runner = web.AppRunner(application(studio, gate), access_log=None, handle_signals=False, shutdown_timeout=1.0)
+    connections = Connections()
+    runner = web.AppRunner(
+        application(studio, gate, connections),
+        access_log=None,
+        handle_signals=False,
+        keepalive_timeout=_KEEP_ALIVE,
+        shutdown_timeout=1.0,
+    )
     try:
         await runner.setup()
-        for each in listening:
-            await web.SockSite(runner, each).start()
-        async with _beside(follow_drafts(studio)):
+        assert runner.server is not None  # noqa: S101 - narrows the type
+        async with accepting(listening, partial(connections.add, runner.server)), _beside(follow_drafts(studio)):
             yield gate, used
     finally:
+        connections.close()
         await runner.cleanup()
         for each in listening:
             each.close()
@@ -93,9 +103,9 @@ def _own_host(places: Sequence[str]) -> str:
     return f"[{places[0]}]" if ":" in places[0] else places[0]
 
 
-def application(studio: Studio, gate: Gate) -> web.Application:
+def application(studio: Studio, gate: Gate, connections: Connections) -> web.Application:
     """Return the application that serves the page and its WebSocket."""
-    app = web.Application(middlewares=[_checked(gate)])
+    app = web.Application(middlewares=[_checked(gate, connections)])
     files = page_files()
 
     async def talk(request: web.Request) -> web.StreamResponse:
@@ -122,9 +132,10 @@ def _sending(file: PageFile) -> _Handler:
     return send
 
 
-def _checked(gate: Gate) -> Callable[..., Awaitable[web.StreamResponse]]:
+def _checked(gate: Gate, connections: Connections) -> Callable[..., Awaitable[web.StreamResponse]]:
     @web.middleware
     async def check(request: web.Request, handler: _Handler) -> web.StreamResponse:
+        connections.heard(request.protocol)
         if not gate.is_ours(request.headers.get("Host")):
             return web.Response(status=_WRONG_HOST, text="the studio is not reached under this name\n", headers=HEADERS)
         try:

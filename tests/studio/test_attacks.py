@@ -6,11 +6,14 @@ import asyncio
 import base64
 import os
 import struct
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any
 
 import pytest
 from aiohttp import WSMsgType
 
+from servolink.studio import connections
 from servolink.studio.page import MOST_MESSAGE, MOST_UNREAD
 from tests.studio.serving import Place, call, run, welcomed
 
@@ -47,6 +50,46 @@ async def answer(reader: asyncio.StreamReader) -> bytes:
         content = await reader.readexactly(size)
         if kind == _CLOSE:
             return content
+
+
+@asynccontextmanager
+async def silent(place: Place, begin: bytes = b"") -> AsyncIterator[asyncio.StreamReader]:
+    """Connect, and send the beginning of a request at most."""
+    reader, writer = await asyncio.open_connection(*place.address.removeprefix("http://").split(":"))
+    writer.write(begin)
+    yield reader
+    writer.close()
+
+
+@pytest.mark.parametrize("begin", [b"", b"GET / HTTP/1.1\r\nHost: "])
+def test_a_connection_that_sends_no_request_is_closed_and_a_page_is_not(
+    begin: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connections, "HEAD_LIMIT", 0.05)
+
+    async def test(place: Place) -> None:
+        async with place.page() as page:
+            await welcomed(page, place.gate.new_token("edit"))
+            async with silent(place, begin) as reader:
+                assert await reader.read() == b""
+            assert (await call(page, "studio.about"))["result"]["version"]
+
+    run(test)
+
+
+def test_of_many_connections_that_send_no_request_the_oldest_are_closed() -> None:
+    async def test(place: Place) -> None:
+        async with place.page() as page, AsyncExitStack() as stack:
+            await welcomed(page, place.gate.new_token("edit"))
+            readers = [await stack.enter_async_context(silent(place)) for _ in range(connections.MOST_SILENT + 5)]
+            for reader in readers[:5]:
+                assert await reader.read() == b""
+            async with place.http.get(f"{place.address}/") as response:
+                assert response.status == 200
+            assert sum(not reader.at_eof() for reader in readers) >= connections.MOST_SILENT - 1
+            assert (await call(page, "studio.about"))["result"]["version"]
+
+    run(test)
 
 
 @pytest.mark.parametrize("is_let_in", [False, True])
