@@ -34,6 +34,11 @@ from typing import Any
 from servolink.escaping import escape
 
 
+def install_extra(name: str) -> str:
+    """Return how to install an extra, for the text of an error: servolink is on no package index."""
+    return f"in a copy of servolink's repository: pip install '.[{name}]'"
+
+
 class ServolinkError(Exception):
     """The root: `except ServolinkError` catches every error this library raises on purpose."""
 

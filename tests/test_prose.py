@@ -22,6 +22,7 @@ IDIOMS = {
     r"\bto begin anew\b": "to start over",
     r"\bgo(es)? on with\b": "continue with",
     r"^(Whoever|Whatever) ": "name the person or the thing",
+    r"pip install .?servolink\[": "pip install '.[EXTRA]', in a copy of the repository: servolink is on no index",
 }
 """Idioms, as regular expressions, and what to write instead."""
 

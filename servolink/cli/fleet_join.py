@@ -15,7 +15,7 @@ from servolink.cli.live import can_draw, staying_line
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import counted, print_error, print_json, print_text, text_width
 from servolink.cli.session import ENDLESS, Interruption, run_interruptible
-from servolink.errors import TransportUnavailable
+from servolink.errors import TransportUnavailable, install_extra
 from servolink.escaping import escape
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
     try:
         from servolink.fleet.join import Fleet, boards_here
     except ModuleNotFoundError as error:
-        raise TransportUnavailable("servolink fleet needs aiomqtt: pip install 'servolink[fleet]'") from error
+        raise TransportUnavailable(f"servolink fleet needs aiomqtt; {install_extra('fleet')}") from error
     from servolink.fleet import home_assistant
     from servolink.fleet.policy import load_fleet_file
     from servolink.fleet.topics import PREFIX, Topics

@@ -11,7 +11,7 @@ from ipaddress import ip_address
 from servolink.cli.main import OK, refuse_board, usage_error
 from servolink.cli.output import print_error, print_json, print_text
 from servolink.cli.session import Interruption, run_interruptible
-from servolink.errors import TransportUnavailable
+from servolink.errors import TransportUnavailable, install_extra
 
 _MOST_PORT = 65535
 _NAME = r"(?:[\w.-]+|\[[0-9A-Fa-f:.]+\])"
@@ -98,7 +98,7 @@ async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
         from servolink.studio.links import Links
         from servolink.studio.server import serve_studio
     except ModuleNotFoundError as error:
-        raise TransportUnavailable(f"servolink studio needs {error.name}: pip install 'servolink[studio]'") from error
+        raise TransportUnavailable(f"servolink studio needs {error.name}; {install_extra('studio')}") from error
     from servolink.studio.start import opened_in_browser, studio_for
 
     options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}

@@ -32,8 +32,8 @@ def __getattr__(name: str) -> object:
     try:
         value: object = getattr(import_module(_MODULES[name]), name)
     except ModuleNotFoundError as error:
-        from servolink.errors import TransportUnavailable
+        from servolink.errors import TransportUnavailable, install_extra
 
-        raise TransportUnavailable("servolink fleet needs aiomqtt: pip install 'servolink[fleet]'") from error
+        raise TransportUnavailable(f"servolink fleet needs aiomqtt; {install_extra('fleet')}") from error
     globals()[name] = value
     return value

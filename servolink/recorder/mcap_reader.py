@@ -17,7 +17,7 @@ from pathlib import Path
 from struct import Struct
 from typing import Any, NamedTuple
 
-from servolink.errors import RecordingError
+from servolink.errors import RecordingError, install_extra
 from servolink.escaping import quote
 from servolink.files import MIB, open_file, reason
 from servolink.recorder.mcap_search import find_record
@@ -213,8 +213,8 @@ class McapReader:
             data = _decompress(compression, packed, size)
         except ImportError as error:
             raise RecordingError(
-                f"{self.path} is compressed with {compression}, and the library for it is missing: "
-                "pip install 'servolink[record]'"
+                f"{self.path} is compressed with {compression}, and the library for it is missing; "
+                f"{install_extra('record')}"
             ) from error
         if len(data) != size or (crc and zlib.crc32(data) != crc):
             raise _Unusable(_DAMAGED)

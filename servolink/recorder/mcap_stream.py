@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from servolink.errors import RecordingError
+from servolink.errors import RecordingError, install_extra
 from servolink.recorder.channels import (
     CHANNELS,
     MESSAGE_ENCODING,
@@ -42,7 +42,7 @@ class McapStream:
             import zstandard
             from mcap import data_stream, records
         except ImportError as error:
-            raise RecordingError(f"a recording needs: pip install 'servolink[record]' ({error})") from None
+            raise RecordingError(f"a recording needs the extra record; {install_extra('record')} ({error})") from None
         self.messages = 0
         """How many were added so far."""
         self._records: Any = records

@@ -283,7 +283,9 @@ def test_without_the_extra_it_says_what_to_install(said: Callable[..., Said], mo
         monkeypatch.setitem(sys.modules, module, None)
     found = said("list")
     assert found.code == NO_BOARD
-    assert found.err == "servolink: servolink fleet needs aiomqtt: pip install 'servolink[fleet]'\n"
+    assert found.err == (
+        "servolink: servolink fleet needs aiomqtt; in a copy of servolink's repository: pip install '.[fleet]'\n"
+    )
 
 
 @pytest.mark.parametrize(
