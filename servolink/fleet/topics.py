@@ -43,6 +43,7 @@ SESSION_METHODS = frozenset(
         "lease.give",
         "lease.beat",
         "lease.ask",
+        "move.end",
         "board.hold",
         "board.release",
         "servos.watch",
