@@ -10,7 +10,7 @@ import asyncio
 import errno
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Awaitable, Iterator
 from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
@@ -54,8 +54,11 @@ class Journal:
         """Use `opened_journal`."""
         self._path = path
         self._entries: dict[str, Entry] = {}
-        self._buffer: list[bytes] = []
-        self._writing = asyncio.Lock()
+        self._buffer: list[tuple[str, bytes]] = []
+        """The ids and lines of the commands that are to be written next."""
+        self._written: asyncio.Future[None]
+        """Ends when those are on the disk; there is one if there are lines."""
+        self._writer: asyncio.Task[None] | None = None
         self._file: FileIO | None = None
         self._lines = 0
 
@@ -68,7 +71,7 @@ class Journal:
     def close(self) -> None:
         """Write what is left."""
         if self._file is not None:
-            self._append(self._taken())
+            self._append([line for _, line in self._taken()])
             self._file.close()
 
     def unfinished(self) -> list[Entry]:
@@ -79,28 +82,28 @@ class Journal:
         """Return the command with this id, None if it is not known."""
         return self._entries.get(command_id)
 
-    async def note(self, entry: Entry, *, only_reads: bool = False) -> None:
-        """Return when a command is on the disk. Raise OSError if it cannot be written: then it is not known.
+    def note(self, entry: Entry, *, only_reads: bool = False) -> Awaitable[None]:
+        """Make a command known at once, and return what ends when it is on the disk.
 
-        Commands that come together are written together. One that `only_reads` is written, too, but the disk is not
-        waited for: no crash of this program loses it, and it can be repeated when the power has failed.
+        That, or this call, raises OSError if it cannot be written: then the command is not known any more.
+
+        Commands that come together are written together, or none of them. One that `only_reads` is written, too, but
+        the disk is not waited for: no crash of this program loses it, and it can be repeated when the power has failed.
         """
-        line = _ENCODER.encode(entry)
-        self._entries[entry.id] = entry
-        try:
-            if only_reads and not (self._writing.locked() or self._is_long):
-                self._append([line])
-                return
-            self._buffer.append(line)
-            async with self._writing:
-                if any(each is line for each in self._buffer):
-                    await asyncio.to_thread(self._write, self._taken())
-        except OSError:
-            self._entries.pop(entry.id, None)
-            raise
-        finally:
-            while len(self._entries) > MOST_KEPT:
-                self._entries.pop(next(iter(self._entries)))
+        line, loop = _ENCODER.encode(entry), asyncio.get_running_loop()
+        if only_reads and not (self._is_writing or self._is_long):
+            self._append([line])
+            self._know(entry)
+            done = loop.create_future()
+            done.set_result(None)
+            return done
+        self._know(entry)
+        if not self._buffer:
+            self._written = loop.create_future()
+        self._buffer.append((entry.id, line))
+        if not self._is_writing:
+            self._writer = loop.create_task(self._write_batches())
+        return asyncio.shield(self._written)  # for others, too: one who leaves must not end it
 
     def answered(self, command_id: str, answer: str) -> None:
         """Remember the result of a command until it is over."""
@@ -123,9 +126,32 @@ class Journal:
     def _is_long(self) -> bool:
         return self._lines >= 4 * MOST_KEPT
 
-    def _taken(self) -> list[bytes]:
+    @property
+    def _is_writing(self) -> bool:
+        return self._writer is not None and not self._writer.done()
+
+    def _know(self, entry: Entry) -> None:
+        self._entries[entry.id] = entry
+        while len(self._entries) > MOST_KEPT:
+            self._entries.pop(next(iter(self._entries)))
+
+    def _taken(self) -> list[tuple[str, bytes]]:
         taken, self._buffer = self._buffer, []
         return taken
+
+    async def _write_batches(self) -> None:
+        """Write what is to be written, and what comes meanwhile. All commands of a batch are noted, or none is."""
+        while self._buffer:
+            written, batch = self._written, self._taken()
+            try:
+                await asyncio.to_thread(self._write, [line for _, line in batch])
+            except (OSError, ValueError) as error:  # ValueError: it was closed
+                for command_id, _ in batch:
+                    self._entries.pop(command_id, None)
+                written.set_exception(error)
+                written.exception()  # seen, even if nobody waits any more
+            else:
+                written.set_result(None)
 
     def _write(self, lines: list[bytes]) -> None:
         if self._is_long:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,46 @@ def test_commands_that_come_together_are_written_together(monkeypatch: pytest.Mo
         noted(journal, *map(str, range(20)))
     assert sum(writes) == 20
     assert len(writes) <= 2  # the first, and all that came while it was being written
+
+
+def test_commands_of_a_batch_that_cannot_be_written_are_all_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    writes = iter([True, False, True])
+    write = Journal._write
+
+    def full(journal: Journal, lines: list[bytes]) -> None:
+        if not next(writes):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write(journal, lines)
+
+    async def main(journal: Journal) -> None:
+        first = asyncio.ensure_future(journal.note(Entry("first")))
+        while journal._buffer:
+            await asyncio.sleep(0)
+        batch = [journal.note(Entry(each)) for each in ("a", "b", "c")]
+        assert all(journal.find(each) for each in ("first", "a", "b", "c")), "at once"
+        outcomes = await asyncio.gather(first, *batch, return_exceptions=True)
+        assert [type(each) for each in outcomes] == [type(None), OSError, OSError, OSError]
+        assert not any(journal.find(each) for each in ("a", "b", "c"))
+        await journal.note(Entry("last"))
+
+    monkeypatch.setattr(Journal, "_write", full)
+    with opened_journal("rex") as journal:
+        asyncio.run(main(journal))
+        again = Journal(journal._path)
+        again.open()
+        assert [entry.id for entry in again.unfinished()] == ["first", "last"]
+        again.close()
+
+
+def test_one_who_waits_no_longer_keeps_nobody_from_being_noted() -> None:
+    async def main(journal: Journal) -> None:
+        given_up, other = (asyncio.ensure_future(journal.note(Entry(each))) for each in "ab")
+        given_up.cancel()
+        await other
+        assert journal.find("a"), "it is on the disk"
+
+    with opened_journal("rex") as journal:
+        asyncio.run(main(journal))
 
 
 def test_a_journal_belongs_to_one_program() -> None:
