@@ -43,19 +43,21 @@ class Answers:
 
     def refuse(
         self, command_id: str | None, sender: Sender, error: Exception, on_sent: Callable[[], None] | None = None
-    ) -> None:
+    ) -> str:
         """Send why something was not accepted, and not noted; `command_id` is None if it cannot be read.
 
-        `on_sent` is called when the broker has the answer.
+        `on_sent` is called when the broker has the answer, which is returned, to be repeated.
         """
-        self._put(sender, self._text(command_id, _failure(error)), on_sent)
+        text = self._text(command_id, _failure(error))
+        self._put(sender, text, on_sent)
+        return text
 
     def report(self, command_id: str, sender: Sender, progress: dict[str, Any]) -> None:
         """Send how far a command is."""
         self._put(sender, self._text(command_id, {"progress": progress}))
 
     def repeat(self, command_id: str, sender: Sender, text: str) -> None:
-        """Send a result that was made before this program began, and which the broker may not have."""
+        """Send a result again, which the broker may not have."""
         self._put(sender, text, self._over(command_id))
 
     def _finish(self, command_id: str, sender: Sender, answer: dict[str, Any]) -> None:

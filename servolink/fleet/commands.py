@@ -11,7 +11,7 @@ import hashlib
 import math
 import time
 from collections import OrderedDict
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -24,7 +24,7 @@ from servolink.files import reason
 from servolink.fleet.answers import Answers, Sender
 from servolink.fleet.broker import Received
 from servolink.fleet.hub_session import HubSession, result_of
-from servolink.fleet.journal import Entry, Journal
+from servolink.fleet.journal import MOST_KEPT, Entry, Journal
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.prepared import PreparedRun
 from servolink.fleet.pulse import Fence, PulseLink
@@ -61,6 +61,13 @@ class _Accepted(NamedTuple):
     acknowledge: Callable[[], None]
 
 
+class _Refused(NamedTuple):
+    """A command that was refused, and must not be carried out when it is delivered again."""
+
+    digest: str
+    answer: str
+
+
 class CommandDesk:
     """Takes the commands of one board."""
 
@@ -91,6 +98,7 @@ class CommandDesk:
         self._tasks: set[asyncio.Task[None]] = set()
         self._order = asyncio.Lock()
         self._refused_retained: OrderedDict[str, None] = OrderedDict()
+        self._refused: OrderedDict[str, _Refused] = OrderedDict()
 
     def finish_interrupted(self) -> None:
         """Answer what an earlier program was carrying out when it was killed."""
@@ -110,25 +118,32 @@ class CommandDesk:
             acknowledge()
             return
         sender = Sender(message.response_topic, message.correlation)
+        digest = _digest(message.payload)
         command_id: str | None = None
         try:
             value = _read(message)
             command_id = _id_in(value)
             command: Command = _converted(value, Command)
-            if self._is_repeated(message, command):
+            if self._is_repeated(message, command, digest, sender):
                 acknowledge()
                 return
             if command.method == "stop":
                 self._stops.stop(command.id, sender, self._answers)
                 acknowledge()
                 return
-            accepted = _Accepted(command, sender, self._checked(message, command, link), self._stops.count, acknowledge)
         except Exception as error:  # noqa: BLE001 - whatever is wrong with a message is an answer
             # The broker sends no more than it has acknowledgements for: a backlog cannot outrun its answers.
             self._answers.refuse(command_id, sender, error, acknowledge)
             self._log("warning", f"a command was refused: {error}")
             return
-        task = asyncio.get_running_loop().create_task(self._carry_out(accepted, _digest(message.payload)))
+        try:
+            accepted = _Accepted(command, sender, self._checked(message, command, link), self._stops.count, acknowledge)
+            noted = self._note(command, digest, sender)  # known from now on: copies may come in this very turn
+        except Exception as error:  # noqa: BLE001 - likewise
+            self._refuse(command.id, digest, sender, error, acknowledge)
+            self._log("warning", f"a command was refused: {error}")
+            return
+        task = asyncio.get_running_loop().create_task(self._carry_out(accepted, digest, noted))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
@@ -146,8 +161,8 @@ class CommandDesk:
 
     # --- checks ------------------------------------------------------------------------------------------------
 
-    def _is_repeated(self, message: Received, command: Command) -> bool:
-        """Return whether a command came before, and needs no answer."""
+    def _is_repeated(self, message: Received, command: Command, digest: str, sender: Sender) -> bool:
+        """Return whether a command came before, and is not to be judged again. One that was refused stays so."""
         if message.is_retained:
             if command.id in self._refused_retained:
                 return True
@@ -159,11 +174,14 @@ class CommandDesk:
                 "retained commands are not carried out: they would come again with every connection",
                 remedy="remove it, by an empty retained message, and send commands that are not retained",
             )
-        entry = self._journal.find(command.id)
-        if entry is None:
+        before = self._journal.find(command.id) or self._refused.get(command.id)
+        if before is None:
             return False
-        if entry.digest != _digest(message.payload):
+        if before.digest != digest:
             raise RpcError(Code.INVALID_REQUEST, f"the id {command.id} was used for another command")
+        if isinstance(before, _Refused):
+            self._answers.repeat(command.id, sender, before.answer)
+            return True
         self._log("info", f"{escape(command.method)} {command.id} was delivered again, and is not repeated")
         return True
 
@@ -205,13 +223,12 @@ class CommandDesk:
 
     # --- carrying out ------------------------------------------------------------------------------------------
 
-    async def _carry_out(self, accepted: _Accepted, digest: str) -> None:
+    async def _carry_out(self, accepted: _Accepted, digest: str, noted: Awaitable[None]) -> None:
         command, sender = accepted.command, accepted.sender
         try:
-            entry = Entry(command.id, digest, time.time(), sender.response_topic, sender.correlation)
-            await self._note(entry, only_reads=_role(command.method) is Role.WATCH)
-        except ServolinkError as error:
-            self._answers.refuse(command.id, sender, error)
+            await noted
+        except (OSError, ValueError) as error:
+            self._refuse(command.id, digest, sender, _not_noted(error))
             return
         finally:
             accepted.acknowledge()
@@ -222,11 +239,27 @@ class CommandDesk:
         else:
             self._answers.succeed(command.id, sender, result)
 
-    async def _note(self, entry: Entry, *, only_reads: bool) -> None:
+    def _note(self, command: Command, digest: str, sender: Sender) -> Awaitable[None]:
+        """Make a command known, and return what ends when it is noted."""
+        entry = Entry(command.id, digest, time.time(), sender.response_topic, sender.correlation)
         try:
-            await self._journal.note(entry, only_reads=only_reads)
+            return self._journal.note(entry, only_reads=_role(command.method) is Role.WATCH)
         except OSError as error:
-            raise ServolinkError(f"the command cannot be noted, so it is not carried out: {reason(error)}") from error
+            raise _not_noted(error) from error
+
+    def _refuse(
+        self,
+        command_id: str,
+        digest: str,
+        sender: Sender,
+        error: Exception,
+        on_sent: Callable[[], None] | None = None,
+    ) -> None:
+        """Refuse a command, for good: who is told so may send another, and both would be carried out."""
+        answer = self._answers.refuse(command_id, sender, error, on_sent)
+        self._refused[command_id] = _Refused(digest, answer)
+        if len(self._refused) > MOST_KEPT:
+            self._refused.popitem(last=False)
 
     async def _done(self, accepted: _Accepted) -> Any:
         """Return the result of a command, when its turn has come. Raise what is the matter with it."""
@@ -299,6 +332,10 @@ def _id_in(value: Any) -> str | None:
         return msgspec.convert({"id": found, "method": ""}, Command).id
     except msgspec.ValidationError:
         return None
+
+
+def _not_noted(error: Exception) -> ServolinkError:
+    return ServolinkError(f"the command cannot be noted, so it is not carried out: {reason(error)}")
 
 
 def _stopped() -> RpcError:

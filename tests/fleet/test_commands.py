@@ -5,16 +5,19 @@ from __future__ import annotations
 import asyncio
 import errno
 import json
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
 
 from servolink.fleet import commands, pulse
+from servolink.fleet.broker import Received
 from servolink.fleet.hub_session import HubSession
 from servolink.fleet.journal import Journal
 from servolink.fleet.policy import BoardPolicy
 from servolink.hub.serving import serve_board
-from tests.fleet.bridged import bridged, far_away, joined, run
+from tests.fleet.bridged import Far, bridged, far_away, joined, run
 from tests.fleet.mosquitto import Broker, needs_broker
 
 pytestmark = [*needs_broker, pytest.mark.usefixtures("user")]
@@ -60,6 +63,75 @@ def test_a_command_that_comes_twice_is_carried_out_once(broker: Broker, monkeypa
             assert calls.methods.count("release") == 0
 
     run(main())
+
+
+@asynccontextmanager
+async def desk(broker: Broker) -> AsyncIterator[tuple[Far, Callable[..., None]]]:
+    """Yield a program far away, and what gives the board a command past the broker, in this very turn of the loop."""
+    async with (
+        serve_board("virtual://?servos=4", name="rex"),
+        far_away(broker) as far,
+        joined(broker, BoardPolicy("edit")) as fleet,
+    ):
+        (bridge,) = fleet.bridges
+
+        def give(command_id: str, method: str, expiry: int | None = 10, **params: Any) -> None:
+            payload = json.dumps({"id": command_id, "method": method, "params": params}).encode()
+            message = Received(CMD, payload, 1, False, False, 0, expiry, None, None)
+            bridge.commands.receive(message, bridge._link, lambda: None)
+
+        yield far, give
+
+
+def test_copies_that_come_in_one_turn_are_carried_out_once(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        async with desk(broker) as (far, give):
+            calls = Calls(monkeypatch)
+            for expiry in (10, 10, None):  # brokers have delivered copies without their expiry
+                give("once", "move", expiry, **MOVE)
+            give("once", "release")
+            answers = await far.results("once", 2)
+            assert [answer["ok"] for answer in answers] == [False, True]
+            assert answers[0]["error"]["message"] == "the id once was used for another command"
+            await far.call("project.backups")
+            assert calls.methods == ["move", "project.backups"]
+            assert len(await far.results("once")) == 2
+
+    run(main())
+
+
+def test_a_command_that_was_refused_is_refused_again_when_it_could_be_done(
+    broker: Broker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        async with desk(broker) as (far, give):
+            calls = Calls(monkeypatch)
+            with monkeypatch.context() as full:
+                full.setattr(commands, "MOST_WAITING", 0)
+                give("busy", "move", **MOVE)
+            with monkeypatch.context() as full:
+                full.setattr(Journal, "_write", _full)
+                give("unnoted", "move", **MOVE)
+                await far.result("unnoted")
+            give("endless", "move", None, **MOVE)  # as a broker delivers it that has lost the expiry
+            for command_id, text in (
+                ("busy", "0 commands of rex wait already"),
+                ("unnoted", "cannot be noted"),
+                ("endless", "needs a message expiry"),
+            ):
+                give(command_id, "move", **MOVE)
+                first, second = await far.results(command_id, 2)
+                assert first == second
+                assert text in second["error"]["message"]
+            give("busy", "release")
+            assert "was used for another command" in (await far.results("busy", 3))[-1]["error"]["message"]
+            assert calls.methods == []
+
+    run(main())
+
+
+def _full(journal: Journal, lines: list[bytes]) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def test_a_retained_command_is_never_carried_out(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,13 +241,10 @@ def test_hostile_payloads_are_refused_with_a_reason(broker: Broker) -> None:
 
 
 def test_nothing_is_done_that_cannot_be_noted(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(journal: Journal, lines: list[bytes]) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
     async def main() -> None:
         async with bridged(broker) as (far, _):
             calls = Calls(monkeypatch)
-            monkeypatch.setattr(Journal, "_write", full)
+            monkeypatch.setattr(Journal, "_write", _full)
             error = await far.failure("move", params=MOVE)
             assert error["message"] == (
                 "the command cannot be noted, so it is not carried out: No space left on device"
