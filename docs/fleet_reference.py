@@ -52,8 +52,9 @@ id of its own:
 - It has one result, on `result` of the board, or on the response topic of the message (MQTT 5) if that is
   `servolink/_fleet/reply/WORD` or the `result` of a board. Correlation data comes back. Like every message with QoS
   1, a result may be delivered twice.
-- {motion} need a message expiry (MQTT 5), and 60 seconds count at most. Put the latest word of `pulse` into `pulse`:
-  then the board knows how old the command is, even if the network stood still, and refuses a late one.
+- {motion} need a message expiry (MQTT 5), and 60 seconds count at most. What has not begun by then is refused, also
+  if it waits because another program has the board alone. Put the latest word of `pulse` into
+  `pulse`: then the board knows how old the command is, even if the network stood still, and refuses a late one.
 - Retained commands are refused. So are those with more than 1 MiB, and those beyond 64 that wait.
 - `stop` is always taken. Send it to `servolink/BOARD/stop` or `servolink/_fleet/stop`, where nothing is before it.
   What was sent before a stop does not begin after it.

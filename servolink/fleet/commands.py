@@ -268,10 +268,12 @@ class CommandDesk:
             if asyncio.get_running_loop().time() > accepted.until:
                 raise _expired()
             if command.method == "prepare":
-                return await self._prepared.prepare(_converted(command.params, Prepare))
+                return await self._prepared.prepare(_converted(command.params, Prepare), accepted.until)
             if command.method == "cancel":
                 return self._prepared.cancel(_converted(command.params, Cancel).start)
-            reply = await self._hub.ask(command.method, command.params, self._reporter(command.id, accepted.sender))
+            # The hub keeps the time as well: there a motion may have to wait once more.
+            params = command.params | ({"until": accepted.until} if command.method in MOTION else {})
+            reply = await self._hub.ask(command.method, params, self._reporter(command.id, accepted.sender))
             if _role(command.method) is Role.EDIT:
                 self.on_change()
             return result_of(reply)

@@ -9,7 +9,7 @@ import msgspec
 from servolink.errors import MotionRefused, NotFound
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.topics import Prepare
-from servolink.hub.control.messages import Done, Ran, RunStart, RunStarted
+from servolink.hub.control.messages import Done, Ran, RunPrepare, RunStart, RunStarted
 
 
 class PreparedRun:
@@ -22,13 +22,23 @@ class PreparedRun:
         self.is_none.set()
         self._hub = hub
         self._prepared: Prepare | None = None
+        self._forgotten = 0
         self._until = 0.0
         self._timer: asyncio.TimerHandle | None = None
 
-    async def prepare(self, asked: Prepare) -> Ran:
-        """Ask the hub to check a run and keep it ready, with the lease. Raise the error of the hub."""
+    async def prepare(self, asked: Prepare, until: float) -> Ran:
+        """Ask the hub to check a run and keep it ready, with the lease. Raise the error of the hub.
+
+        The hub refuses what it cannot begin to check before `until`. Raise MotionRefused if `forget` is called
+        meanwhile: a stop came.
+        """
         self.forget()
-        checked = result_of(await self._hub.ask("run.prepare", asked.run))
+        forgotten = self._forgotten
+        run = RunPrepare(asked.run.type, asked.run.id, until)
+        checked = result_of(await self._hub.ask("run.prepare", run))
+        if forgotten != self._forgotten:
+            self._hub.tell("lease.give")
+            raise MotionRefused("the board was stopped while this was prepared; nothing was moved")
         loop = asyncio.get_running_loop()
         self.is_none.clear()
         self._prepared, self._until = asked, loop.time() + asked.expires
@@ -62,7 +72,8 @@ class PreparedRun:
         return Done()
 
     def forget(self) -> None:
-        """Forget what is prepared, and give the lease back."""
+        """Forget what is prepared, or being prepared, and give the lease back."""
+        self._forgotten += 1
         if self._prepared is not None:
             self._drop()
             self.is_none.set()

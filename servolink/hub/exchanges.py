@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from itertools import islice
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from msgspec import Struct
 
@@ -33,6 +34,15 @@ class ProgramCounters(Struct):
     """Intact frames that no board would answer: of a board, undecodable, or in mode 0."""
 
 
+class Bounds(NamedTuple):
+    """What the motions of a program are held to that it did not ask for just now."""
+
+    stops: int
+    """How many stops there had been when it asked."""
+    until: float = math.inf
+    """When they must have begun, on the clock of the event loop."""
+
+
 class Asker(Protocol):
     """The program that asks, as far as those who answer it need it."""
 
@@ -43,6 +53,7 @@ class Asker(Protocol):
     counters: ProgramCounters
     codec: Codec
     queue: ProgramQueue
+    bounds: Bounds | None
     has_left: bool
 
     def finish_with(self, exchange: Exchange, frame: bytes | None) -> None:
@@ -59,6 +70,8 @@ class Exchange(Struct, eq=False):
     packet: Packet
     stops: int = 0
     """How many stops there had been when it came; a motion is not sent after a later one."""
+    until: float = math.inf
+    """When it is too late to begin a motion, on the clock of the event loop."""
     asked_at: float = 0.0
     """When it came, on the clock of the event loop."""
     size: int = 0

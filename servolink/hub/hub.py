@@ -33,6 +33,7 @@ from servolink.hub.notices import (
     ProgramRenamed,
     ProgramStatus,
     Refused,
+    Stopped,
 )
 from servolink.hub.program import Program
 from servolink.hub.roles import Role
@@ -188,7 +189,7 @@ class Hub:
 
     def ask_stop(self, exchange: Exchange) -> None:
         """Send a stop before everything else; see `Program`."""
-        self._upstream.drop_motions()
+        self._drop_motions()
         if stops_all(exchange.packet):
             self._upstream.stopped_all()
             self._keeper.stopped()
@@ -200,7 +201,7 @@ class Hub:
 
     @property
     def stops(self) -> int:
-        """How many times all servos were stopped."""
+        """How many times servos were stopped, which ends all motions that were asked for."""
         return self._upstream.stops
 
     async def run(
@@ -235,7 +236,7 @@ class Hub:
         A stop for which nothing was moved since another one began ends with that.
         """
         _logger.info("%s stops the board", escape(who))
-        self._upstream.drop_motions()
+        self._drop_motions()
         self._upstream.stopped_all()
         self._keeper.stopped()
         packet, begun = SetServoParameterRequest(ALL_SERVOS, 0, 1), self._now()
@@ -256,7 +257,7 @@ class Hub:
             raise ConnectionLost("the session has ended; connect again")
         if self.lease is not None and self.lease.session != session_id:
             raise MotionRefused(f"nothing was stopped: {self.lease_reason(session_id)}")
-        self._upstream.drop_motions()
+        self._drop_motions()
         stops = self.stops
         try:
             await self._stop_servos(servo_ids, program.who)
@@ -291,6 +292,11 @@ class Hub:
     def _tell_stop(self, servo_id: int, outcome: object, begun: float, who: str) -> None:
         for follow in self._followers:
             follow(SetServoParameterRequest(servo_id, 0, 1), outcome, begun, who, "")
+
+    def _drop_motions(self) -> None:
+        """Send no motion that was asked for until now, and tell those who wait to ask for one."""
+        self._upstream.drop_motions()
+        self.tell(Stopped())
 
     async def _stop_for(self, reason: str) -> None:
         """Stop all servos because nobody watches over them; without a connection, as soon as there is one again."""

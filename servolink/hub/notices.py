@@ -89,6 +89,10 @@ class ButtonPressed(Struct, frozen=True, tag="button"):
     event: int
 
 
+class Stopped(Struct, frozen=True, tag="stopped"):
+    """Servos are being stopped: no motion that was asked for before is sent any more."""
+
+
 class Problem(Struct, frozen=True, tag="problem"):
     """Something that people should look at."""
 
@@ -114,6 +118,7 @@ Notice: TypeAlias = (
     | LeaseChanged
     | HoldChanged
     | Refused
+    | Stopped
     | ButtonPressed
     | Problem
     | RecordingChanged

@@ -12,7 +12,7 @@ from typing import Protocol
 from servolink.client.roles import is_stop
 from servolink.errors import DecodeError
 from servolink.escaping import escape
-from servolink.hub.exchanges import Exchange, ProgramCounters, ProgramQueue
+from servolink.hub.exchanges import Bounds, Exchange, ProgramCounters, ProgramQueue
 from servolink.hub.roles import Role
 from servolink.hub.session_state import SessionState
 from servolink.motion.angles import AngleUnit
@@ -75,6 +75,8 @@ class Program:
         self.counters = ProgramCounters()
         self.queue = ProgramQueue()
         """Its unsent requests."""
+        self.bounds: Bounds | None = None
+        """What its next motions are held to; None if it asks for them as they come."""
         self.has_left = False
         self.on_room: Callable[[], None] | None = None
         """Called when it may be read again after `is_full`."""

@@ -29,6 +29,8 @@ Done = Callable[[Exchange, "Packet | ServolinkError", "bytes | None"], None]
 
 STOPPED = "a stop came first"
 """Why a motion is not sent that was asked for before a stop."""
+LATE = "the time by which it was to begin has passed"
+"""Why a motion is not sent that waited too long."""
 
 
 class PacketSender:
@@ -177,7 +179,11 @@ class PacketSender:
         def why_not() -> str:
             if exchange.program.has_left:
                 return "its program has left"
-            return STOPPED if exchange.stops != self.stops else self._keeper.admit(exchange)
+            if exchange.stops != self.stops:
+                return STOPPED
+            if asyncio.get_running_loop().time() > exchange.until:
+                return LATE
+            return self._keeper.admit(exchange)
 
         if reason := why_not():
             return await self.refused(exchange, reason)
@@ -199,6 +205,7 @@ class PacketSender:
         with ExitStack() as stack:
 
             def keep_units() -> None:
+                exchange.until = math.inf  # it has begun
                 # For seconds, in which nobody should wait for other units, nor behind somebody who does.
                 self._units.keep_for(exchange.program.state, math.inf)
                 stack.callback(self._units.release)

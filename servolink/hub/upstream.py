@@ -14,7 +14,7 @@ from servolink.client.roles import is_motion
 from servolink.connection.scheduler import MOST_ASIDE
 from servolink.errors import ServolinkError
 from servolink.escaping import escape
-from servolink.hub.exchanges import Exchange, RoundRobin
+from servolink.hub.exchanges import Bounds, Exchange, RoundRobin
 from servolink.hub.roles import carries_angles
 from servolink.hub.sending import STOPPED, PacketSender
 from servolink.hub.stopping import stop
@@ -93,7 +93,8 @@ class Upstream:
 
     def ask(self, exchange: Exchange) -> None:
         """Send a request when it is its turn, and finish it."""
-        exchange.stops = self._sender.stops
+        bounds = exchange.program.bounds
+        exchange.stops, exchange.until = bounds or Bounds(self._sender.stops)
         self.waiting.add(exchange)
         self.send_waiting()
 

@@ -10,13 +10,21 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
+from msgspec import Raw
 
+from servolink.client.rpc_channel import Reply, open_channel
+from servolink.errors import MotionRefused
 from servolink.fleet import commands, pulse
 from servolink.fleet.broker import Received
 from servolink.fleet.hub_session import HubSession
 from servolink.fleet.journal import Journal
 from servolink.fleet.policy import BoardPolicy
+from servolink.fleet.prepared import PreparedRun
+from servolink.fleet.topics import Prepare
+from servolink.hub.control.messages import Runnable
 from servolink.hub.serving import serve_board
+from servolink.protocol.records import Action, Step
+from servolink.transports.share import Greeting
 from tests.fleet.bridged import Far, bridged, far_away, joined, run
 from tests.fleet.mosquitto import Broker, needs_broker
 
@@ -183,6 +191,68 @@ def test_a_command_that_waits_too_long_for_its_turn_expires(broker: Broker, monk
             calls.may_go.set()
             await far.result(first)
             assert (await far.result(second))["error"]["message"].startswith("the command has expired")
+
+    run(main())
+
+
+@asynccontextmanager
+async def held() -> AsyncIterator[None]:
+    """Have a program of the board's machine hold the board alone."""
+    importer, _ = await open_channel("rex", Greeting(wants="rpc", who="importer", role="edit"))
+    await importer.call("board.hold", reason="an import")
+    try:
+        yield
+    finally:
+        await importer.close()
+
+
+@pytest.mark.parametrize(
+    ("method", "params"),
+    [("move", MOVE), ("release", {}), ("prepare", {"start": "s1", "run": {"type": "action", "id": 1}})],
+)
+def test_what_waits_in_the_hub_expires_there_and_is_not_begun_after_a_stop(
+    broker: Broker, monkeypatch: pytest.MonkeyPatch, method: str, params: dict[str, Any]
+) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, hub):
+            await hub.board.add_action(Action(1, "Bow", (Step(1, 60, 10),)))
+            async with held():
+                with monkeypatch.context() as hurry:
+                    hurry.setattr(commands, "LONGEST_MOTION", 0.2)
+                    late = await far.failure(method, params=params)
+                assert "the time by which it was to begin has passed" in late["message"]
+                calls = Calls(monkeypatch)
+                waiting = await far.send(method, params=params)
+                while not calls.methods:
+                    await asyncio.sleep(0.01)
+                await far.publish("servolink/rex/stop", b"")
+                assert (await far.result("stop"))["ok"]
+                assert "a stop came first" in (await far.result(waiting))["error"]["message"]
+            assert all(servo.is_hold for servo in await hub.board.servos())
+            assert hub.lease is None
+
+    run(main())
+
+
+def test_nothing_is_prepared_if_a_stop_comes_meanwhile() -> None:
+    class Hub:
+        told: tuple[str, ...] = ()
+
+        async def ask(self, method: str, params: object) -> Reply:
+            prepared.forget()  # a stop
+            return Reply(Raw(b'{"seconds": null}'))
+
+        def tell(self, method: str) -> None:
+            self.told += (method,)
+
+    hub = Hub()
+    prepared = PreparedRun(hub)  # type: ignore[arg-type]
+
+    async def main() -> None:
+        with pytest.raises(MotionRefused, match="was stopped while this was prepared"):
+            await prepared.prepare(Prepare("s1", Runnable("action", 1)), 60.0)
+        assert not prepared.is_for("s1")
+        assert hub.told == ("lease.give",)
 
     run(main())
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.hub.exchanges import Exchange, ProgramCounters, ProgramQueue, RoundRobin
+from servolink.hub.exchanges import Bounds, Exchange, ProgramCounters, ProgramQueue, RoundRobin
 from servolink.hub.roles import Role
 from servolink.hub.session_state import SessionState
 from servolink.protocol.codec import Codec
@@ -27,6 +27,7 @@ class Asking:
     state: SessionState = field(default_factory=SessionState)
     counters: ProgramCounters = field(default_factory=ProgramCounters)
     queue: ProgramQueue = field(default_factory=ProgramQueue)
+    bounds: Bounds | None = None
 
     def finish(self, exchange: Exchange, response: Packet | None) -> None:
         raise AssertionError

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from contextvars import ContextVar
@@ -14,11 +15,12 @@ from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.errors import ConnectionLost, MotionRefused, RequestTimeout
 from servolink.hub.control.faults import Code, RpcError
+from servolink.hub.exchanges import Bounds
 from servolink.hub.hub import Hub
 from servolink.hub.local import LocalTransport
-from servolink.hub.notices import HoldChanged, HoldStatus, LeaseStatus, Notice
+from servolink.hub.notices import HoldChanged, HoldStatus, LeaseStatus, Notice, Stopped
 from servolink.hub.roles import Role
-from servolink.hub.sending import STOPPED
+from servolink.hub.sending import LATE, STOPPED
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.protocol.editing import AddServoParameterRequest, ExecuteMacroRequest
@@ -27,16 +29,24 @@ from servolink.protocol.servos import ExecuteActionExRequest
 from servolink.transports.share import Greeting
 
 T = TypeVar("T")
-OpenBoard: TypeAlias = Callable[[], Awaitable[Board]]
 
 _stops_before: ContextVar[int] = ContextVar("_stops_before")
 """How many stops there had been when the request was received whose task this is."""
+_until: ContextVar[float] = ContextVar("_until", default=math.inf)
+"""When the motion must have begun that this task is to begin."""
+OpenBoard: TypeAlias = Callable[[], Awaitable[Board]]
 
 
 class LeaseRefused(MotionRefused):
     """Another program holds the lease."""
 
     remedy = "ask for the lease with lease.ask, or take it over with lease.take and force"
+
+
+class MotionOver(MotionRefused):
+    """A motion was asked for that must not begin any more."""
+
+    remedy = "ask for it again, if it is still wanted"
 
 
 class PreparedRun(NamedTuple):
@@ -98,7 +108,7 @@ class Control:
             self._transport.join()
         self._board: Board | None = None
         self._opening = asyncio.Lock()
-        self._hold_changed = asyncio.Event()
+        self._changed = asyncio.Event()
         self._moves_ended = 0
 
     async def close(self) -> None:
@@ -113,10 +123,15 @@ class Control:
         """Count the stops before the next request: it moves nothing after a later one, however long it waits."""
         _stops_before.set(self.hub.stops)
 
+    @property
+    def stops_before(self) -> int:
+        """How many stops there had been when the request was received that is being carried out."""
+        return _stops_before.get()
+
     def heard(self, notice: Notice) -> None:
         """Take a notice of the hub."""
-        if isinstance(notice, HoldChanged):
-            self._hold_changed.set()
+        if isinstance(notice, HoldChanged | Stopped):
+            self._changed.set()
 
     async def board(self) -> Board:
         """Return the board of this program, once no other program holds it alone."""
@@ -128,20 +143,42 @@ class Control:
                 self._guard(self._board)
             return self._board
 
-    async def board_to_move(self) -> Board:
-        """Return the board of this program. Raise MotionRefused if its movement was ended while that was awaited."""
-        ended = self._moves_ended
-        board = await self.board()
+    async def board_to_move(self, until: float | None = None) -> Board:
+        """Return the board of this program for one motion, once no other program holds it alone.
+
+        Raise MotionRefused after `until`, by the clock of the event loop, and if a stop or `end_move` comes after the
+        motion was asked for. Both hold until it is sent, too.
+        """
+        self._own_transport()
+        bounds, ended = Bounds(self.stops_before, math.inf if until is None else until), self._moves_ended
+        _until.set(bounds.until)
+        try:
+            async with asyncio.timeout_at(until):
+                while self.holder is not None and ended == self._moves_ended:
+                    self._check_bounds(bounds)
+                    self._changed.clear()
+                    await self._changed.wait()
+        except TimeoutError:
+            raise _late() from None
         if ended != self._moves_ended:
-            raise MotionRefused("nothing was moved: the movement was ended before it began")
-        return board
+            raise MotionOver("nothing was moved: the movement was ended before it began")
+        self._check_bounds(bounds)
+        return await self.board()
 
     async def end_move(self, servo_ids: Sequence[int]) -> None:
         """Stop what this program moves, also what it has asked for and was not sent yet (see `Hub.end_move`)."""
         self._moves_ended += 1
+        self._changed.set()
         if self._board is not None:
             self._board.connection.count_stop()
         await self.hub.end_move(self.session, servo_ids)
+
+    def _check_bounds(self, bounds: Bounds) -> None:
+        """Raise MotionRefused if a motion must not begin any more."""
+        if bounds.stops != self.hub.stops:
+            raise MotionOver(f"nothing was moved: {STOPPED}")
+        if asyncio.get_running_loop().time() > bounds.until:
+            raise _late()
 
     async def readings(self) -> Board:
         """Return the board that the hub reads for all programs together, once no program holds it alone.
@@ -211,8 +248,8 @@ class Control:
     async def until_free(self) -> None:
         """Wait until no other program holds the board alone."""
         while self.holder is not None:
-            self._hold_changed.clear()
-            await self._hold_changed.wait()
+            self._changed.clear()
+            await self._changed.wait()
 
     @asynccontextmanager
     async def alone(self, reason: str) -> AsyncIterator[None]:
@@ -251,15 +288,27 @@ class Control:
             raise ConnectionLost("the session has ended; connect again")
 
     def _guard(self, board: Board) -> None:
-        """Take the lease before each motion, so that a refused one is an error with a reason."""
+        """Check each motion once more and take the lease before it, so that a refused one is an error with a reason."""
 
         async def pass_packet(packet: Packet) -> None:
-            if is_motion(packet):
-                if self.hub.stops != _stops_before.get() and not isinstance(packet, AddServoParameterRequest):
-                    raise MotionRefused(f"nothing was moved: {STOPPED}")  # an import goes on: half of one helps nobody
-                self.take_lease()
+            if not is_motion(packet):
+                return
+            is_import = isinstance(packet, AddServoParameterRequest)  # which goes on: half of one helps nobody
+            bounds = None if is_import else Bounds(self.stops_before, _until.get())
+            if bounds is not None:
+                self._check_bounds(bounds)
+                if (holder := self.holder) is not None:  # since a moment ago: it would wait for as long as that takes
+                    raise MotionOver(f"nothing was moved: {holder.who} has taken the board alone")
+                _until.set(math.inf)  # it begins: what follows belongs to it
+            if self._transport is not None and self._transport.program is not None:
+                self._transport.program.bounds = bounds
+            self.take_lease()
 
         board.connection.guard = pass_packet
+
+
+def _late() -> MotionOver:
+    return MotionOver(f"nothing was moved: {LATE}")
 
 
 async def _open(hub: Hub, transport: LocalTransport, limits: MotionLimits | None = None) -> Board:

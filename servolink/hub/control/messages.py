@@ -38,6 +38,12 @@ Servos: TypeAlias = Annotated[int | str, about('an id, a caption, or "all"')]
 _ServoId: TypeAlias = Annotated[int, Meta(ge=0, le=254)]
 
 
+Until: TypeAlias = Annotated[
+    float | None,
+    about("seconds, by the clock that `monotonic` tells; after it the motion is not begun; null: it may wait"),
+]
+
+
 class NoParams(Struct, forbid_unknown_fields=True):
     """No params."""
 
@@ -210,6 +216,7 @@ class Move(Struct, forbid_unknown_fields=True):
     speed: Annotated[float | None, about("degrees per second")] = None
     wait: Annotated[bool, about("respond when the servos have arrived")] = False
     dry_run: Annotated[bool, about("check everything, and move nothing")] = False
+    until: Until = None
 
 
 class Moved(Struct, frozen=True):
@@ -228,6 +235,7 @@ class Release(Struct, forbid_unknown_fields=True):
     """What to release."""
 
     servo: Servos = "all"
+    until: Until = None
 
 
 class ServoSet(Struct, forbid_unknown_fields=True):
@@ -236,6 +244,7 @@ class ServoSet(Struct, forbid_unknown_fields=True):
     servo: Servos
     start: Annotated[bool, about("whether it may move")]
     hold: Annotated[bool, about("whether it holds its angle")]
+    until: Until = None
 
 
 class Tighten(Struct, forbid_unknown_fields=True):
@@ -263,6 +272,13 @@ class Run(Runnable, forbid_unknown_fields=True):
 
     wait: Annotated[bool, about("respond when the motion is over")] = False
     dry_run: Annotated[bool, about("check everything, and move nothing")] = False
+    until: Until = None
+
+
+class RunPrepare(Runnable, forbid_unknown_fields=True):
+    """What to check, and to keep ready."""
+
+    until: Until = None
 
 
 class Ran(Struct, frozen=True):

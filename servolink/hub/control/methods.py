@@ -234,9 +234,10 @@ async def buttons_unsubscribe(caller: Caller, params: NoParams) -> Done:
 async def move(caller: Caller, params: Move) -> Moved:
     """Move servos together, within the limits of the board. Motions of one program are carried out in their order.
 
-    MotionRefused says why nothing moved: a limit, or another program that holds the lease.
+    MotionRefused says why nothing moved: a limit, another program that holds the lease, or a stop that came, or `until`
+    that passed, while another program held the board alone.
     """
-    board = await caller.control.board_to_move()
+    board = await caller.control.board_to_move(params.until)
     seconds = await board.move(
         params.targets, duration=params.duration, speed=params.speed, wait=params.wait, dry_run=params.dry_run
     )
@@ -258,7 +259,7 @@ async def move_end(caller: Caller, params: MoveEnd) -> Done:
 @METHODS.add("release", Role.MOVE, in_order=True)
 async def release(caller: Caller, params: Release) -> Done:
     """Stop and release a servo, or all. It goes limp, and a raised limb falls."""
-    board = await caller.control.board()
+    board = await caller.control.board_to_move(params.until)
     if params.servo == "all":
         await board.release()
     else:
@@ -269,7 +270,7 @@ async def release(caller: Caller, params: Release) -> Done:
 @METHODS.add("servo.set", Role.MOVE, in_order=True)
 async def servo_set(caller: Caller, params: ServoSet) -> Done:
     """Start a servo or stop it, hold its angle or release it: after a stop, start it before it moves again."""
-    board = await caller.control.board()
+    board = await caller.control.board_to_move(params.until)
     await board.set_servo(params.servo, start=params.start, hold=params.hold)
     return Done()
 
@@ -280,7 +281,7 @@ async def run(caller: Caller, params: Run) -> Ran:
 
     MotionRefused is as for `move`; NotFound says that there is no such record.
     """
-    board = await caller.control.board()
+    board = await caller.control.board_to_move(params.until)
     if params.type == "action":
         return Ran(await board.run_action(params.id, wait=params.wait, dry_run=params.dry_run))
     await board.run_macro(params.id, wait=params.wait, dry_run=params.dry_run)

@@ -6,7 +6,7 @@ import asyncio
 
 from servolink.errors import MotionRefused
 from servolink.hub.control.context import PreparedRun
-from servolink.hub.control.messages import Ran, Runnable, RunStart, RunStarted
+from servolink.hub.control.messages import Ran, RunPrepare, RunStart, RunStarted
 from servolink.hub.control.methods import METHODS, Caller
 from servolink.hub.roles import Role
 from servolink.protocol.editing import ExecuteMacroRequest
@@ -16,7 +16,7 @@ _LONGEST_LEAD = 1.0
 
 
 @METHODS.add("run.prepare", Role.RUN, in_order=True)
-async def run_prepare(caller: Caller, params: Runnable) -> Ran:
+async def run_prepare(caller: Caller, params: RunPrepare) -> Ran:
     """Check a stored action or macro and all that it runs, and take the lease, so that `run.start` begins it at once.
 
     Only the latest one is kept, and `lease.give` forgets it. Errors are those of `run` with `dry_run`, and of
@@ -24,8 +24,9 @@ async def run_prepare(caller: Caller, params: Runnable) -> Ran:
     """
     control = caller.control
     control.prepared, seconds = None, None
-    board = await control.board()
-    connection, stops = control.hub.board.connection, control.hub.stops
+    stops = control.stops_before
+    board = await control.board_to_move(params.until)
+    connection = control.hub.board.connection
     packet: ExecuteActionExRequest | ExecuteMacroRequest
     if params.type == "action":
         packet = ExecuteActionExRequest((await board.action(params.id)).action_id)
