@@ -13,7 +13,18 @@ from typing import Any
 from msgspec import Struct
 
 from docs.control_interface import section
-from servolink.fleet.topics import METHODS, MOTION, SENT, SESSION_METHODS, Echoed, Started, Step, Stored, schema
+from servolink.fleet.topics import (
+    METHODS,
+    MOTION,
+    SENT,
+    SESSION_METHODS,
+    Echoed,
+    Started,
+    Step,
+    StopOver,
+    Stored,
+    schema,
+)
 from servolink.hub.control.messages import Runnable
 from servolink.hub.control.session import METHODS as HUB_METHODS
 
@@ -57,7 +68,8 @@ id of its own:
   `pulse`: then the board knows how old the command is, even if the network stood still, and refuses a late one.
 - Retained commands are refused. So are those with more than 1 MiB, and those beyond 64 that wait.
 - `stop` is always taken. Send it to `servolink/BOARD/stop` or `servolink/_fleet/stop`, where nothing is before it.
-  What was sent before a stop does not begin after it.
+  What was sent before a stop does not begin after it, if it has a `pulse`; without one, only what the broker had by
+  then is known to be older. So put the `pulse` of [the result](#stopover), or a later one, into what you send next.
 - The methods {session} belong to one program's connection; a fleet does not have them.
 - After a crash of the board's machine, the result is OutcomeUnknown: read back before you repeat it.
 
@@ -77,7 +89,7 @@ def fleet_reference() -> str:
     page = _INTRODUCTION.format(topics="\n".join(rows), motion=_listed(MOTION), session=_listed(SESSION_METHODS))
     own: dict[str, type[Struct]] = {payload.__name__: payload for payload, _, _ in SENT.values()}
     own |= {params.__name__: params for params, _ in METHODS.values()}
-    own |= {each.__name__: each for each in (Runnable, Started, Echoed, Step, Stored)}
+    own |= {each.__name__: each for each in (Runnable, Started, StopOver, Echoed, Step, Stored)}
     parts = [page, "## Payloads\n", *(section(name, own[name]) for name in sorted(own))]
     return re.sub(r"\[(\w+)\]\((?:#\w+|project-file\.md)\)", lambda found: _link(found[1], own), "\n".join(parts))
 

@@ -59,7 +59,6 @@ class Bridge:
         self.hub.on_connect = self.telemetry.begin
         self.hub.on_notification = self.telemetry.hear
         self.hub.on_lost = self.telemetry.hub_lost
-        self.stops = StopDesk(self.hub, self.prepared)
         self._topics = topics
         self._policy = policy
         self._announcer: Announcer | None = None
@@ -67,8 +66,8 @@ class Bridge:
         self.pulse = Pulse(self._send_pulse)
         self._link = PulseLink(self.pulse)
         self.fence = Fence(self.pulse)
-        """Put up for each stop that comes on another connection."""
-        self.stops.on_over = self.fence.send_word
+        """Put up for each stop."""
+        self.stops = StopDesk(self.hub, self.prepared, self.fence)
         self._answers = Answers(board, topics, self.outbox, journal)
         self.commands = CommandDesk(
             board, policy, self.hub, journal, self._answers, self.prepared, self.stops, self.fence, self._log

@@ -188,7 +188,7 @@ class CommandDesk:
     def _checked(self, message: Received, command: Command, link: PulseLink) -> float:
         """Return until when a command may be begun. Raise RpcError if it may not be carried out."""
         self._check_method(command.method)
-        if self._fence.is_up and command.method in _IN_ORDER:
+        if command.method in _IN_ORDER and self._fence.keeps_out(command.pulse):
             raise _stopped()
         now = asyncio.get_running_loop().time()
         expiry: float | None = message.expiry

@@ -237,8 +237,12 @@ class Controller:
             _logger.warning("a result cannot be read: %s", escape(str(error))[:200])
             return
         exchange = self._exchanges.get(result.id or "")
-        if exchange is not None:
-            exchange.take(result)
+        if exchange is None:
+            return
+        if isinstance(result.result, dict) and isinstance(word := result.result.get("pulse"), str):
+            # Of a stop, which may have come before the word itself: what is sent with an older one is refused.
+            self.roster.hear_pulse(result.board, word)
+        exchange.take(result)
 
 
 def _plain(params: Mapping[str, Any] | Struct | None) -> dict[str, Any]:

@@ -94,35 +94,41 @@ class PulseLink:
 
 
 class Fence:
-    """Keeps out what was sent before a stop and comes after it: the stop has a connection of its own, and overtakes.
+    """Keeps out what was sent before a stop and comes after it.
 
-    A word is sent on the connection of the commands. What comes before the word comes back was sent before the stop.
+    A stop has a connection of its own, and overtakes: a word is sent on the connection of the commands, and what comes
+    before the word comes back was sent before the stop. What is still on its way to the broker then, in a network that
+    stands still, shows its age by the word in it, which is older.
     """
 
     def __init__(self, pulse: Pulse) -> None:
         """Take words of `pulse`."""
-        self._pulse = pulse
-        self._word: str | None = None
-        self._task: asyncio.Task[None] | None = None
-
-    @property
-    def is_up(self) -> bool:
+        self.word = ""
+        """The word of the latest stop: it, and later ones, show that a command was made after that."""
+        self.is_up = False
         """Whether what comes now may have been sent before the stop."""
-        return self._word is not None
+        self._pulse = pulse
+        self._put_up_at = float("-inf")
+        self._task: asyncio.Task[None] | None = None
 
     def put_up(self) -> None:
         """Keep out what was sent before now, and all else until the word that `send_word` sends is back."""
-        self._word = self._pulse.new_word()
+        self.word, self.is_up = self._pulse.new_word(), True
+        self._put_up_at = self._pulse.time_of(self.word)
+
+    def keeps_out(self, word: str | None) -> bool:
+        """Return whether a command that comes now, with `word` in it, may have been sent before the stop."""
+        return self.is_up or (word is not None and self._pulse.time_of(word) < self._put_up_at)
 
     def send_word(self) -> None:
         """Send the word, if the fence is up: when the stop is over, which is more urgent, and on a new connection."""
-        if self._word is not None:
-            self._task = asyncio.get_running_loop().create_task(self._send(self._word))
+        if self.is_up:
+            self._task = asyncio.get_running_loop().create_task(self._send(self.word))
 
     def heard(self, payload: bytes) -> None:
         """Take a word that the broker has sent back."""
-        if self._word is not None and payload == self._word.encode():
-            self._word = None
+        if payload == self.word.encode():
+            self.is_up = False
 
     async def _send(self, word: str) -> None:
         try:
@@ -130,4 +136,4 @@ class Fence:
         except ConnectionLost:  # sent again on the next connection
             pass
         except ServolinkError:  # the broker denies the topic, and has said so
-            self._word = None
+            self.is_up = False

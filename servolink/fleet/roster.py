@@ -119,6 +119,11 @@ class Roster:
         """The names of the boards that are connected, in their order."""
         return tuple(board.name for board in self if board.is_online)
 
+    def hear_pulse(self, name: str, word: str) -> None:
+        """Take a word of the pulse of a board, if that is known, which a result has brought."""
+        if name in self._boards:
+            self._boards[name].pulse = word[:_LONGEST_PULSE]
+
     def take(self, name: str, kind: str, payload: bytes, now: float) -> BoardSeen | None:
         """Take a message of a board. Return the board if anything but the state of its servos changed."""
         board = self._boards.get(name)

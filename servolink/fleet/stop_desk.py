@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable
 
 import msgspec
 
 from servolink.fleet.answers import Answers, Sender
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.prepared import PreparedRun
-from servolink.fleet.topics import UNREADABLE, Stop
+from servolink.fleet.pulse import Fence
+from servolink.fleet.topics import UNREADABLE, Stop, StopOver
 
 _MOST_ANSWERED = 256  # of those who ask while a stop is under way
 
@@ -19,20 +19,20 @@ _MOST_ANSWERED = 256  # of those who ask while a stop is under way
 class StopDesk:
     """Takes stops of one board. Those that come while one is under way share the next."""
 
-    def __init__(self, hub: HubSession, prepared: PreparedRun) -> None:
-        """Stop the board of `hub`, and forget what is `prepared`."""
+    def __init__(self, hub: HubSession, prepared: PreparedRun, fence: Fence) -> None:
+        """Stop the board of `hub`, forget what is `prepared`, and keep out by `fence` what was sent before."""
         self.count = 0
         """Stops so far: what was asked for before the latest must not begin any more."""
-        self.on_over: Callable[[], None] = lambda: None
-        """Called when a stop is over, before it is answered."""
         self._hub = hub
         self._prepared = prepared
+        self._fence = fence
         self._waiting: deque[tuple[str, Sender, Answers]] = deque(maxlen=_MOST_ANSWERED)
         self._task: asyncio.Task[None] | None = None
         self._stopped = asyncio.Event()
 
     def stop(self, command_id: str, sender: Sender, answers: Answers) -> None:
         """Stop the board, and answer when it has stopped."""
+        self._fence.put_up()
         self.count += 1
         self._stopped.set()
         self._stopped = asyncio.Event()
@@ -56,15 +56,15 @@ class StopDesk:
         while self._waiting:
             asked, self._waiting = self._waiting, deque(maxlen=_MOST_ANSWERED)
             try:
-                result = result_of(await self._hub.ask("stop", {}))
+                result_of(await self._hub.ask("stop", {}))
             except Exception as error:  # noqa: BLE001 - whatever prevents a stop is an answer
-                self.on_over()
+                self._fence.send_word()
                 for command_id, sender, answers in asked:
                     answers.fail(command_id, sender, error)
             else:
-                self.on_over()
+                self._fence.send_word()
                 for command_id, sender, answers in asked:
-                    answers.succeed(command_id, sender, result)
+                    answers.succeed(command_id, sender, StopOver(self._fence.word))
 
 
 def read_stop(payload: bytes) -> Stop:

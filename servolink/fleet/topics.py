@@ -242,6 +242,12 @@ class Stop(Struct, forbid_unknown_fields=True):
     who: Who = ""
 
 
+class StopOver(Struct, frozen=True):
+    """The result of a stop."""
+
+    pulse: Annotated[str, about("a word for the `pulse` of what is sent after the stop")]
+
+
 class Echo(Struct, forbid_unknown_fields=True):
     """Sent to `_fleet/echo`: each board sends a result at once, from which the delay of the network is known."""
 
@@ -300,7 +306,9 @@ METHODS: dict[str, tuple[type[Struct], type[Struct]]] = {"prepare": (Prepare, Ra
 def schema() -> dict[str, Any]:
     """Return the JSON Schema of the payloads: `topics` and `methods` refer to the types in `$defs`."""
     types = [payload for payload, _, _ in SENT.values()] + [params for params, _ in METHODS.values()]
-    found, definitions = msgspec.json.schema_components([*types, Ran, Started, Echoed], ref_template="#/$defs/{name}")
+    found, definitions = msgspec.json.schema_components(
+        [*types, Ran, Started, StopOver, Echoed], ref_template="#/$defs/{name}"
+    )
     of = dict(zip(map(id, types), found, strict=False))
     for definition in definitions.values():  # as Python 3.13 does by itself
         definition["description"] = cleandoc(definition["description"])

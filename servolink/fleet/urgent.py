@@ -87,7 +87,6 @@ class Urgent:
         command_id = read_stop(message.payload).id
         found = self._topics.parse(message.topic)
         for name in self._bridges if found is None else [found[0]]:
-            self._bridges[name].fence.put_up()
             self._bridges[name].stops.stop(command_id, sender, self._answers[name])
 
     def _press(self, message: Received) -> None:

@@ -195,6 +195,28 @@ def test_a_command_that_waits_too_long_for_its_turn_expires(broker: Broker, monk
     run(main())
 
 
+@pytest.mark.parametrize("topic", ["servolink/rex/stop", "servolink/_fleet/stop", CMD])
+def test_what_was_sent_before_a_stop_is_not_begun_when_it_comes_long_after(
+    broker: Broker, monkeypatch: pytest.MonkeyPatch, topic: str
+) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            calls = Calls(monkeypatch)
+            await far.until(lambda: "servolink/rex/pulse" in far.heard)
+            word = far.heard["servolink/rex/pulse"][-1].payload.decode()
+            await far.publish(topic, {"id": "s1"} | ({"method": "stop"} if topic == CMD else {}))
+            over = (await far.result("s1"))["result"]
+            for method in ("release", "records.delete"):
+                error = await far.failure(method, pulse=word)
+                assert error["message"] == "the board was stopped before this began"
+            assert (await far.call("battery", pulse=word))["percent"] == 100
+            assert calls.methods == ["stop"]
+            await far.call("release", pulse=over["pulse"])
+            await far.call("release")
+
+    run(main())
+
+
 @asynccontextmanager
 async def held() -> AsyncIterator[None]:
     """Have a program of the board's machine hold the board alone."""

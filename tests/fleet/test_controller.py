@@ -43,6 +43,19 @@ def test_a_command_has_one_result(broker: Broker) -> None:
     asyncio.run(main())
 
 
+def test_who_has_stopped_a_board_knows_a_word_of_its_pulse_that_is_later(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex") as (rex,), controller_of(broker) as controller:
+            await controller.settle()
+            rex.answers["stop"] = lambda params: {"pulse": "after-1"}
+            rex.answers["release"] = lambda params: {}
+            await controller.call("rex", "stop")
+            await controller.call("rex", "release")
+            assert rex.commands[-1].pulse == "after-1"
+
+    asyncio.run(main())
+
+
 def test_an_error_of_a_board_is_raised_with_its_name(broker: Broker) -> None:
     def refuse(params: object) -> None:
         raise Refused("MotionRefused", "servo 1 would turn too far")

@@ -179,6 +179,33 @@ def test_a_movement_that_a_stalled_network_brings_late_is_not_made(
     run(main())
 
 
+def test_a_command_that_a_stalled_network_brings_after_a_stop_is_not_carried_out(
+    broker: Broker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        async with (
+            network(broker, of_board=False) as (proxy, fleet, board),
+            connect_fleet(broker.url, groups={}) as other,
+        ):
+            other.controller.patience = LIMIT
+            calls = Calls(monkeypatch)
+            async with asyncio.timeout(LIMIT):
+                while fleet.controller.roster["rex"].pulse is None:
+                    await asyncio.sleep(0.01)
+            proxy.hold()
+            late = asyncio.create_task(fleet.controller.call("rex", "release", expires=60))
+            await asyncio.sleep(0)
+            assert (await other.stop(patience=LIMIT)).is_complete
+            await other.call("rex", "servo.set", {"servo": "all", "start": True, "hold": True})  # at once
+            proxy.flow()
+            with pytest.raises(ServolinkError, match="the board was stopped before this began"):
+                await late
+            assert "release" not in calls.methods
+            assert (await board.servo(1)).is_hold
+
+    run(main())
+
+
 @pytest.mark.slow
 def test_boards_come_back_after_a_network_that_was_silent(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(broker_module, "KEEPALIVE", 1)
