@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from servolink.client.board import Board
 from servolink.doctor.learn_profile import Measured
@@ -20,7 +21,7 @@ _UNITS = (0.001, 0.01, 0.1)
 """Seconds; the document says 0.01."""
 _INTERVAL = 100  # units: 0.1 s, 1 s or 10 s
 _LONGEST_INTERVAL = 1000
-_NEAR = 1.5  # a time fits a unit within this factor
+_NEAR = 1.1  # a time fits a unit, or another time, within this factor
 _PATIENCE = 15.0  # seconds for one movement
 _BEGUN = 1  # degrees from which on it moves
 _PAUSE = 0.005
@@ -86,30 +87,47 @@ async def interval_finding(board: Board, planned: PlannedMovement) -> Measured:
         # Not longer than that: after Ctrl-C the program ends, and the stop itself is sent at once.
         await asyncio.wait({asyncio.ensure_future(board.stop())}, timeout=_STOPPING)
         raise
-    times = [seconds for seconds in (there, back) if seconds is not None]
-    shown = " and ".join(f"{seconds:.2f} s" for seconds in times)
+    times = [timed for timed in (there, back) if timed is not None]
+    shown = " and ".join(f"{timed.seconds:.2f} s" for timed in times)
     text = (
         f"servo {planned.servo_id} took {shown or 'longer than was waited'} for {abs(planned.goal - planned.start)}° "
         f"at interval {planned.interval}"
     )
-    units = {_unit(seconds / planned.interval) for seconds in times}
-    if len(times) < 2 or None in units or len(units) > 1:
-        return Measured("interval_unit", None, "guess", f"{text}, which is not a unit of 1, 10 or 100 ms")
-    return Measured("interval_unit", units.pop(), "certain", text)
+    fitting = [unit for unit in _UNITS if len(times) == 2 and all(each.fits(unit * planned.interval) for each in times)]
+    if fitting:
+        return Measured("interval_unit", fitting[0], "certain", text)
+    text += ", which is not a unit of 1, 10 or 100 ms"
+    if len(times) == 2 and times[0].fits(times[1].seconds):
+        # Rather too short than too long: a movement that is planned with it is slower, not faster, than was allowed.
+        measured = sum(each.seconds for each in times) / 2 / planned.interval
+        return Measured("interval_unit", float(f"{measured:.2g}"), "guess", text)
+    return Measured("interval_unit", None, "guess", text)
 
 
-def _unit(seconds: float) -> float | None:
-    return next((unit for unit in _UNITS if unit / _NEAR <= seconds <= unit * _NEAR), None)
+class _Timed(NamedTuple):
+    """How long a movement took, which is known from one reading to the next."""
+
+    after: float
+    """Seconds after which the servo was not there yet."""
+    seconds: float
+    """When the reading was asked for that found it there."""
+    by: float
+    """When that reading came."""
+
+    def fits(self, seconds: float) -> bool:
+        """Return whether a movement of so many seconds could have been read so."""
+        return self.after / _NEAR <= seconds <= self.by * _NEAR
 
 
-async def _seconds_to(board: Board, planned: PlannedMovement, goal: int) -> float | None:
-    """Move to `goal` and return the seconds until the servo is there; None if it does not arrive."""
+async def _seconds_to(board: Board, planned: PlannedMovement, goal: int) -> _Timed | None:
+    """Move to `goal` and return when the servo is there; None if it does not arrive."""
     loop = asyncio.get_running_loop()
     await board.send(ExecuteActionRequest((Step(planned.servo_id, goal, planned.interval),)))
-    begun = loop.time()
+    begun, after = loop.time(), 0.0
     while (elapsed := loop.time() - begun) < _PATIENCE:
         angle = (await board.servo(planned.servo_id)).angle
         if abs(angle - Degrees(goal)) < _BEGUN:
-            return elapsed
+            return _Timed(after, elapsed, loop.time() - begun)
+        after = elapsed
         await asyncio.sleep(_PAUSE)
     return None

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from servolink import connect
+from servolink.doctor import learn_motion
 from servolink.doctor.learn_motion import PlannedMovement, interval_finding, plan_movement
 from servolink.doctor.learn_profile import Measured
 from servolink.errors import ServolinkError
@@ -47,10 +48,24 @@ def test_each_unit_is_learnt(unit: float, turnaround: float) -> None:
     ]
 
 
-def test_another_unit_stays_unknown() -> None:
-    found, _ = timed(BoardKind(interval_unit=0.03))
-    assert found.value is None
-    assert found.evidence.startswith("servo 3 took 2.8")
+@pytest.mark.parametrize("unit", [0.002, 0.0075, 0.0145, 0.03])
+@pytest.mark.parametrize("turnaround", [0.0, 0.016])
+def test_another_unit_is_a_guess_at_what_was_measured(unit: float, turnaround: float) -> None:
+    found, _ = timed(BoardKind(interval_unit=unit, turnaround=turnaround))
+    assert (found.value, found.confidence) == (pytest.approx(unit, rel=0.15), "guess")
+    assert found.evidence.endswith("which is not a unit of 1, 10 or 100 ms")
+
+
+def test_times_that_differ_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    times = iter((1.0, 2.0))
+
+    async def seconds_to(*_: object) -> learn_motion._Timed:
+        seconds = next(times)
+        return learn_motion._Timed(seconds, seconds, seconds)
+
+    monkeypatch.setattr(learn_motion, "_seconds_to", seconds_to)
+    found, _ = timed(BoardKind())
+    assert (found.value, found.confidence) == (None, "guess")
 
 
 def test_limits_decide_how_far_and_how_fast() -> None:
