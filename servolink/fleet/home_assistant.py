@@ -6,6 +6,7 @@ Assistant sends goes to `stop` and to `press`, as it can neither number commands
 
 from __future__ import annotations
 
+import hashlib
 import json
 from typing import Any, NamedTuple
 
@@ -209,8 +210,11 @@ class _Entities:
 
 def _object_id(topics: Topics, board: str) -> str:
     """Return the id of a board: letters, digits, - and _, and another one for the same name in another fleet."""
+    if topics.prefix.isascii() and topics.prefix.isalnum():
+        return f"{topics.prefix}_{board}"
+    # Several prefixes are written alike, or like the beginning of a name.
     prefix = "".join(each if each.isascii() and each.isalnum() else "_" for each in topics.prefix)
-    return f"{prefix}_{board}"
+    return f"{prefix}_{board}_{hashlib.blake2b(f'{topics.prefix}/{board}'.encode(), digest_size=4).hexdigest()}"
 
 
 def _text(caption: str) -> str:

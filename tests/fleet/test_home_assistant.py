@@ -44,6 +44,25 @@ def test_the_document_follows_the_rules(allow: str, numbers: bool) -> None:
     check_topic(HomeAssistant().topic(Topics(), "rex"), "rex")
 
 
+def test_each_board_of_each_fleet_has_an_id_of_its_own() -> None:
+    boards = [
+        ("servolink", "rex"),
+        ("servolink", "room1_rex"),
+        ("servolink/room1", "rex"),
+        ("servolink_room1", "rex"),
+        ("学校", "rex"),
+        ("教室", "rex"),
+    ]
+    found = [HomeAssistant().topic(Topics(prefix), board) for prefix, board in boards]
+    assert len(set(found)) == len(boards)
+    assert found[0] == TOPIC
+    for topic in found:
+        check_topic(topic, "rex")
+    documents = [discovery(Topics(prefix), NOW, (), BoardPolicy(), numbers=False) for prefix, _ in boards]
+    ids = {component["unique_id"] for each in documents for component in each["components"].values()}
+    assert len(ids) == len({prefix for prefix, _ in boards}) * len(documents[0]["components"])
+
+
 def test_only_what_is_allowed_can_be_pressed() -> None:
     def pressed(allow: str) -> set[str]:
         found = document(allow, numbers=True)["components"]
