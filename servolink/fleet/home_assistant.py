@@ -171,7 +171,9 @@ class _Entities:
         """Add a number for the angle of each servo, which shows what the servo reports, not what was asked for."""
         speed = min(_SPEED, policy.max_speed or _SPEED)
         for servo_id in servo_ids:
-            low, high = policy.angles.get(str(servo_id)) or policy.angles.get("all") or _FULL_TURN
+            low, high = _range(policy, servo_id)
+            if low >= high:  # nothing to choose from
+                continue
             self._add(
                 f"servo_{servo_id}_angle",
                 "number",
@@ -215,6 +217,12 @@ def _object_id(topics: Topics, board: str) -> str:
     # Several prefixes are written alike, or like the beginning of a name.
     prefix = "".join(each if each.isascii() and each.isalnum() else "_" for each in topics.prefix)
     return f"{prefix}_{board}_{hashlib.blake2b(f'{topics.prefix}/{board}'.encode(), digest_size=4).hexdigest()}"
+
+
+def _range(policy: BoardPolicy, servo_id: int) -> tuple[float, float]:
+    """Return the lowest and the highest angle in degrees: those of the servo and those of all hold together."""
+    pairs = [policy.angles[key] for key in (str(servo_id), "all") if key in policy.angles] or [_FULL_TURN]
+    return max(low for low, _ in pairs), min(high for _, high in pairs)
 
 
 def _text(caption: str) -> str:

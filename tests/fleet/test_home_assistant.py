@@ -89,6 +89,17 @@ def test_an_angle_is_only_what_the_servo_reports() -> None:
     assert "servo_1_angle" not in document()["components"]
 
 
+def test_an_angle_keeps_to_the_limits_of_all_and_needs_room() -> None:
+    found = document(numbers=True, angles={"1": (-120, 120), "all": (-90, 100)})
+    one = found["components"]["servo_1_angle"]
+    assert (one["min"], one["max"]) == (-90, 100)
+    for angles in ({"1": (10.5, 10.5)}, {"1": (-50, -20), "all": (20, 50)}):
+        found = document(numbers=True, angles=angles)
+        assert "servo_1_angle" not in found["components"]
+        assert "servo_2_angle" in found["components"]
+        check_document(found)
+
+
 def test_names_are_text() -> None:
     found = document()["components"]
     assert (found["action_2"]["name"], found["action_3"]["name"]) == ("Action 2", "bad ? byte")
