@@ -26,6 +26,10 @@ _PRIVATE = 0o600
 _NAME = re.compile(r"(?!com\d+$)[a-z0-9][a-z0-9_-]{0,63}", re.IGNORECASE | re.ASCII)
 
 
+ALL = "all"
+"""Stands for every board of a fleet, so no board may be called so."""
+
+
 def is_name(text: str) -> bool:
     """Return whether `text` can be a board's name: letters, digits, - and _; nothing like an address or a path."""
     return _NAME.fullmatch(text) is not None

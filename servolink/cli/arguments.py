@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from servolink.errors import TransportUnavailable
-from servolink.files import is_name
+from servolink.files import ALL, is_name
 
 LAST_SERVO = 254  # 255 means all
 
@@ -50,6 +50,8 @@ def board_name(text: str) -> str:
     """Return `text` if it can be the name of a board."""
     if not is_name(text):
         raise argparse.ArgumentTypeError(f"{text!r} cannot be a name: use up to 64 letters, digits, - and _")
+    if text == ALL:
+        raise argparse.ArgumentTypeError(f"{text!r} means every board of a fleet: choose another name")
     return text
 
 

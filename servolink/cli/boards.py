@@ -27,7 +27,7 @@ from servolink.discovery.names import (
 )
 from servolink.discovery.search import NONE_HERE, discover, is_same_place, search
 from servolink.errors import InvalidAddress, OpenError, TransportError
-from servolink.files import is_name
+from servolink.files import ALL, is_name
 from servolink.profiles.store import profile_names
 from servolink.protocol.servos import ALL_SERVOS
 from servolink.transports.address import with_options
@@ -135,6 +135,8 @@ def run_use(args: argparse.Namespace) -> int:
 def _keep_name(args: argparse.Namespace) -> int:
     if not is_name(args.name):
         usage_error(args, f"{args.name!r} cannot be a name: use up to 64 letters, digits, - and _, and no port")
+    if args.name == ALL:
+        usage_error(args, f"{ALL!r} means every board of a fleet: choose another name")
     url = with_options(args.address, _options(args))
     alias = alias_for(url, search())
     _refuse_invalid(url)

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any, Self
 
 from servolink.errors import ServolinkError
+from servolink.files import ALL
 from servolink.fleet import forgetting, stopping, together
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.checks import Check, examine_fleet
 from servolink.fleet.controller import Controller
 from servolink.fleet.each import Outcomes
-from servolink.fleet.groups import ALL, Groups, chosen_boards, load_groups
+from servolink.fleet.groups import Groups, chosen_boards, load_groups
 from servolink.fleet.roster import BoardSeen
 from servolink.fleet.stopping import Stopped
 from servolink.fleet.together import Kind, RanTogether

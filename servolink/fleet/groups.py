@@ -8,11 +8,9 @@ from typing import Any
 
 from servolink.errors import NotFound, ServolinkError
 from servolink.escaping import quote
-from servolink.files import read_file, reason, user_folder
+from servolink.files import ALL, read_file, reason, user_folder
 from servolink.profiles.toml_text import TextError, line_of, read_toml
 
-ALL = "all"
-"""The group of every board that is there; no other group can have this name."""
 _MOST_BYTES = 0x40000
 
 Groups = Mapping[str, tuple[str, ...]]

@@ -18,7 +18,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from servolink.client.reconnect import ConnectionState
 from servolink.errors import InvalidAddress
 from servolink.escaping import quote
-from servolink.files import is_name
+from servolink.files import ALL, is_name
 from servolink.hub.control.faults import ErrorObject
 from servolink.hub.control.messages import Done, Ran, Runnable, about
 from servolink.hub.control.notifications import ButtonPressed, ServosFrame
@@ -86,6 +86,8 @@ class Topics:
 
     def board(self, name: str, topic: BoardTopic) -> str:
         """Return a topic of one board, or of every board if `name` is `+`. Raise InvalidAddress for another name."""
+        if name == ALL:
+            raise InvalidAddress(f"{ALL!r} means every board of a fleet: give the board another name, with --name")
         if name != "+" and not is_name(name):
             raise InvalidAddress(f"{quote(name)} cannot be the name of a board: use up to 64 letters, digits, - and _")
         return f"{self.prefix}/{name}/{topic}"
@@ -99,7 +101,7 @@ class Topics:
         if not topic.startswith(f"{self.prefix}/"):
             return None
         name, _, kind = topic.removeprefix(f"{self.prefix}/").partition("/")
-        return (name, kind) if is_name(name) and kind and "/" not in kind else None
+        return (name, kind) if is_name(name) and name != ALL and kind and "/" not in kind else None
 
     def reply(self, word: str) -> str:
         """Return the response topic of a program that calls itself `word`: up to 64 letters, digits, - and _."""

@@ -124,6 +124,20 @@ def test_the_help_groups_all_commands(capsys: pytest.CaptureFixture[str]) -> Non
     assert listed == [(name, command.help) for name, command in COMMANDS.items()]
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "use all tcp://127.0.0.1:7878",
+        "share virtual:// --name all",
+        "fleet join mqtt://127.0.0.1 virtual:// --name all",
+    ],
+)
+def test_no_board_can_be_called_as_all_of_them_are(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, *words.split())
+    assert said.code == 2
+    assert "'all' means every board of a fleet: choose another name" in said.err
+
+
 def test_the_version_is_that_of_the_package() -> None:
     said = program("--version")
     assert said.code == 0

@@ -32,6 +32,12 @@ def test_a_board_cannot_be_called_like_something_else(name: str) -> None:
         Topics().board(name, "state")
 
 
+def test_no_board_is_called_as_all_of_them_are() -> None:
+    with pytest.raises(InvalidAddress, match="'all' means every board of a fleet: give the board another name"):
+        Topics().board("all", "cmd")
+    assert Topics().parse("servolink/all/available") is None
+
+
 @pytest.mark.parametrize(
     "topic", ["other/rex/state", "servolink", "servolink/rex", "servolink/_fleet/stop", "servolink/rex/a/b"]
 )
