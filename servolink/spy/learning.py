@@ -32,6 +32,7 @@ _MOST_CAPTIONS = 5000
 _MOST_IDS = 1000
 _MOST_RUNS = 200
 _MOST_UNKNOWN = 50
+_MOST_MODES = 12
 _ID_FIELDS = {"servo_id", "servo_id_list", "action_id", "macro_id", "table_id", "button_id", "project_id"}
 
 
@@ -109,8 +110,9 @@ class Learner:
         self.packets: Counter[str] = Counter()
         """By name."""
         self.modes: list[Mode] = []
+        """The first settings; `mode_settings` counts them all."""
         self.echoes: list[int] = []
-        """Modes that the board said to be in."""
+        """The first modes that the board said to be in; `mode_echoes` counts them all."""
         self.captions: set[bytes] = set()
         self.ids: dict[str, set[int]] = {}
         self.times: dict[str, Times] = {}
@@ -144,6 +146,16 @@ class Learner:
             if found := self.orders[direction].most_common(1):
                 return found[0][0]
         return None
+
+    @property
+    def mode_settings(self) -> int:
+        """How often the transmission mode was set."""
+        return self.packets[TransmissionModeSettingRequest.__name__]
+
+    @property
+    def mode_echoes(self) -> int:
+        """How often the board said which mode it is in."""
+        return self.packets[TransmissionModeSettingResponse.__name__]
 
     def feed(self, seconds: float, direction: Direction, data: bytes) -> list[Passed]:
         """Take bytes that passed; return what is complete by now."""
@@ -203,9 +215,9 @@ class Learner:
 
     def _request(self, seconds: float, seen: Seen, packet: Packet) -> None:
         match packet:
-            case TransmissionModeSettingRequest():
-                others = self.orders["sent"].total() - 1 - len(self.modes)
-                self.modes.append(Mode(packet.mode, others, self.orders["received"].total() - len(self.echoes)))
+            case TransmissionModeSettingRequest() if len(self.modes) < _MOST_MODES:
+                others = self.orders["sent"].total() - self.mode_settings
+                self.modes.append(Mode(packet.mode, others, self.orders["received"].total() - self.mode_echoes))
             case SetServoParameterRequest():
                 self.stops[packet.servo_id, packet.is_start, packet.is_hold] += 1
             case SetAngleUnitRequest():
@@ -233,7 +245,7 @@ class Learner:
 
     def _response(self, seconds: float, seen: Seen, packet: Response) -> None:
         match packet:
-            case TransmissionModeSettingResponse():
+            case TransmissionModeSettingResponse() if len(self.echoes) < _MOST_MODES:
                 self.echoes.append(packet.result)
             case QueryMemorySizeResponse():
                 self.memory_sizes.add(len(seen.content))

@@ -53,7 +53,7 @@ def _byte_order(learner: Learner) -> Iterator[Fact]:
 
 
 def _transmission_mode(learner: Learner) -> Iterator[Fact]:
-    modes, answered = learner.modes, learner.orders["received"].total() - len(learner.echoes)
+    modes, answered = learner.modes, learner.orders["received"].total() - learner.mode_echoes
     first: int | None = None
     if not modes:
         if not answered:
@@ -61,16 +61,16 @@ def _transmission_mode(learner: Learner) -> Iterator[Fact]:
         first, text = 1, "1 already: the board answered, and no mode was set"
     else:
         wanted, asked_before, answered_before = modes[0]
-        said = f"the program set {_list(str(mode.wanted) for mode in modes)}"
-        said += f", the board said {_list(map(str, learner.echoes))}" if learner.echoes else ", the board said nothing"
+        said = f"the program set {_list((str(mode.wanted) for mode in modes), count=learner.mode_settings)}"
+        said += ", the board said "
+        said += _list(map(str, learner.echoes), count=learner.mode_echoes) or "nothing"
         if answered_before:
             first, text = 1, f"1 already: the board answered before any mode was set; {said}"
         elif asked_before and wanted == 1 and answered:
             first, text = 0, f"0 at first: {_count(asked_before, 'request')} without an answer before; {said}"
         else:
             text = f"unknown at first: {said} before anything else was answered"
-    echoes = learner.echoes[:_MOST_SHOWN]
-    value = {"at_first": first, "set": [mode.wanted for mode in modes][:_MOST_SHOWN], "echoed": echoes}
+    value = {"at_first": first, "set": [mode.wanted for mode in modes], "echoed": learner.echoes}
     yield Fact("transmission_mode", value, text)
 
 
@@ -192,10 +192,10 @@ def _top(counts: Counter[Any]) -> list[tuple[Any, int]]:
     return counts.most_common(_MOST_SHOWN)
 
 
-def _list(texts: Iterable[str], most: int = _MOST_SHOWN) -> str:
-    """Return the first texts, and how many there are besides."""
+def _list(texts: Iterable[str], most: int = _MOST_SHOWN, *, count: int = 0) -> str:
+    """Return the first texts, and how many there are besides; `count` is how many there were if these are the first."""
     found = list(texts)
-    rest = len(found) - most
+    rest = max(count, len(found)) - min(most, len(found))
     return ", ".join(found[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 

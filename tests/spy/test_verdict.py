@@ -107,6 +107,20 @@ def test_byte_order_and_mode(order: ByteOrder, mode: Literal[0, 1]) -> None:
     assert learnt["request_gap"]["p50"] == pytest.approx(0.01, rel=0.02)
 
 
+def test_a_mode_that_is_set_again_and_again_takes_bounded_memory() -> None:
+    line = Line(Codec())
+    line.ask(QueryServoListRequest())
+    for _ in range(100):
+        line.ask(TransmissionModeSettingRequest(1))
+    assert len(line.learner.modes) == len(line.learner.echoes) == 12
+    twelve = ", ".join("1" * 12)
+    assert line.text("transmission_mode") == (
+        "1 already: the board answered before any mode was set; the program set "
+        f"{twelve} and 88 more, the board said {twelve} and 88 more"
+    )
+    assert line.learnt()["transmission_mode"] == {"at_first": 1, "set": [1] * 12, "echoed": [1] * 12}
+
+
 def test_a_program_that_tries_both_byte_orders() -> None:
     line = Line(Codec("big"))
     line.ask(TransmissionModeSettingRequest(1), codec=Codec("little"))
