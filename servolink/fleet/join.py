@@ -14,6 +14,7 @@ import msgspec
 from servolink.discovery.names import resolve_board
 from servolink.discovery.search import NONE_HERE, boards, search
 from servolink.errors import OpenError, ServolinkError
+from servolink.files import is_name
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.bridge import Bridge
 from servolink.fleet.commands import Level
@@ -45,8 +46,9 @@ class Here(NamedTuple):
 async def boards_here(names: Sequence[str], name: str | None = None, **options: Any) -> AsyncIterator[list[Here]]:
     """Yield the boards with these names or addresses, or all that are here; share those that no hub shares.
 
-    `name` is what the fleet calls the only one, in place of the name of its hub. `options` are those of `connect`.
-    Raise OpenError if there is none, or one cannot be used.
+    `name` is what the fleet calls the only one, in place of the name of its hub, and what a hub is called that begins
+    here for a board that was given by its address. `options` are those of `connect`. Raise OpenError if there is none,
+    or one cannot be used.
     """
     addresses = await _named(names) if names else await _found()
     if name is not None and len(addresses) != 1:
@@ -58,8 +60,9 @@ async def boards_here(names: Sequence[str], name: str | None = None, **options: 
         for address, given in addresses.items():
             if address.startswith(_SHARED):
                 hub = address.removeprefix(_SHARED).partition("?")[0]
-            else:  # under the name that was given, if it is one
-                hub = (await stack.enter_async_context(serve_board(given, **options)))[0].name
+            else:  # under the name by which it was given, if it is one
+                hub_name = None if is_name(given) else name
+                hub = (await stack.enter_async_context(serve_board(given, name=hub_name, **options)))[0].name
             here.append(Here(hub, name or hub))
         yield here
 

@@ -215,6 +215,16 @@ def test_a_board_joins_under_the_name_that_it_is_given_by() -> None:
     run(main())
 
 
+def test_two_new_boards_join_under_the_names_that_they_are_given() -> None:
+    async def main() -> None:
+        async with boards_here(["virtual://"], "fido") as fido, boards_here(["virtual://?seed=2"], "bob") as bob:
+            assert (fido, bob) == ([Here("fido", "fido")], [Here("bob", "bob")])
+            async with boards_here(["fido"], "max") as here:
+                assert here == [Here("fido", "max")]
+
+    run(main())
+
+
 def test_a_name_belongs_to_one_machine(broker: Broker) -> None:
     async def main() -> None:
         async with bridged(broker) as (far, _):
