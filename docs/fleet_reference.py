@@ -59,7 +59,7 @@ id of its own:
 ```
 
 - It is carried out once, however often it is delivered: the id is noted on the disk of the board's machine first. The
-  same id with another payload is refused.
+  same id with another payload is refused. What was refused stays so: send it again with another id.
 - It has one result, on `result` of the board, or on the response topic of the message (MQTT 5) if that is
   `servolink/_fleet/reply/WORD` or the `result` of a board. Correlation data comes back. Like every message with QoS
   1, a result may be delivered twice.
