@@ -8,7 +8,7 @@ from pathlib import Path
 
 from servolink.discovery.announcements import candidates
 from servolink.discovery.names import Alias, aliases_path, load_aliases, save_alias
-from servolink.errors import OpenError, ProfileError, ProjectError, TransportUnavailable
+from servolink.errors import OpenError, ProfileError, ProjectError, ServolinkError, TransportUnavailable
 from servolink.escaping import escape
 from servolink.files import is_name
 from servolink.listeners import host_and_port
@@ -119,7 +119,7 @@ def check_saved_board(path: Path) -> None:
     board = VirtualBoard(3, kind=BoardKind(memory=1000))
     try:
         load_state(board, path)
-    except OpenError as error:
+    except ServolinkError as error:
         check(error)
     else:
         assert board.storage.used <= 1000

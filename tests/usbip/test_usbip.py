@@ -373,7 +373,7 @@ def test_the_command_exports_the_board_and_serves_nothing_that_was_not_asked_for
             assert (await ask(host, "bulk", LIST))[8] == 16  # servos
             program.send_signal(signal.SIGINT)
             assert await host.ended()
-        assert await program.communicate() == (b"", b"")
+        assert await program.communicate() == (b"", b"ended: what the board stores is gone\n")
         assert program.returncode == 0
 
     in_time(main)

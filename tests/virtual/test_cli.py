@@ -181,9 +181,10 @@ def test_a_state_file_is_served_once(tmp_path: Path, capsys: pytest.CaptureFixtu
         options = (*TCP, "--state", str(tmp_path / "board.json"))
         async with served(*options) as process:
             await url(process)
-            assert servolink(["virtual", *options]) == 3
+            assert servolink(["virtual", *options]) == 1
             assert "another virtual board uses this file; close that one first" in capsys.readouterr().err
-            assert await ended(process, signal.SIGTERM) == (0, "", "")
+            kept = f"ended: what the board stores is kept in {options[-1]}\n"
+            assert await ended(process, signal.SIGTERM) == (0, "", kept)
 
     asyncio.run(main())
 
@@ -429,7 +430,7 @@ def test_it_ends_with_its_terminal() -> None:
         (("--faults", "dorp=0.1"), 2, "'dorp' is not a fault"),
         (("--script", "missing"), 2, "missing"),
         (("--script", "/dev/zero"), 2, "is not a regular file"),
-        (("--tcp", "192.0.2.1:80"), 3, "try another port"),
+        (("--tcp", "192.0.2.1:80"), 3, "it must be an address of this machine"),
         (("--state", "/"), 1, "cannot be read"),
         (("--state", "/dev/zero"), 1, "is not a regular file"),
         (("--state", "missing/board.json"), 2, "missing does not exist; create it"),
