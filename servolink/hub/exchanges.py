@@ -54,6 +54,7 @@ class Asker(Protocol):
     codec: Codec
     queue: ProgramQueue
     bounds: Bounds | None
+    servo_stops: int
     has_left: bool
 
     def finish_with(self, exchange: Exchange, frame: bytes | None) -> None:

@@ -193,6 +193,8 @@ class Hub:
         if stops_all(exchange.packet):
             self._upstream.stopped_all()
             self._keeper.stopped()
+        else:
+            exchange.program.servo_stops += 1
         self._upstream.ask_stop(exchange)
 
     def ask_waiting(self) -> None:

@@ -77,6 +77,8 @@ class Program:
         """Its unsent requests."""
         self.bounds: Bounds | None = None
         """What its next motions are held to; None if it asks for them as they come."""
+        self.servo_stops = 0
+        """How many stops of single servos it has asked for."""
         self.has_left = False
         self.on_room: Callable[[], None] | None = None
         """Called when it may be read again after `is_full`."""

@@ -226,6 +226,29 @@ def test_a_stop_ends_what_any_program_asked_for_before_it() -> None:
     run(main())
 
 
+def test_stops_of_single_servos_end_neither_each_other_nor_what_their_program_asks_for_after_them() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("page") as page, here.program("tablet") as tablet:
+            await page.call("release", servo="all")
+            holding = [page.begin("servo.set", servo=servo, start=False, hold=True) for servo in (1, 2, 3)]
+            starting = page.begin("servo.set", servo=1, start=True, hold=True)
+            await asyncio.gather(*holding, starting)
+            assert [(state.is_start, state.is_hold) for state in await here.states()][:3] == [(1, 1), (0, 1), (0, 1)]
+            await page.call("lease.give")
+            await tablet.call("board.hold")
+            moving = page.begin("move", targets={"1": 90}, duration=5)
+            await page.call("status")
+            await tablet.call("servo.set", servo=3, start=False, hold=True)
+            with pytest.raises(RpcFailed, match="nothing was moved: a stop came first"):
+                await moving
+            waiting = page.begin("servo.set", servo=2, start=False, hold=True)
+            await tablet.call("stop")
+            await tablet.call("board.release")
+            await waiting
+
+    run(main())
+
+
 def test_a_dead_man_time_in_the_greeting_holds_for_each_lease() -> None:
     async def main() -> None:
         async with shared() as here, here.program("studio", dead_man=0.35) as studio:

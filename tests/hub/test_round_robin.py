@@ -28,6 +28,7 @@ class Asking:
     counters: ProgramCounters = field(default_factory=ProgramCounters)
     queue: ProgramQueue = field(default_factory=ProgramQueue)
     bounds: Bounds | None = None
+    servo_stops: int = 0
 
     def finish(self, exchange: Exchange, response: Packet | None) -> None:
         raise AssertionError

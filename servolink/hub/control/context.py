@@ -121,12 +121,13 @@ class Control:
 
     def received(self) -> None:
         """Count the stops before the next request: it moves nothing after a later one, however long it waits."""
-        _stops_before.set(self.hub.stops)
+        _stops_before.set(self._stops)
 
     @property
-    def stops_before(self) -> int:
-        """How many stops there had been when the request was received that is being carried out."""
-        return _stops_before.get()
+    def _stops(self) -> int:
+        """How many stops there were. Its own of single servos do not count: what it asks for after them is in order."""
+        program = None if self._transport is None else self._transport.program
+        return self.hub.stops - (0 if program is None else program.servo_stops)
 
     def heard(self, notice: Notice) -> None:
         """Take a notice of the hub."""
@@ -150,7 +151,7 @@ class Control:
         motion was asked for. Both hold until it is sent, too.
         """
         self._own_transport()
-        bounds, ended = Bounds(self.stops_before, math.inf if until is None else until), self._moves_ended
+        bounds, ended = Bounds(_stops_before.get(), math.inf if until is None else until), self._moves_ended
         _until.set(bounds.until)
         try:
             async with asyncio.timeout_at(until):
@@ -175,7 +176,7 @@ class Control:
 
     def _check_bounds(self, bounds: Bounds) -> None:
         """Raise MotionRefused if a motion must not begin any more."""
-        if bounds.stops != self.hub.stops:
+        if bounds.stops != self._stops:
             raise MotionOver(f"nothing was moved: {STOPPED}")
         if asyncio.get_running_loop().time() > bounds.until:
             raise _late()
@@ -294,9 +295,10 @@ class Control:
             if not is_motion(packet):
                 return
             is_import = isinstance(packet, AddServoParameterRequest)  # which goes on: half of one helps nobody
-            bounds = None if is_import else Bounds(self.stops_before, _until.get())
-            if bounds is not None:
-                self._check_bounds(bounds)
+            bounds = None
+            if not is_import:
+                self._check_bounds(Bounds(_stops_before.get(), _until.get()))
+                bounds = Bounds(self.hub.stops, _until.get())
                 if (holder := self.holder) is not None:  # since a moment ago: it would wait for as long as that takes
                     raise MotionOver(f"nothing was moved: {holder.who} has taken the board alone")
                 _until.set(math.inf)  # it begins: what follows belongs to it

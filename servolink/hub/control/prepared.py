@@ -24,7 +24,7 @@ async def run_prepare(caller: Caller, params: RunPrepare) -> Ran:
     """
     control = caller.control
     control.prepared, seconds = None, None
-    stops = control.stops_before
+    stops = control.hub.stops
     board = await control.board_to_move(params.until)
     connection = control.hub.board.connection
     packet: ExecuteActionExRequest | ExecuteMacroRequest
