@@ -145,7 +145,7 @@ def test_an_iterator_that_python_collects_while_alarms_are_checked_swallows_no_s
                 cycle.append(cycle)
                 del dropped, cycle
                 monkeypatch.setattr(_RatedReader, "offer", collecting)
-                await asyncio.sleep(1)
+                await asyncio.sleep(0.1)
             assert len(fake.executed_of(SetServoParameterRequest)) == 1
 
     run(main())
