@@ -9,6 +9,7 @@ import pytest
 
 from servolink.connection.connection import Connection
 from servolink.connection.scheduler import MOST_ASIDE
+from servolink.connection.sender import RequestSender
 from servolink.errors import ConnectionLost, RequestTimeout
 from servolink.protocol.editing import QueryActionRequest, QueryProjectIDRequest
 from servolink.protocol.packet import Packet
@@ -185,6 +186,24 @@ def test_it_ends_without_a_trace_if_its_turn_comes_too_late() -> None:
             assert connection.ask(LIST, lambda outcome, content: outcomes.append(outcome)), "nothing is in the way"
             await asyncio.sleep(1)
             assert isinstance(outcomes[1], QueryServoListResponse)
+
+    run(main())
+
+
+def test_an_error_while_its_way_is_cleared_leaves_no_trace(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        async with connected(deaf_board()) as connection:
+            await connection.request(PROJECT)
+
+            async def clear_way(*_: object) -> None:
+                raise ConnectionLost("while its way was cleared")
+
+            monkeypatch.setattr(RequestSender, "clear_way", clear_way)
+            with pytest.raises(ConnectionLost, match="while its way was cleared"):
+                await connection.request(UNKNOWN)
+            monkeypatch.undo()
+            assert (connection.callers, connection.has_waiting) == (1, False)
+            await connection.request(PROJECT)
 
     run(main())
 
