@@ -17,6 +17,7 @@ from typing import Any, TypeAlias
 from servolink.errors import OpenError, TransportError, TransportUnavailable
 from servolink.escaping import escape, quote
 from servolink.files import reason
+from servolink.tasks import Tasks
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
 from servolink.transports.stream import keep_alive
@@ -202,22 +203,17 @@ async def listen(converse: Converse, host: str, port: int) -> AsyncIterator[str]
 
     `*` is every address of this machine, all with the same port. Raise OpenError if the place cannot be had.
     """
-    conversations: set[asyncio.Task[None]] = set()
+    conversations = Tasks()
 
     def start(connection: socket.socket) -> None:
-        conversation = asyncio.ensure_future(_converse(connection, converse))
-        conversations.add(conversation)
-        conversation.add_done_callback(conversations.discard)
+        conversations.begin(_converse(connection, converse))
 
     listening = await listening_sockets(host, port)
     try:
         async with accepting(listening, start):
             yield place_of(listening)
     finally:
-        for conversation in conversations:
-            conversation.cancel()
-        if conversations:
-            await asyncio.wait(conversations)
+        await conversations.close()
 
 
 @asynccontextmanager

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any, TypeAlias
 
@@ -12,6 +11,7 @@ from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.sender import RequestSender
 from servolink.errors import ConnectionLost, ServolinkError
 from servolink.protocol.packet import Query, Response
+from servolink.tasks import Tasks
 
 Done: TypeAlias = Callable[["Response | ServolinkError", "bytes | None"], None]
 """Called with the response to a query, and its content as it came if that is known; or with an error."""
@@ -27,7 +27,7 @@ class QueryAsker:
         """Ask through `sender`, and get what comes back from `answers`."""
         self._sender = sender
         self._answers = answers
-        self._tasks: set[asyncio.Task[None]] = set()  # kept, as the loop does not keep its tasks
+        self._tasks = Tasks()
 
     def ask(self, call: Call, packet: Query[Any], frame: bytes, done: Done) -> None:
         """Send a query, which has a permit and may be sent at once."""
@@ -40,14 +40,14 @@ class QueryAsker:
             self._answers.lost(error)  # which wakes the call
             return
         if taking is not None:
-            self._begin(self._until_taken(taking))
+            self._tasks.begin(self._until_taken(taking))
         if sender.may_need_mark:
-            self._begin(sender.mark(call))
+            self._tasks.begin(sender.mark(call))
 
     def _woken(self, packet: Query[Any], frame: bytes, done: Done, call: Call) -> None:
         call.on_wake = None
         if call.response is None:
-            self._begin(self._go_on(call, packet, frame, done))
+            self._tasks.begin(self._go_on(call, packet, frame, done))
         else:
             self._answers.later.append(partial(self._finish, call, call.response, done))
 
@@ -69,9 +69,3 @@ class QueryAsker:
             await taking
         except ConnectionLost as error:
             self._answers.lost(error)
-
-    def _begin(self, doing: Coroutine[Any, Any, Any]) -> None:
-        """Run a task, which ends with the connection at the latest."""
-        task = asyncio.get_running_loop().create_task(doing)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)

@@ -36,6 +36,7 @@ from servolink.hub.control.session import METHODS
 from servolink.hub.roles import Role
 from servolink.json_text import read_json
 from servolink.protocol.json_errors import convert
+from servolink.tasks import Tasks
 
 MOST_WAITING = 64
 """Commands of one board that are not over; more are answered with `busy`."""
@@ -95,7 +96,7 @@ class CommandDesk:
         self._stops = stops
         self._fence = fence
         self._log = log
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = Tasks()
         self._order = asyncio.Lock()
         self._refused_retained: OrderedDict[str, None] = OrderedDict()
         self._refused: OrderedDict[str, _Refused] = OrderedDict()
@@ -143,17 +144,11 @@ class CommandDesk:
             self._refuse(command.id, digest, sender, error, acknowledge)
             self._log("warning", f"a command was refused: {error}")
             return
-        task = asyncio.get_running_loop().create_task(self._carry_out(accepted, digest, noted))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._tasks.begin(self._carry_out(accepted, digest, noted))
 
     async def close(self) -> None:
         """End what is under way; what was begun is answered as interrupted."""
-        tasks = list(self._tasks)
-        for task in tasks:
-            task.cancel()
-        if tasks:
-            await asyncio.wait(tasks)
+        await self._tasks.close()
         for entry in self._journal.unfinished():
             if entry.answer is None:
                 sender = Sender(entry.response_topic, entry.correlation)

@@ -23,6 +23,7 @@ from servolink.fleet.outbox import Outbox
 from servolink.fleet.pulse import PulseLink
 from servolink.fleet.stop_desk import read_stop
 from servolink.fleet.topics import UNREADABLE, Command, Echo, Echoed, Press, Start, Started, Topics
+from servolink.tasks import Tasks
 
 _PRESS_SECONDS = 5
 _LEAD = 0.1
@@ -42,7 +43,7 @@ class Urgent:
         self._answers = {name: Answers(name, topics, self._outbox) for name in self._bridges}
         self._link = PulseLink(bridges[0].pulse)
         self._pulse_topic = topics.board(bridges[0].board, "pulse")
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = Tasks()
         self.wire.subscriptions = [
             (topics.fleet("stop"), 1),
             (topics.fleet("start"), 1),
@@ -107,9 +108,7 @@ class Urgent:
     def _start(self, start: Start, sender: Sender, received: float) -> None:
         for name, bridge in self._bridges.items():
             if bridge.prepared.is_for(start.id):
-                task = asyncio.get_running_loop().create_task(self._begin_prepared(bridge, start, sender, received))
-                self._tasks.add(task)
-                task.add_done_callback(self._tasks.discard)
+                self._tasks.begin(self._begin_prepared(bridge, start, sender, received))
             else:
                 bridge.telemetry.log("info", f"a start was not for {name}: nothing is prepared for {start.id}")
 

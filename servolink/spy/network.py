@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 
 from servolink.listeners import accepting, listening_sockets, place_of
 from servolink.spy.relay import Relay
+from servolink.tasks import Tasks
 from servolink.transports.stream import keep_alive
 
 _NO_BOARD = (b"GET ", b"HEAD ", b"POST ", b"PUT ", b"DELETE ", b"OPTIONS ", b"PATCH ", b"CONNECT ", b"\x16\x03")
@@ -102,14 +103,12 @@ async def serve_program(side: NetworkSide, host: str, port: int) -> AsyncIterato
     import socket
 
     loop = asyncio.get_running_loop()
-    tasks: set[asyncio.Task[object]] = set()
+    tasks = Tasks()
 
     def start(connection: socket.socket) -> None:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         keep_alive(connection, idle=60, interval=15, count=4)
-        task = asyncio.ensure_future(loop.create_connection(lambda: _Line(side), sock=connection))
-        tasks.add(task)
-        task.add_done_callback(tasks.discard)
+        tasks.begin(loop.create_connection(lambda: _Line(side), sock=connection))
 
     listening = await listening_sockets(host, port)
     try:

@@ -11,6 +11,8 @@ from socket import socket
 
 from aiohttp.web import RequestHandler
 
+from servolink.tasks import Tasks
+
 HEAD_LIMIT = 10.0
 """Seconds in which the first request must have come; browsers also connect in advance."""
 MOST_SILENT = 32
@@ -23,13 +25,11 @@ class Connections:
     def __init__(self) -> None:
         """Start without any."""
         self._silent: dict[RequestHandler, asyncio.TimerHandle] = {}  # the oldest first
-        self._tasks = set[asyncio.Task[None]]()
+        self._tasks = Tasks()
 
     def add(self, serve: Callable[[], RequestHandler], connection: socket) -> None:
         """Let a handler that `serve` makes serve a connection."""
-        task = asyncio.ensure_future(self._add(serve, connection))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._tasks.begin(self._add(serve, connection))
 
     def heard(self, handler: RequestHandler) -> None:
         """Keep a connection: a request has come."""

@@ -12,6 +12,7 @@ from contextlib import asynccontextmanager
 from servolink.escaping import escape
 from servolink.hub.program import Program
 from servolink.listeners import RareWarning, accepting
+from servolink.tasks import Tasks
 
 HIGH, LOW = 128 * 1024, 32 * 1024
 """Bytes that a program has not read, at which nothing more is asked for it, and at which it is again."""
@@ -171,7 +172,7 @@ async def serve_lines(
     One more takes the place of that which has been connected longest without being a program, or is closed.
     """
     lines = dict[Line, None]()  # the oldest first
-    tasks = set[asyncio.Task[None]]()
+    tasks = Tasks()
     warning = RareWarning()
 
     async def serve(connection: socket.socket) -> None:
@@ -194,9 +195,7 @@ async def serve_lines(
             if not _drop_silent(lines):
                 connection.close()
                 return
-        task = asyncio.ensure_future(serve(connection))
-        tasks.add(task)
-        task.add_done_callback(tasks.discard)
+        task = tasks.begin(serve(connection))
         task.add_done_callback(lambda _: connection.close())  # if it was cancelled before it began
 
     try:
@@ -205,13 +204,8 @@ async def serve_lines(
     finally:
         for line in lines:
             line.end()
-        if tasks:
-            await asyncio.wait(tasks, timeout=_LINGER)
-        for task in tasks:
-            task.cancel()
-        if tasks:
-            await asyncio.wait(tasks)
-            await asyncio.sleep(0)  # in which asyncio closes what was aborted
+        await tasks.close(linger=_LINGER)
+        await asyncio.sleep(0)  # in which asyncio closes what was aborted
 
 
 def _drop_silent(lines: dict[Line, None]) -> bool:
