@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import logging
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
-from typing import Any, TypeAlias
 
 from servolink.client.board import Board
 from servolink.client.events import ButtonEvent
 from servolink.client.reconnect import ConnectionState
-from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown, Rejected, ServolinkError
-from servolink.escaping import escape
+from servolink.errors import ConnectionLost, MotionRefused, Rejected, ServolinkError
 from servolink.hub.events import ButtonRelay
 from servolink.hub.exchanges import Exchange
 from servolink.hub.lease import SECONDS_AFTER
 from servolink.hub.lease_keeper import LeaseKeeper
-from servolink.hub.motion_gate import stops_all
 from servolink.hub.motions import Motions
 from servolink.hub.notices import (
     ButtonPressed,
@@ -27,34 +23,23 @@ from servolink.hub.notices import (
     HubStatus,
     LeaseStatus,
     Notice,
-    Problem,
     ProgramJoined,
     ProgramLeft,
     ProgramRenamed,
-    ProgramStatus,
     Refused,
-    Stopped,
 )
 from servolink.hub.program import Program
 from servolink.hub.roles import Role
 from servolink.hub.sending import PacketSender
-from servolink.hub.stopping import stop_each
+from servolink.hub.stopping import Stops
 from servolink.hub.unit_switch import UnitSwitch
-from servolink.hub.upstream import Upstream, outcome_of
+from servolink.hub.upstream import RequestFollower, Upstream
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse
 from servolink.protocol.packet import Packet
-from servolink.protocol.servos import (
-    ALL_SERVOS,
-    ExecuteActionExRequest,
-    SetServoParameterRequest,
-    SetServoParameterResponse,
-)
-
-RequestFollower: TypeAlias = Callable[[Packet, object, float, str, str], None]
-
-_logger = logging.getLogger(__name__)
+from servolink.protocol.servos import ExecuteActionExRequest, SetServoParameterResponse
+from servolink.tasks import Tasks
 
 
 class Hub:
@@ -72,6 +57,7 @@ class Hub:
         units = UnitSwitch(board)
         self.motions = Motions(board)
         """How motions are sent to the board, and how long they last."""
+        self._tasks = Tasks()
         self._keeper = LeaseKeeper(
             name,
             self.motions,
@@ -79,21 +65,20 @@ class Hub:
             lease_seconds,
             who_of=self._who_of,
             tell=self.tell,
-            stop_board=self._stop_for,
-            begin=self._begin,
+            stop_board=self._stop_unwatched,
+            tasks=self._tasks,
         )
         sender = PacketSender(board, self.motions, self._keeper, units, self._buttons, self._alone, self._refused)
         self._upstream = Upstream(board, sender)
+        self._stops = Stops(board, sender, self._upstream, self._keeper, tell=self.tell, follow=self._over)
         self._now = asyncio.get_running_loop().time
         self._began_at = self._now()
-        self._joined_at: dict[str, float] = {}
         self._listeners: list[Callable[[Notice], None]] = []
         self._followers: tuple[RequestFollower, ...] = ()
         self._state: ConnectionState = "connected"
         self._another = ""
         self._hold: HoldStatus | None = None
         self._responses_to_left = 0
-        self._tasks = set[asyncio.Task[None]]()
 
     @property
     def url(self) -> str:
@@ -113,7 +98,7 @@ class Hub:
     def start(self) -> None:
         """Begin to serve programs."""
         self._upstream.start()
-        self._begin(self._follow_connection())
+        self._tasks.begin(self._follow_connection())
 
     async def close(self) -> None:
         """End all sessions. The board stays open, and as it is; stopped if a program watched over its motion."""
@@ -128,10 +113,8 @@ class Hub:
             program.leave()
         await self._upstream.close()
         self._keeper.close()
-        while self._tasks:  # one that ends may begin another
-            for task in self._tasks:
-                task.cancel()
-            await asyncio.wait(self._tasks)
+        await self._tasks.close()
+        await self._stops.close()
         await self._buttons.close()
 
     # --- programs -----------------------------------------------------------------------------------------------
@@ -156,7 +139,6 @@ class Hub:
         if program.session_id in self.programs:
             raise ValueError("this session has begun already")
         self.programs[program.session_id] = program
-        self._joined_at[program.session_id] = self._now()
         self.tell(ProgramJoined(program.session_id, who, door, str(role)))
         return program
 
@@ -173,11 +155,10 @@ class Hub:
             return
         self._keeper.left(program.session_id)  # which names it
         del self.programs[program.session_id]
-        self._joined_at.pop(program.session_id)
         self._responses_to_left += program.counters.responses
         self._upstream.waiting.drop(program.queue)
         if program.session_id in self._buttons.subscribers:
-            self._begin(self._buttons.left(program.session_id))
+            self._tasks.begin(self._buttons.left(program.session_id))
         self.release_hold(program.session_id)
         self.tell(ProgramLeft(program.session_id, program.who))
 
@@ -189,13 +170,7 @@ class Hub:
 
     def ask_stop(self, exchange: Exchange) -> None:
         """Send a stop before everything else; see `Program`."""
-        self._drop_motions()
-        if stops_all(exchange.packet):
-            self._upstream.stopped_all()
-            self._keeper.stopped()
-        else:
-            exchange.program.servo_stops += 1
-        self._upstream.ask_stop(exchange)
+        self._stops.ask(exchange)
 
     def ask_waiting(self) -> None:
         """Send the requests of a program that reads again; see `Program`."""
@@ -204,7 +179,7 @@ class Hub:
     @property
     def stops(self) -> int:
         """How many times servos were stopped, which ends all motions that were asked for."""
-        return self._upstream.stops
+        return self._stops.count
 
     async def run(
         self,
@@ -237,14 +212,7 @@ class Hub:
 
         A stop for which nothing was moved since another one began ends with that.
         """
-        _logger.info("%s stops the board", escape(who))
-        self._drop_motions()
-        self._upstream.stopped_all()
-        self._keeper.stopped()
-        packet, begun = SetServoParameterRequest(ALL_SERVOS, 0, 1), self._now()
-        stopping = self._upstream.stop(packet)
-        stopping.add_done_callback(lambda task: self._tell_stop(ALL_SERVOS, outcome_of(task), begun, who))
-        return stopping
+        return self._stops.begin(who)
 
     async def end_move(self, session_id: str, servo_ids: Sequence[int]) -> None:
         """Stop servos where they are, and start them again, so that they hold and obey the next movement.
@@ -259,62 +227,10 @@ class Hub:
             raise ConnectionLost("the session has ended; connect again")
         if self.lease is not None and self.lease.session != session_id:
             raise MotionRefused(f"nothing was stopped: {self.lease_reason(session_id)}")
-        self._drop_motions()
-        stops = self.stops
-        try:
-            await self._stop_servos(servo_ids, program.who)
-        except ServolinkError as error:
-            self._begin(self._stop_for(f"{program.who} has let go"))
-            raise OutcomeUnknown(f"{error}; all servos are stopped instead") from error
-        # A board may turn a servo that is started to its old target: only those are that have stopped (3.2.3).
-        for servo_id in servo_ids:
-            if self._upstream.is_stopped or (self._hold is not None and self._hold.session != session_id):
-                return
-            packet = SetServoParameterRequest(servo_id, 1, 1)
-            await self._upstream.begin(Exchange(program, packet, stops, asked_at=self._now()))
+        await self._stops.end_move(program, servo_ids)
 
-    async def _stop_servos(self, servo_ids: Sequence[int], who: str) -> None:
-        """Stop servos, all if 255 is one of them, and tell those who follow requests what became of it."""
-        begun = self._now()
-        outcome: ServolinkError | bool = False
-        try:
-            if ALL_SERVOS in servo_ids:
-                await asyncio.shield(self._upstream.stop(SetServoParameterRequest(ALL_SERVOS, 0, 1)))
-            else:
-                await stop_each(self.board, servo_ids)
-            outcome = True
-        except ServolinkError as error:
-            outcome = error
-            raise
-        finally:
-            for servo_id in servo_ids:
-                response = SetServoParameterResponse(servo_id, 0, 1) if outcome is True else outcome
-                self._tell_stop(servo_id, response, begun, who)
-
-    def _tell_stop(self, servo_id: int, outcome: object, begun: float, who: str) -> None:
-        for follow in self._followers:
-            follow(SetServoParameterRequest(servo_id, 0, 1), outcome, begun, who, "")
-
-    def _drop_motions(self) -> None:
-        """Send no motion that was asked for until now, and tell those who wait to ask for one."""
-        self._upstream.drop_motions()
-        self.tell(Stopped())
-
-    async def _stop_for(self, reason: str) -> None:
-        """Stop all servos because nobody watches over them; without a connection, as soon as there is one again."""
-        async for state in self.board.states():
-            if state == "closed":
-                return
-            if state == "lost":
-                self.tell(Problem(f"{reason}: the board is stopped as soon as it is connected again"))
-                continue
-            try:
-                await self.stop(reason)
-            except ConnectionLost:
-                continue
-            except ServolinkError as error:
-                self.tell(Problem(str(error)))
-            return
+    def _stop_unwatched(self, reason: str) -> None:
+        self._stops.begin_unwatched(reason)
 
     def _refused(self, exchange: Exchange, reason: str) -> None:
         """Count a packet that is not sent, and tell why."""
@@ -346,12 +262,6 @@ class Hub:
         """Tell that another board answers in place of the one that is lost, or, without `text`, does no longer."""
         self._another = text
         self.tell(ConnectionChanged(self._state, text))
-
-    def _begin(self, doing: Coroutine[Any, Any, None]) -> None:
-        """Run a task that ends with the hub at the latest."""
-        task = asyncio.get_running_loop().create_task(doing)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
 
     # --- the motion lease ---------------------------------------------------------------------------------------
 
@@ -453,10 +363,9 @@ class Hub:
 
         return end
 
-    def _over(self, exchange: Exchange, outcome: object) -> None:
-        program = exchange.program
+    def _over(self, packet: Packet, outcome: object, asked_at: float, who: str, session_id: str) -> None:
         for follow in self._followers:
-            follow(exchange.packet, outcome, exchange.asked_at, program.who, program.session_id)
+            follow(packet, outcome, asked_at, who, session_id)
 
     def tell(self, notice: Notice) -> None:
         """Pass a notice to all who listen."""
@@ -471,30 +380,13 @@ class Hub:
             self.url,
             self._state,
             now - self._began_at,
-            tuple(self._status_of(program, now) for program in self.programs.values()),
+            tuple(program.status() for program in self.programs.values()),
             self.lease,
             self._hold,
             self._responses_to_left + sum(program.counters.responses for program in self.programs.values()),
             self.board.stats.noise,
             self.doors,
             self._another,
-        )
-
-    def _status_of(self, program: Program, now: float) -> ProgramStatus:
-        counters = program.counters
-        return ProgramStatus(
-            program.session_id,
-            program.who,
-            program.door,
-            str(program.role),
-            now - self._joined_at[program.session_id],
-            program.waiting,
-            counters.requests,
-            counters.responses,
-            counters.unanswered,
-            counters.refused,
-            counters.ignored,
-            program.garbage,
         )
 
 

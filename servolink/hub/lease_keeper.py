@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Coroutine, Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
 
 from servolink.escaping import escape
 from servolink.hub.exchanges import Exchange
@@ -17,6 +16,7 @@ from servolink.hub.notices import LeaseChanged, LeaseStatus, Notice
 from servolink.hub.unit_switch import UnitSwitch
 from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.servos import ExecuteActionRequest
+from servolink.tasks import Tasks
 
 _logger = logging.getLogger(__name__)
 
@@ -33,10 +33,10 @@ class LeaseKeeper:
         *,
         who_of: Callable[[str], str],
         tell: Callable[[Notice], None],
-        stop_board: Callable[[str], Coroutine[Any, Any, None]],
-        begin: Callable[[Coroutine[Any, Any, None]], None],
+        stop_board: Callable[[str], None],
+        tasks: Tasks,
     ) -> None:
-        """Keep the lease of the board `name`; `stop_board` stops it for a reason, `begin` runs a task of the hub."""
+        """Keep the lease of the board `name`; `stop_board` begins to stop it, for a reason."""
         self._lease = MotionLease(seconds_after)
         self._gate = MotionGate(self._lease, name, who_of)
         self._motions = motions
@@ -44,7 +44,7 @@ class LeaseKeeper:
         self._who_of = who_of
         self._tell = tell
         self._stop_board = stop_board
-        self._begin = begin
+        self._tasks = tasks
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
         self._is_reading = False
@@ -85,7 +85,7 @@ class LeaseKeeper:
             return
         if isinstance(packet, ExecuteMacroRequest):  # whose end is known a little later
             self._units.keep_for(exchange.program.state, math.inf)
-        self._begin(self._count_later(exchange, sent_at))
+        self._tasks.begin(self._count_later(exchange, sent_at))
 
     def stopped(self) -> None:
         """Count all motions as over: the board is stopped."""
@@ -141,7 +141,7 @@ class LeaseKeeper:
         self._report(self._lease.moved(session, ends_at, self._loop.time()))
         if self._lease.is_end_unknown and not self._is_reading:
             self._is_reading = True
-            self._begin(self._read_until_rest())
+            self._tasks.begin(self._read_until_rest())
 
     async def _read_until_rest(self) -> None:
         try:
@@ -161,7 +161,7 @@ class LeaseKeeper:
             who = "" if change.before is None else escape(self._who_of(change.before))
             _logger.info("the motion lease was %s%s", change.event, who and f" ({who} had it)")
             if change.must_stop:
-                self._begin(self._stop_board(f"{who} has gone silent"))
+                self._stop_board(f"{who} has gone silent")
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

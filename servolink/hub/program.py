@@ -13,6 +13,7 @@ from servolink.client.roles import is_stop
 from servolink.errors import DecodeError
 from servolink.escaping import escape
 from servolink.hub.exchanges import Bounds, Exchange, ProgramCounters, ProgramQueue
+from servolink.hub.notices import ProgramStatus
 from servolink.hub.roles import Role
 from servolink.hub.session_state import SessionState
 from servolink.motion.angles import AngleUnit
@@ -87,6 +88,7 @@ class Program:
         self._hub = hub
         self._sink = sink
         self._now = asyncio.get_running_loop().time
+        self._joined_at = self._now()
         self._parser = FrameParser(codec.byte_order)
         self._received_at = 0.0
         self._open: deque[Exchange] = deque()  # all that are not over, or behind one that is not
@@ -108,6 +110,24 @@ class Program:
         """How many bytes were received that belong to no frame."""
         skipped = self._parser.skipped
         return sum(skipped.values()) - skipped[PADDING]
+
+    def status(self) -> ProgramStatus:
+        """Return who it is, and what has passed."""
+        counters = self.counters
+        return ProgramStatus(
+            self.session_id,
+            self.who,
+            self.door,
+            str(self.role),
+            self._now() - self._joined_at,
+            self.waiting,
+            counters.requests,
+            counters.responses,
+            counters.unanswered,
+            counters.refused,
+            counters.ignored,
+            self.garbage,
+        )
 
     # --- from the program ---------------------------------------------------------------------------------------
 
