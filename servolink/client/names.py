@@ -53,7 +53,7 @@ async def find_servos(source: Source, servos: Iterable[int | str]) -> tuple[list
 
     If only ids are given, no captions are read.
     """
-    names = [_servo(servo) for servo in servos]
+    names = [servo_or_caption(servo) for servo in servos]
     request, named = QueryServoParameterRequest(), list[Named]()
     if any(isinstance(name, str) for name in names):
         stored = (await source.request(request)).servos
@@ -136,7 +136,7 @@ async def button_id(source: Source, button: int | str) -> int:
     return _the_one(named, "button", name, request)
 
 
-def _servo(servo: int | str) -> int | str:
+def servo_or_caption(servo: int | str) -> int | str:
     """Return an id, 255 for `all`, or a caption."""
     if not isinstance(servo, str):
         number: int = as_number(servo)

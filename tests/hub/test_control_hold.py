@@ -10,7 +10,7 @@ import pytest
 from servolink.client.connect import connect
 from servolink.hub.exchanges import Bounds
 from servolink.hub.local import LocalTransport
-from servolink.protocol.records import Action, Step
+from servolink.protocol.records import Action, ServoParameter, Step
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 from tests.hub.control_program import RpcFailed, shared
 from tests.virtual_time import run
@@ -178,5 +178,23 @@ def test_the_hold_and_the_lease_end_with_their_program() -> None:
             joined, left = tablet.of("program")
             assert (joined["event"], joined["who"], joined["door"]) == ("joined", "studio", "share")
             assert (left["event"], left["who"], left["session"]) == ("left", "studio", "session of studio")
+
+    run(main())
+
+
+def test_who_stops_a_servo_does_not_wait_for_who_has_the_board_alone() -> None:
+    async def main() -> None:
+        async with shared() as here, here.program("studio") as studio, here.program("tablet") as tablet:
+            await here.hub.board.add_servo_parameters([ServoParameter(2, 0, "hip")])
+            await studio.call("board.hold", reason="an import")
+            await asyncio.wait_for(tablet.call("servo.set", servo="1", start=False, hold=True), 1)
+            assert [(state.is_start, state.is_hold) for state in await here.states()] == [(0, 1), (1, 1), (1, 1)]
+            await asyncio.wait_for(tablet.call("servo.set", servo="all", start=False, hold=True), 1)
+            assert [(state.is_start, state.is_hold) for state in await here.states()] == [(0, 1)] * 3
+            by_caption = tablet.begin("servo.set", servo="hip", start=False, hold=True)
+            await asyncio.sleep(30)
+            assert not by_caption.done()  # nobody else may read captions
+            await studio.call("board.release")
+            await by_caption
 
     run(main())

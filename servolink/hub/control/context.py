@@ -10,6 +10,7 @@ from contextvars import ContextVar
 from typing import NamedTuple, TypeAlias, TypeVar
 
 from servolink.client.board import Board
+from servolink.client.names import servo_or_caption
 from servolink.client.roles import is_motion
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
@@ -136,8 +137,20 @@ class Control:
 
     async def board(self) -> Board:
         """Return the board of this program, once no other program holds it alone."""
-        transport = self._own_transport()
+        self._own_transport()
         await self.until_free()
+        return await self._own_board()
+
+    async def board_to_stop(self, servo: int | str) -> Board:
+        """Return the board of this program to stop a servo, also while another program holds it alone.
+
+        With a caption in place of an id that waits, as nobody else may read captions then.
+        """
+        by_id = isinstance(servo_or_caption(servo), int)
+        return await (self._own_board() if by_id else self.board())
+
+    async def _own_board(self) -> Board:
+        transport = self._own_transport()
         async with self._opening:
             if self._board is None:
                 self._board = await _open(self.hub, transport, self._limits)

@@ -270,8 +270,8 @@ async def release(caller: Caller, params: Release) -> Done:
 @METHODS.add("servo.set", Role.MOVE, in_order=True)
 async def servo_set(caller: Caller, params: ServoSet) -> Done:
     """Start a servo or stop it, hold its angle or release it: after a stop, start it before it moves again."""
-    is_stop = params.hold and not params.start  # which nothing that came meanwhile makes superfluous
-    board = await (caller.control.board() if is_stop else caller.control.board_to_move(params.until))
+    is_stop, control = params.hold and not params.start, caller.control
+    board = await (control.board_to_stop(params.servo) if is_stop else control.board_to_move(params.until))
     await board.set_servo(params.servo, start=params.start, hold=params.hold)
     return Done()
 
