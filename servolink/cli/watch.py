@@ -71,12 +71,15 @@ def run(args: argparse.Namespace) -> int:
     """Show readings until the time is over, until `q` is pressed or until Ctrl-C."""
     if args.csv is not None and args.csv.is_dir():
         usage_error(args, f"{args.csv} is a folder; name a file in it")
+    from servolink.cli.watch_outputs import Lines, csv_file, may_replace, screen
+
+    if args.csv is not None and not may_replace(args.csv):
+        usage_error(args, f"{args.csv} exists and holds no such rows, so it is not replaced; choose another name")
     asks = args.csv is not None and args.csv.exists() and not args.yes
     if asks and (args.json or not can_ask()):
         usage_error(args, f"{args.csv} exists; --yes replaces it")
 
     from servolink.cli.live import can_draw
-    from servolink.cli.watch_outputs import Lines, csv_file, screen
 
     async def talk(board: Board, interruption: Interruption) -> int:
         if asks and not await confirm(f"{args.csv} exists. Replace it?"):

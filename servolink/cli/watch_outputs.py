@@ -15,7 +15,7 @@ from servolink.cli.servos import servo_object
 from servolink.cli.watch_picture import Watched, picture
 from servolink.client.alarms import RaisedAlarm
 from servolink.errors import ServolinkError
-from servolink.files import reason
+from servolink.files import open_file, reason
 from servolink.motion.angles import Angle
 
 _PICTURE_EVERY = 0.05  # seconds, at most
@@ -123,6 +123,18 @@ def screen(watched: Watched) -> Iterator[Screen]:
 
 
 _CSV_COLUMNS = ("seconds", "servo_id", "angle", "angle_unit", "current_raw", "temperature_raw", "state", "missed")
+
+
+def may_replace(path: Path) -> bool:
+    """Return whether `csv_file` may open a file: there is none, it is empty, or it was written in this way."""
+    header = ",".join(_CSV_COLUMNS).encode("ascii")
+    if not path.is_file():
+        return True
+    try:
+        with open_file(path) as file:
+            return file.read(len(header)) in {b"", header}
+    except OSError:
+        return True  # opening it to write says what is wrong
 
 
 @contextmanager

@@ -180,6 +180,18 @@ def test_a_file_with_numbers_for_a_spreadsheet(robot: Robot, tmp_path: Path) -> 
     assert len(file.read_text().splitlines()) == 4
 
 
+def test_a_file_that_holds_something_else_is_not_replaced(robot: Robot, tmp_path: Path) -> None:
+    file = tmp_path / "take.mcap"
+    file.write_bytes(b"a recording")
+    said = robot("watch", "--seconds", "0.1", "--csv", str(file), "--yes")
+    assert said.code == 2
+    assert said.err.endswith(f"{file} exists and holds no such rows, so it is not replaced; choose another name\n")
+    assert file.read_bytes() == b"a recording"
+    file.write_bytes(b"")
+    assert robot("watch", "--seconds", "0.1", "--csv", str(file), "--yes").code == 0
+    assert len(file.read_text().splitlines()) == 4
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_full_disk_is_named(robot: Robot) -> None:
     said = robot("watch", "--csv", "/dev/full", "--yes")
