@@ -15,6 +15,7 @@ import pytest
 import servolink
 from tests import processes
 from tests.sampling import every, some
+from tests.syntax import tree_of
 
 PACKAGE = Path(__file__).parents[1] / "servolink"
 MODULES = {
@@ -73,7 +74,7 @@ def part_of(module: str) -> str:
 def imported(path: Path) -> list[tuple[str, str]]:
     """Return module and name of each import in a file, including those inside functions."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             found += [(alias.name, "") for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -151,18 +152,18 @@ def test_chance_has_a_seed() -> None:
     for path in MODULES.values():
         names = {name for source, name in imported(path) if source == "random"}
         assert names <= {"Random"}, path
-        tree = ast.parse(path.read_text(encoding="utf-8") if names else "")
         calls = [
-            node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("Random")
+            node
+            for node in (ast.walk(tree_of(path)) if names else ())
+            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("Random")
         ]
         assert all(call.args for call in calls), path
 
 
 def test_the_public_names_are_those_that_type_checkers_see() -> None:
-    tree = ast.parse(MODULES["servolink"].read_text(encoding="utf-8"))
     seen = {
         (node.module, alias.name)
-        for node in ast.walk(tree)
+        for node in ast.walk(tree_of(MODULES["servolink"]))
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("servolink.")
         for alias in node.names
     }

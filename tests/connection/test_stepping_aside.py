@@ -143,7 +143,8 @@ def test_its_timeout_counts_while_it_pauses_and_while_it_waits_for_its_turn(time
             with pytest.raises(RequestTimeout):
                 await asking
             assert now() == pytest.approx(begun + timeout)
-            await asyncio.wait((other,))
+            with pytest.raises(RequestTimeout):
+                await other
             await asyncio.sleep(5)
             await connection.request(PROJECT)
             assert connection.callers == 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import inspect
 import json
 import re
 from pathlib import Path
@@ -13,6 +12,7 @@ import pytest
 from servolink.doctor import environment, permissions
 from servolink.studio.files import page_files
 from tests.studio.vendor import VENDOR, sha256
+from tests.syntax import tree_of
 
 WEB = VENDOR.parent
 MODULES = sorted(path for path in WEB.rglob("*.js") if "vendor" not in path.parts)
@@ -94,7 +94,7 @@ def test_every_finding_before_a_board_is_opened_has_a_chinese_text() -> None:
     """It has a title and a reason; the facts and the commands in it are those of the machine."""
     checks = set()
     for module in (environment, permissions):
-        for node in ast.walk(ast.parse(inspect.getsource(module))):
+        for node in ast.walk(tree_of(Path(module.__file__ or ""))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Finding":
                 name = node.args[0]
                 checks.add(name.value if isinstance(name, ast.Constant) else environment.LATENCY_TIMER)
