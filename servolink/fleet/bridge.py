@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
 
+from msgspec import Raw
+
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.announcer import Announcer
 from servolink.fleet.answers import Answers
@@ -57,7 +59,7 @@ class Bridge:
             topics, board, policy, self.hub, self.wire, self.outbox, hz, may_send=self.prepared.is_none
         )
         self.hub.on_connect = self.telemetry.begin
-        self.hub.on_notification = self.telemetry.hear
+        self.hub.on_notification = self._hear
         self.hub.on_lost = self.telemetry.hub_lost
         self._topics = topics
         self._policy = policy
@@ -128,6 +130,11 @@ class Bridge:
             self.wire.acknowledge(message)
         else:
             self.commands.receive(message, self._link, partial(self.wire.acknowledge, message))
+
+    def _hear(self, name: str, params: Raw) -> None:
+        if name == "stopped":
+            self.stops.stopped_here()
+        self.telemetry.hear(name, params)
 
     def _log(self, level: Level, text: str) -> None:
         self.telemetry.log(level, text)

@@ -33,13 +33,17 @@ class StopDesk:
     def stop(self, command_id: str, sender: Sender, answers: Answers) -> None:
         """Stop the board, and answer when it has stopped."""
         self._fence.put_up()
+        self.stopped_here()
+        self._waiting.append((command_id, sender, answers))
+        if self._task is None or self._task.done():
+            self._task = asyncio.get_running_loop().create_task(self._stop_all())
+
+    def stopped_here(self) -> None:
+        """Count a stop, by whomever: nothing begins that was asked for before it."""
         self.count += 1
         self._stopped.set()
         self._stopped = asyncio.Event()
         self._prepared.forget()
-        self._waiting.append((command_id, sender, answers))
-        if self._task is None or self._task.done():
-            self._task = asyncio.get_running_loop().create_task(self._stop_all())
 
     async def until_after(self, count: int) -> None:
         """Return when there have been more stops than `count`."""

@@ -207,12 +207,12 @@ class Hub:
         """Stop all servos for `who`, ahead of everything (see `Board.stop`)."""
         await asyncio.shield(self.begin_stop(who))
 
-    def begin_stop(self, who: str) -> asyncio.Task[SetServoParameterResponse]:
+    def begin_stop(self, who: str, session_id: str = "") -> asyncio.Task[SetServoParameterResponse]:
         """Begin what `stop` does, and return the task that confirms it; others may wait for it too: do not cancel it.
 
-        A stop for which nothing was moved since another one began ends with that.
+        Programs of other sessions are told. A stop for which nothing was moved since another one began ends with that.
         """
-        return self._stops.begin(who)
+        return self._stops.begin(who, session_id)
 
     async def end_move(self, session_id: str, servo_ids: Sequence[int]) -> None:
         """Stop servos where they are, and start them again, so that they hold and obey the next movement.

@@ -92,6 +92,10 @@ class ButtonPressed(Struct, frozen=True, tag="button"):
 class Stopped(Struct, frozen=True, tag="stopped"):
     """Servos are being stopped: no motion that was asked for before is sent any more."""
 
+    are_all: bool
+    session: str
+    """Who stops them; empty for the hub itself."""
+
 
 class Problem(Struct, frozen=True, tag="problem"):
     """Something that people should look at."""

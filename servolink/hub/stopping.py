@@ -80,16 +80,16 @@ class Stops:
         packet = exchange.packet
         assert isinstance(packet, SetServoParameterRequest)  # noqa: S101 - narrows the type
         if stops_all(packet):
-            self._all_stop()
+            self._all_stop(exchange.program.session_id)
         else:
-            self._drop_motions()
+            self._drop_motions(exchange.program.session_id, are_all=False)
             exchange.program.servo_stops += 1
         self._send(packet).add_done_callback(lambda task: self._upstream.finish(exchange, _outcome_of(task)))
 
-    def begin(self, who: str) -> asyncio.Task[SetServoParameterResponse]:
+    def begin(self, who: str, session_id: str = "") -> asyncio.Task[SetServoParameterResponse]:
         """Stop all servos for `who`; see `Hub.begin_stop`."""
         _logger.info("%s stops the board", escape(who))
-        self._all_stop()
+        self._all_stop(session_id)
         begun = self._now()
         stopping = self._send(SetServoParameterRequest(ALL_SERVOS, 0, 1))
         stopping.add_done_callback(lambda task: self._over(ALL_SERVOS, _outcome_of(task), begun, who))
@@ -101,7 +101,7 @@ class Stops:
 
     async def end_move(self, program: Program, servo_ids: Sequence[int]) -> None:
         """Stop servos where they are, and start them again; see `Hub.end_move`."""
-        self._drop_motions()
+        self._drop_motions(program.session_id, are_all=False)
         stops = self.count
         try:
             await self._stop_some(servo_ids, program.who)
@@ -130,16 +130,16 @@ class Stops:
                 self._tell(Problem(str(error)))
             return
 
-    def _all_stop(self) -> None:
+    def _all_stop(self, session_id: str) -> None:
         """Count all servos as stopped, until somebody starts one."""
-        self._drop_motions()
+        self._drop_motions(session_id, are_all=True)
         self._sender.is_stopped = True
         self._keeper.stopped()
 
-    def _drop_motions(self) -> None:
+    def _drop_motions(self, session_id: str, *, are_all: bool) -> None:
         """Send no motion that was asked for until now, and tell those who wait to ask for one."""
         self._upstream.drop_motions()
-        self._tell(Stopped())
+        self._tell(Stopped(are_all, session_id))
 
     def _send(self, packet: SetServoParameterRequest) -> asyncio.Task[SetServoParameterResponse]:
         """Send a stop at once and return its task; or that of an equal one, if nothing was moved since that began.

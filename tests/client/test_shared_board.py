@@ -150,6 +150,31 @@ def test_an_import_has_the_board_alone_and_others_wait(caplog: pytest.LogCapture
     with_hub(main)
 
 
+def test_what_waits_for_who_has_the_board_alone_is_not_sent_after_a_stop_of_somebody_else() -> None:
+    async def main(hub: Hub) -> None:
+        async with connect("share://rex") as one, connect("share://rex") as other, connect("share://rex") as third:
+            await one.set_servo("all", start=False, hold=True)
+            for stop in (third.stop, lambda: hub.stop("a page"), other.stop):
+                async with alone(one):
+                    await until(lambda: other.connection.answers.held)
+                    before = asyncio.create_task(other.set_servo(1, start=True, hold=True))
+                    moving = asyncio.create_task(other.move({2: 60}, duration=0.05))
+                    await asyncio.sleep(0.05)
+                    await stop()
+                    await asyncio.sleep(0.05)
+                    after = asyncio.create_task(other.set_servo(3, start=True, hold=True))
+                    await asyncio.sleep(0.05)
+                for refused in (before, moving):
+                    with pytest.raises(RequestError, match="a stop came first"):
+                        await refused
+                await after
+                assert [servo.is_start for servo in await other.servos()] == [False, False, True]
+                await third.stop()
+                hub.give_lease(hub.lease.session if hub.lease else "")
+
+    with_hub(main)
+
+
 def test_a_program_that_is_killed_frees_the_board_and_the_lease() -> None:
     async def main(hub: Hub) -> None:
         one = await connect("share://rex")

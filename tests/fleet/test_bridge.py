@@ -161,13 +161,20 @@ def test_anybody_may_stop_the_board(broker: Broker, topic: str, payload: bytes, 
     run(main())
 
 
-def test_commands_that_wait_are_not_begun_after_a_stop(broker: Broker) -> None:
+@pytest.mark.parametrize("where", ["far away", "at the board"])
+def test_commands_that_wait_are_not_begun_after_a_stop(broker: Broker, where: str) -> None:
     async def main() -> None:
-        async with bridged(broker) as (far, _):
+        async with bridged(broker) as (far, hub):
             await far.send("move", params={"targets": {"1": 90}, "duration": 20, "wait": True})
             second = await far.send("move", params={"targets": {"2": 90}, "duration": 20, "wait": True})
-            await far.publish("servolink/rex/stop", b"")
-            await far.result("stop")
+            if where == "far away":
+                await far.publish("servolink/rex/stop", b"")
+                await far.result("stop")
+            else:
+                while hub.lease is None:  # the first one has begun
+                    await asyncio.sleep(0)
+                await far.call("status")  # and the second one has come
+                await hub.stop("a page")
             error = (await far.result(second))["error"]
             assert error["message"] == "the board was stopped before this began"
 

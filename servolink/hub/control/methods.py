@@ -164,7 +164,7 @@ def stop(caller: Caller, params: NoParams) -> Coroutine[Any, Any, Done]:
 
     Confirmed by reading the servos: OutcomeUnknown says that not all of them report that they are stopped.
     """
-    stopping = caller.control.hub.begin_stop(caller.control.who)
+    stopping = caller.control.hub.begin_stop(caller.control.who, caller.control.session)
 
     async def confirmed() -> Done:
         await asyncio.shield(stopping)

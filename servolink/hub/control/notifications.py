@@ -50,6 +50,12 @@ class HoldNotice(Struct, frozen=True):
     hold: HoldStatus | None
 
 
+class StoppedNotice(Struct, frozen=True):
+    """Another program, or the hub, stops all servos: motions that this program has not sent yet should not follow."""
+
+    by: Annotated[str | None, about("the program; null: the hub")]
+
+
 class ProgramNotice(Struct, frozen=True):
     """A program has joined, left or changed its name; for programs that have called `status`."""
 
@@ -112,6 +118,7 @@ NOTIFICATIONS: dict[str, type[Struct]] = {
     "connection": ConnectionNow,
     "lease": LeaseNotice,
     "hold": HoldNotice,
+    "stopped": StoppedNotice,
     "program": ProgramNotice,
     "progress": ProgressNotice,
     "recording": RecordingNotice,

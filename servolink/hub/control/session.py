@@ -18,6 +18,7 @@ from servolink.hub.control.notifications import (
     ProgramNotice,
     RecordingNotice,
     RefusedNotice,
+    StoppedNotice,
 )
 from servolink.hub.control.rpc import Peer
 from servolink.hub.control.tap_feed import TapFeed
@@ -34,6 +35,7 @@ from servolink.hub.notices import (
     ProgramRenamed,
     RecordingChanged,
     Refused,
+    Stopped,
 )
 from servolink.hub.recording import HubRecorder
 from servolink.transports.share import Greeting
@@ -138,6 +140,8 @@ class ControlSession:
             case HoldChanged(session, who, reason):
                 hold = None if session is None or who is None else HoldStatus(session, who, reason)
                 self._notify("hold", HoldNotice(hold))
+            case Stopped() if notice.are_all and notice.session != self.control.session:
+                self._notify("stopped", StoppedNotice(self._name_of(notice.session)))
             case Refused() if notice.session == self.control.session:
                 self._notify("refused", RefusedNotice(notice.packet, notice.reason))
             case RecordingChanged():
