@@ -32,18 +32,15 @@ class StopDesk:
 
     def stop(self, command_id: str, sender: Sender, answers: Answers) -> None:
         """Stop the board, and answer when it has stopped."""
-        self._fence.put_up()
-        self.stopped_here()
+        self._count_stop()
         self._waiting.append((command_id, sender, answers))
         if self._task is None or self._task.done():
             self._task = asyncio.get_running_loop().create_task(self._stop_all())
 
     def stopped_here(self) -> None:
-        """Count a stop, by whomever: nothing begins that was asked for before it."""
-        self.count += 1
-        self._stopped.set()
-        self._stopped = asyncio.Event()
-        self._prepared.forget()
+        """Count a stop by another program of the hub."""
+        self._count_stop()
+        self._fence.send_word()
 
     async def until_after(self, count: int) -> None:
         """Return when there have been more stops than `count`."""
@@ -55,6 +52,14 @@ class StopDesk:
         if self._task is not None:
             await asyncio.wait((self._task,), timeout=1.0)
             self._task.cancel()
+
+    def _count_stop(self) -> None:
+        """Let nothing begin that was asked for before now."""
+        self._fence.put_up()
+        self.count += 1
+        self._stopped.set()
+        self._stopped = asyncio.Event()
+        self._prepared.forget()
 
     async def _stop_all(self) -> None:
         while self._waiting:

@@ -8,7 +8,7 @@ import resource
 import signal
 import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -35,6 +35,7 @@ from tests.fleet.test_commands import Calls
 pytestmark = [*needs_broker, pytest.mark.usefixtures("user")]
 
 MOVE = {"targets": {"1": 20}, "duration": 0.1}
+START = "servo.set", {"servo": "all", "start": True, "hold": True}
 
 
 @pytest.fixture(autouse=True)
@@ -55,6 +56,16 @@ async def board_and_fleet(url: str, far_url: str, name: str = "rex") -> AsyncIte
                 fleet.controller.patience = LIMIT
                 await fleet.list()
                 yield fleet, board
+
+
+async def started_soon(fleet: Fleet) -> None:
+    """Start all servos, as soon as a word of the pulse has come that is later than a stop at the board."""
+    async with asyncio.timeout(LIMIT):
+        while True:
+            with suppress(ServolinkError):
+                await fleet.controller.call("rex", *START)
+                return
+            await asyncio.sleep(0.01)
 
 
 async def until_online(fleet: Fleet, *names: str) -> None:
@@ -179,8 +190,9 @@ def test_a_movement_that_a_stalled_network_brings_late_is_not_made(
     run(main())
 
 
+@pytest.mark.parametrize("where", ["far away", "at the board"])
 def test_a_command_that_a_stalled_network_brings_after_a_stop_is_not_carried_out(
-    broker: Broker, monkeypatch: pytest.MonkeyPatch
+    broker: Broker, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
     async def main() -> None:
         async with (
@@ -195,8 +207,12 @@ def test_a_command_that_a_stalled_network_brings_after_a_stop_is_not_carried_out
             proxy.hold()
             late = asyncio.create_task(fleet.controller.call("rex", "release", expires=60))
             await asyncio.sleep(0)
-            assert (await other.stop(patience=LIMIT)).is_complete
-            await other.call("rex", "servo.set", {"servo": "all", "start": True, "hold": True})  # at once
+            if where == "far away":
+                assert (await other.stop(patience=LIMIT)).is_complete
+                await other.call("rex", *START)  # at once
+            else:
+                await board.stop()
+                await started_soon(other)
             proxy.flow()
             with pytest.raises(ServolinkError, match="the board was stopped before this began"):
                 await late
