@@ -155,8 +155,8 @@ class HubLink:
                 self._learn(state, lease=method == "lease", hold=method == "hold")
             elif method == "connection":
                 self._learn_upstream(msgspec.json.decode(params, type=_Upstream))
-            elif method == "stopped" and self._connection.answers.held:
-                self._connection.count_stop()  # the hub has not got what waits here, and would not know how old it is
+            elif method == "stopped":
+                self._connection.count_stop()  # it ends what waits here or is sent step by step, as our own do
             elif method == "refused":
                 refused = msgspec.json.decode(params, type=_Refused)
                 _logger.warning("%s was not sent to the board: %s", escape(refused.packet), escape(refused.reason))

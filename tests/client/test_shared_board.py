@@ -33,7 +33,7 @@ from servolink.project.model import Project
 from servolink.project.transfer.apply import backup_for
 from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.editing import ExecuteMacroRequest, QueryActionListRequest
-from servolink.protocol.records import Action, ServoParameter
+from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter
 from servolink.transports.share import Greeting
 from servolink.virtual.kind import BoardKind
 from tests.hub.door_hub import on_hub, sharing, until
@@ -171,6 +171,27 @@ def test_what_waits_for_who_has_the_board_alone_is_not_sent_after_a_stop_of_some
                 assert [servo.is_start for servo in await other.servos()] == [False, False, True]
                 await third.stop()
                 hub.give_lease(hub.lease.session if hub.lease else "")
+
+    with_hub(main)
+
+
+@pytest.mark.parametrize("by_program", [True, False])
+def test_what_a_program_plays_ends_when_another_one_stops_the_board(by_program: bool) -> None:
+    async def main(hub: Hub) -> None:
+        async with connect("share://rex") as one, connect("share://rex") as other:
+            await one.set_servo("all", start=True, hold=True)
+            steps = [Action.pose(f"Step {angle}", {1: angle}, seconds=0.05, action_id=angle) for angle in range(1, 40)]
+            macro = Macro(1, "All", tuple(MacroCommand.of(step) for step in steps))
+            playing = asyncio.create_task(one.play(Project(actions=tuple(steps), macros=(macro,)), "All"))
+            await until(lambda: hub.lease is not None)
+            await (other.stop() if by_program else hub.stop("a page"))
+            hub.give_lease(hub.lease.session if hub.lease else "")
+            await other.set_servo("all", start=True, hold=True)
+            here = (await other.servo(1)).angle
+            with pytest.raises(RequestError, match=r"ended by a stop|a stop came first"):
+                await playing
+            assert (await other.servo(1)).angle == here
+            await one.request(QueryActionListRequest())
 
     with_hub(main)
 

@@ -98,6 +98,25 @@ def test_who_takes_over_watches_over_the_robot(studio: Studio, browser: Any) -> 
         until(lambda: "lease.beat" in other.evaluate("window.sent"))
 
 
+def test_a_stop_by_another_program_ends_what_is_held(studio: Studio, browser: Any) -> None:
+    with opened(browser, studio.url) as page:
+        page.evaluate(LISTEN)
+        page.locator(".stage .seg").get_by_text("Robot").click()
+        before = studio.angle(2)
+        x, y = grab(page, 2)
+        page.mouse.move(x + 60, y, steps=10)
+        until(lambda: studio.angle(2) > before + 5)
+        studio.board.stop()
+        playwright.expect(page.get_by_text("The robot is stopped.")).to_be_visible()
+        moves = page.evaluate("window.sent").count("move")
+        page.mouse.move(x - 60, y, steps=20)
+        page.mouse.up()
+        assert is_stopped(studio)
+        page.get_by_role("button", name="Start all servos").click()
+        until(lambda: all(servo.is_start for servo in studio.board.servos()))
+        assert page.evaluate("window.sent").count("move") == moves
+
+
 def test_a_preview_moves_nothing_until_it_is_held(studio: Studio, browser: Any) -> None:
     with opened(browser, studio.url) as page:
         before = studio.angle(2)

@@ -45,6 +45,7 @@ export class Motion {
     effect(() => {
       if (!isMine.value || linkState.value !== "open") this._letGo(); // somebody took over, or the connection is gone
     });
+    link.on("stopped", () => this._letGo()); // nothing of what was wanted before a stop is sent after it
     for (const [target, name] of /** @type {[EventTarget, string][]} */ ([
       [window, "blur"], [window, "pagehide"], [document, "visibilitychange"],
     ])) {
