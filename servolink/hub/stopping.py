@@ -29,6 +29,7 @@ from servolink.tasks import Tasks
 _logger = logging.getLogger(__name__)
 
 _TRIES = 3
+_LAST_TRIES = 1.0  # seconds in which stops may still be confirmed, or sent again, when the hub ends
 
 
 class _Stopping(NamedTuple):
@@ -72,8 +73,8 @@ class Stops:
         return self._sender.stops
 
     async def close(self) -> None:
-        """Give up the stops that are under way."""
-        await self._tasks.close()
+        """Give up the stops that cannot be confirmed soon."""
+        await self._tasks.close(linger=_LAST_TRIES)
 
     def ask(self, exchange: Exchange) -> None:
         """Send the stop of a program before everything else, and finish it."""

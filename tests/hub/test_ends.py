@@ -32,8 +32,8 @@ from servolink.protocol.settings import (
     ClearAllDataRequest,
     ClearAllDataResponse,
 )
-from tests.client.fake_board import FakeBoard, late, lie
-from tests.hub.fake_hub import STOP, kinds, on_hub
+from tests.client.fake_board import LOST, FakeBoard, late, lie
+from tests.hub.fake_hub import START, STOP, kinds, on_hub, shared
 from tests.hub.raw_program import RawProgram
 from tests.virtual_time import run
 
@@ -176,3 +176,23 @@ def test_another_board_than_that_of_the_profile_is_not_changed() -> None:
         assert [notice.reason for notice in notices if isinstance(notice, Refused)] == ["another board is here"]
 
     on_hub(use)
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_a_stop_has_a_second_when_the_hub_ends(is_there: bool) -> None:
+    async def main() -> None:
+        fake = FakeBoard()
+        async with shared(fake) as hub:
+            await RawProgram(hub).ask(START)
+            fake.plan(SetServoParameterRequest, LOST)
+            if not is_there:
+                fake.usual_of[SetServoParameterRequest] = LOST
+            stopping = hub.begin_stop("a page")
+            began = asyncio.get_running_loop().time()
+        assert fake.executed_of(SetServoParameterRequest) == ([START, STOP] if is_there else [START])
+        assert asyncio.get_running_loop().time() < began + 1.5
+        assert stopping.done()
+        if not is_there:
+            assert stopping.cancelled() or stopping.exception()
+
+    run(main())
