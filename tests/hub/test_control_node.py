@@ -30,14 +30,13 @@ def test_the_example_in_javascript_moves_and_watches() -> None:
     async def main(hub: Hub, virtual: object) -> None:
         interface = ControlInterface(hub)
         async with sharing(hub, interface.open_channel):
-            program = await processes.start_async(
-                *node(), str(EXAMPLE), "rex", stdout=asyncio.subprocess.PIPE, env=dict(os.environ)
-            )
-            output, _ = await program.communicate()
+            pipes = {"stdout": asyncio.subprocess.PIPE, "stderr": asyncio.subprocess.PIPE}
+            program = await processes.start_async(*node(), str(EXAMPLE), "rex", **pipes, env=dict(os.environ))
+            output, errors = await program.communicate()
         await interface.close()
-        assert program.returncode == 0
+        assert program.returncode == 0, errors.decode()
         lines = output.decode().splitlines()
-        assert len(lines) > 2
+        assert lines  # few if the machine is busy: readings that nobody has read are replaced by later ones
         assert all(len(line.split()) == 3 for line in lines)
         (servo,) = (await hub.board.connection.request(QueryServoRequest(1))).servos
         assert servo.angle == 60

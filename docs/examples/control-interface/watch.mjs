@@ -8,6 +8,7 @@ const send = (message) => socket.write(JSON.stringify(message) + "\n");
 send({ servolink: 1, wants: "rpc", who: "watch.mjs", role: "move" });
 
 readline.createInterface({ input: socket }).on("line", (line) => {
+  if (socket.writableEnded) return; // these had arrived before the end
   const { servolink, error, id, method, params } = JSON.parse(line);
   if (error) throw new Error(error.message ?? error);
   if (servolink) {
