@@ -105,9 +105,10 @@ async def _pass_requests(
             for at in range(0, len(chunk), _PIECE):
                 await transport.send(chunk[at : at + _PIECE])
                 await asyncio.sleep(0)  # the transport delivers responses in the next turn; other hosts get theirs
-                await transport.send(b"")  # a slow line has taken this piece
                 if not patient:
                     await writer.drain()
+                # A slow line has taken this piece, and a board knows that its host was not silent in the meantime.
+                await transport.send(b"")
             chunk = await reader.read(_CHUNK)
     except (TransportError, OSError):
         return  # one end is gone: the usual end of a conversation

@@ -15,12 +15,16 @@ from servolink import listeners
 from servolink.errors import OpenError, TransportUnavailable
 from servolink.listeners import host_and_port, listening_sockets
 from servolink.protocol.codec import Codec
+from servolink.protocol.editing import AddActionRequest
+from servolink.protocol.record_types import ACTION
+from servolink.protocol.records import Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
 from servolink.transports.memory import MemoryTransport
 from servolink.transports.registry import create
 from servolink.transports.stream import keep_alive
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import serve
+from servolink.virtual.transport import VirtualTransport
 from tests.virtual.receiving import ANY_PORT, GUARD, Heard, ask, client
 from tests.virtual_time import run
 
@@ -58,6 +62,51 @@ def test_a_host_that_does_not_read_keeps_nothing_open_at_the_end(monkeypatch: py
                         await asyncio.sleep(0)
 
     asyncio.run(main())
+
+
+class _SlowWriter:
+    """The stream to a host that reads for the first time a second after it was sent something."""
+
+    def __init__(self) -> None:
+        self.transport = self
+
+    def write(self, data: bytes) -> None:
+        pass
+
+    async def drain(self) -> None:
+        await asyncio.sleep(1)
+
+    def get_write_buffer_size(self) -> int:
+        return 0
+
+    def close(self) -> None:
+        pass
+
+    async def wait_closed(self) -> None:
+        pass
+
+    def is_closing(self) -> bool:
+        return True
+
+    def abort(self) -> None:
+        pass
+
+
+def test_a_long_request_is_whole_although_its_host_reads_late() -> None:
+    board = VirtualBoard(servos=16)
+    steps = tuple(Step(servo_id, 30, 10) for servo_id in board.servos)
+    frames = [Codec().encode(AddActionRequest(action_id, "Bow", steps)) for action_id in range(1, 101)]
+    assert len(frames[0]) > 96, "or it is passed on in one piece"
+
+    async def main() -> None:
+        reader, writer = asyncio.StreamReader(), _SlowWriter()
+        reader.feed_data(b"".join(frames))
+        reader.feed_eof()
+        writing: Any = writer
+        await listeners.bridge(reader, writing, lambda: VirtualTransport(board))
+
+    run(main())
+    assert [action_id for action_id, _ in board.storage.contents.records[ACTION]] == [*range(1, 101)]
 
 
 def test_a_host_that_is_gone_before_it_is_served_harms_nobody(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -227,6 +227,7 @@ class Program:
             self._send(frames)
         if self._was_full and not self.is_full:
             self._was_full = False
+            self._received_at = self._now()  # it was not silent, but not read until now
             if self.on_room is not None:
                 self.on_room()
 

@@ -137,9 +137,12 @@ class Session:
         self._last_write: Write | None = None
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes from the host, cut and damaged anyhow, and respond to the requests that are now complete."""
+        """Take bytes from the host, cut and damaged anyhow, and respond to the requests that are now complete.
+
+        Empty `data` says that more of them may have waited until now: the host is not silent.
+        """
         self.board.advance(now)
-        if now - self._last_receive >= _SILENCE:
+        if data and now - self._last_receive >= _SILENCE:
             # Half a frame and then silence: its sender is gone or has given up, but the length that it claims could
             # swallow everything that the next host sends. A host that only paused loses one request and asks again.
             while self._parser.partial_frame is not None:

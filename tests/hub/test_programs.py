@@ -273,6 +273,23 @@ def test_half_a_frame_swallows_nothing_that_comes_later() -> None:
     on_hub(use)
 
 
+def test_a_frame_of_which_the_rest_is_read_late_is_whole() -> None:
+    async def use(hub: Hub, fake: FakeBoard) -> None:
+        program, read_on = RawProgram(hub).session, asyncio.Event()
+        program.on_room = read_on.set
+        frame, many = hub.board.codec.encode(QueryServoListRequest()), MOST_HELD // REQUEST_BYTES + 1
+        program.pause()
+        program.receive(frame * many + frame[:8])
+        assert program.is_full
+        await asyncio.sleep(1)
+        program.resume()
+        await asyncio.wait_for(read_on.wait(), 10)
+        program.receive(frame[8:])
+        assert program.counters.requests == many + 1
+
+    on_hub(use)
+
+
 def test_button_events_go_to_those_who_asked() -> None:
     async def main() -> None:
         fake = FakeBoard()

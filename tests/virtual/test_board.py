@@ -95,9 +95,17 @@ def test_half_a_frame_and_silence_do_not_swallow_what_comes_next() -> None:
     half = CODEC.encode(SendDummyDataRequest(bytes(60000)))[:5000]
     host.session.receive(half, START)
     assert host.tell(QueryServoListRequest(), START + 0.1) == []  # may still be part of the long frame
-    host.session.receive(b"", START + 0.4)
-    assert len(host.heard) == 1  # given up, and the request inside it found
+    assert len(host.tell(QueryServoListRequest(), START + 0.4)) == 2  # given up, and the request inside it found
     assert len(host.tell(QueryServoListRequest(), START + 0.5)) == 1
+
+
+def test_half_a_frame_is_kept_while_more_of_it_waits_to_be_passed_on() -> None:
+    host = Host(VirtualBoard())
+    frame = CODEC.encode(QueryServoListRequest())
+    host.session.receive(frame[:8], START)
+    host.session.receive(b"", START + 9)
+    host.session.receive(frame[8:], START + 9)
+    assert len(host.heard) == 1
 
 
 def test_a_frame_in_two_parts_is_one_frame_when_the_second_comes_soon() -> None:
