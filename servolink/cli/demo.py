@@ -159,7 +159,7 @@ async def survive_damage(scene: Scene) -> Outcome:
 async def survive_delay(scene: Scene) -> Outcome:
     """Hold one response back until it is wrong: nobody waits for it, and the servos are elsewhere."""
     await scene.board.servos()  # so that nothing that was sent again before is still to be answered
-    before, held, old = scene.counters(), scene.line.held, scene.angles
+    loop, before, held, old = asyncio.get_running_loop(), scene.counters(), scene.line.held, scene.angles
     scene.stage.say(
         f"servo 1 is at {old[1]}°; all angles are read, and the response is held back until nobody waits for it"
     )
@@ -170,8 +170,12 @@ async def survive_delay(scene: Scene) -> Outcome:
     except RequestTimeout:
         timed_out = True
     await scene.board.move(dict.fromkeys(old, 0), duration=0.01)
+    async with asyncio.timeout(_REACTION):
+        while any(scene.angles.values()):  # or they could rightly be read on their way
+            await asyncio.sleep(0.01)
+            scene.virtual.advance(loop.time())
     scene.stage.say("all servos go to 0°, and all angles are read again, while the old response is still to come")
-    asyncio.get_running_loop().call_later(_LATER, scene.line.release)
+    loop.call_later(_LATER, scene.line.release)
     read = {servo.servo_id: int(servo.angle) for servo in await scene.board.servos()}
     since, held = scene.counted_since(before), scene.line.held - held
     scene.stage.say("queries that were sent again count as well, and responses that came behind the one held back")
