@@ -121,10 +121,12 @@ async def press_button(scene: Scene) -> Outcome:
         pressed_at = loop.time()
         virtual.press_button(_BUTTON, pressed_at)
         is_started = virtual.player.macro_id == _WAVE
-        pressed = await asyncio.wait_for(anext(events), _REACTION)
+        async with asyncio.timeout(_REACTION):
+            pressed = await anext(events)
         latency = loop.time() - pressed_at
         virtual.release_button(_BUTTON, loop.time())
-        released = await asyncio.wait_for(anext(events), _REACTION)
+        async with asyncio.timeout(_REACTION):
+            released = await anext(events)
     scene.stage.say(f"button {pressed.button_id}: {pressed.kind}, {latency * 1000:.1f} ms after it went down")
     await _watch_wave(scene)
     seen = [(event.button_id, event.kind) for event in (pressed, released)]

@@ -118,7 +118,8 @@ async def _press(control: RemoteControl, captions: Mapping[int, str], presses: a
 
     while True:
         try:
-            key = await asyncio.wait_for(presses.get(), control.wait)
+            async with asyncio.timeout(control.wait):
+                key = await presses.get()
         except TimeoutError:
             said = await control.run_waiting()
         else:

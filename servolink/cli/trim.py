@@ -181,7 +181,8 @@ async def _by_keys(board: Board, session: TrimSession) -> bool:
         while True:
             draw(session, await board.servos(), message)
             try:
-                key = await asyncio.wait_for(keys.get(), _PAUSE)
+                async with asyncio.timeout(_PAUSE):
+                    key = await keys.get()
             except TimeoutError:
                 continue
             if key in ("enter", "q", "esc"):

@@ -48,7 +48,7 @@ def test_a_board_of_a_loop_that_runs_is_not_closed_in_another(reconnect: bool) -
     with loop_in_a_thread() as home:
         board = asyncio.run_coroutine_threadsafe(connected(), home).result()
         with pytest.raises(RuntimeError, match=r"connected in <.*> and cannot be closed in <.*>: close it"):
-            asyncio.run(asyncio.wait_for(board.close(), 60))
+            asyncio.run(board.close())
         assert repr(board) == "<Board virtual:// connected>"
         assert len(asyncio.run_coroutine_threadsafe(board.servo_ids(), home).result()) == 16
         asyncio.run_coroutine_threadsafe(board.close(), home).result()
@@ -61,7 +61,7 @@ def test_a_board_whose_loop_has_ended_can_be_closed(reconnect: bool) -> None:
         return await connect("virtual://", reconnect=reconnect)
 
     board = asyncio.run(connected())
-    asyncio.run(asyncio.wait_for(board.close(), 60))
+    asyncio.run(board.close())
     assert repr(board) == "<Board virtual:// closed>"
 
 
@@ -81,7 +81,7 @@ def test_a_board_whose_loop_ended_below_those_who_wait_can_be_closed() -> None:
     loop = asyncio.new_event_loop()
     board = loop.run_until_complete(wait_in_many_ways())
     abandon(loop)
-    asyncio.run(asyncio.wait_for(board.close(), 60))
+    asyncio.run(board.close())
     assert repr(board) == "<Board virtual:// closed>"
     assert not any(task.done() for task in waiting)
 
@@ -99,7 +99,7 @@ def test_a_board_whose_loop_ended_while_it_was_lost_can_be_closed() -> None:
     loop = asyncio.new_event_loop()
     board = loop.run_until_complete(lost())
     abandon(loop)
-    asyncio.run(asyncio.wait_for(board.close(), 60))
+    asyncio.run(board.close())
     assert repr(board).endswith(" closed>")
 
 
@@ -107,7 +107,7 @@ def test_closing_after_the_loop_has_ended_frees_a_tcp_connection() -> None:
     with closing(socket.create_server(("127.0.0.1", 0))) as server:
         board = asyncio.run(opened(f"tcp://127.0.0.1:{server.getsockname()[1]}"))
         with closing(server.accept()[0]) as other_end:
-            asyncio.run(asyncio.wait_for(board.close(), 60))
+            asyncio.run(board.close())
             assert other_end.recv(1) == b""
 
 
@@ -117,7 +117,7 @@ def test_closing_after_the_loop_has_ended_frees_a_serial_port() -> None:
     try:
         url = f"serial://{os.ttyname(terminal)}"
         board = asyncio.run(opened(url))
-        asyncio.run(asyncio.wait_for(board.close(), 60))
+        asyncio.run(board.close())
 
         async def reopen() -> str:
             async with connect(url, handshake=False) as another:  # the port is opened exclusively

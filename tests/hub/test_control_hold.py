@@ -187,9 +187,11 @@ def test_who_stops_a_servo_does_not_wait_for_who_has_the_board_alone() -> None:
         async with shared() as here, here.program("studio") as studio, here.program("tablet") as tablet:
             await here.hub.board.add_servo_parameters([ServoParameter(2, 0, "hip")])
             await studio.call("board.hold", reason="an import")
-            await asyncio.wait_for(tablet.call("servo.set", servo="1", start=False, hold=True), 1)
+            async with asyncio.timeout(1):
+                await tablet.call("servo.set", servo="1", start=False, hold=True)
             assert [(state.is_start, state.is_hold) for state in await here.states()] == [(0, 1), (1, 1), (1, 1)]
-            await asyncio.wait_for(tablet.call("servo.set", servo="all", start=False, hold=True), 1)
+            async with asyncio.timeout(1):
+                await tablet.call("servo.set", servo="all", start=False, hold=True)
             assert [(state.is_start, state.is_hold) for state in await here.states()] == [(0, 1)] * 3
             by_caption = tablet.begin("servo.set", servo="hip", start=False, hold=True)
             await asyncio.sleep(30)

@@ -135,7 +135,8 @@ def test_a_program_with_many_requests_is_not_read_until_there_is_room() -> None:
         was_full = [program.is_full]
         program.receive(frame)
         was_full.append(program.is_full)
-        await asyncio.wait_for(read_on.wait(), 10)
+        async with asyncio.timeout(10):
+            await read_on.wait()
         assert [*was_full, program.is_full] == [False, True, False]
 
     on_hub(use)
@@ -283,7 +284,8 @@ def test_a_frame_of_which_the_rest_is_read_late_is_whole() -> None:
         assert program.is_full
         await asyncio.sleep(1)
         program.resume()
-        await asyncio.wait_for(read_on.wait(), 10)
+        async with asyncio.timeout(10):
+            await read_on.wait()
         program.receive(frame[8:])
         assert program.counters.requests == many + 1
 
