@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import io
 import json
 import random
@@ -257,14 +256,20 @@ def test_other_zips_are_refused(content: bytes, message: str, tmp_path: Path) ->
         read_report(path)
 
 
-def test_damage_in_a_report_is_an_error(tmp_path: Path) -> None:
-    path, whole, chance = tmp_path / "x.zip", pack({FACTS: facts_text({"x": list(range(300))})}), random.Random(2)
-    for _ in range(50):
+def test_damage_in_a_report_is_an_error_or_changes_nothing(tmp_path: Path) -> None:
+    """A date of the zip, for instance, is not looked at."""
+    path, whole = tmp_path / "x.zip", pack({FACTS: facts_text({"x": list(range(300))})})
+    path.write_bytes(whole)
+    content, errors = read_report(path), 0
+    for bit in range(0, 8 * len(whole), 7):  # each byte, and each bit of some
         damaged = bytearray(whole)
-        damaged[chance.randrange(len(whole))] ^= 1 << chance.randrange(8)
+        damaged[bit // 8] ^= 1 << bit % 8
         path.write_bytes(damaged)
-        with contextlib.suppress(RecordingError):
-            read_report(path)
+        try:
+            assert read_report(path) == content
+        except RecordingError:
+            errors += 1
+    assert errors > len(whole) / 2
 
 
 def test_missing_file_is_no_zip(tmp_path: Path) -> None:
