@@ -35,19 +35,20 @@ def broker() -> Iterator[str]:
         config.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n", encoding="ascii")
         process = subprocess.Popen([MOSQUITTO, "-c", str(config)], stderr=subprocess.PIPE, text=True)  # noqa: S603
         try:
-            _wait_for(port)
+            _wait_for(process, port)
             yield f"mqtt://127.0.0.1:{port}"
         finally:
             process.terminate()
             process.communicate()
 
 
-def _wait_for(port: int) -> None:
-    while True:
+def _wait_for(broker: subprocess.Popen[str], port: int) -> None:
+    while broker.poll() is None:
         with socket.socket() as probe:
             if probe.connect_ex(("127.0.0.1", port)) == 0:
                 return
         sleep(0.01)
+    raise RuntimeError(f"the broker ended with {broker.returncode}")
 
 
 @dataclass
