@@ -52,7 +52,7 @@ class _Line:
                 left -= len(os.read(self.port, left))
             took.append(perf_counter_ns() - began)
             if pause:
-                time.sleep(pause)
+                time.sleep(pause)  # a program that asks now and then: each request finds the spy waiting
         took.sort()
         self.p50.append(took[len(took) // 2] / 1e6)
         self.p99.append(took[len(took) * 99 // 100] / 1e6)

@@ -198,7 +198,7 @@ async def _outline(board: Board) -> Project:
 
 
 def _free_file(caption: str) -> Path:
-    """Return a path in this folder at which there is no file yet."""
+    """Return the path of a new file in this folder."""
     name = re.sub(r"[^\w-]+", "_", caption).strip("_") or "lesson"
     names = (Path(f"{name}{f'-{number}' if number > 1 else ''}.servolink.json") for number in count(1))
     return next(path for path in names if not path.exists())

@@ -58,7 +58,7 @@ class Report:
 
     @property
     def is_absent(self) -> bool:
-        """Whether there is no board to examine."""
+        """Whether no board was found."""
         return not self.urls or any(finding.check == "absent" for finding in self.findings)
 
 
