@@ -1,4 +1,4 @@
-"""Programs that tests start: each leads a session of its own, and nothing of it outlives its test."""
+"""Programs that tests start and wait for: each leads a session of its own, and nothing of it outlives its test."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -107,6 +108,14 @@ def finish(
     finally:
         sessions.end(process.pid)
     return out or "", err or ""
+
+
+def until(holds: Callable[[], object]) -> None:
+    """Return when something holds that other programs or threads, or the system, bring about and tell nobody."""
+    end = time.monotonic() + LIMIT
+    while not holds():
+        assert time.monotonic() < end, f"waited {LIMIT:g} s in vain"
+        time.sleep(0.01)
 
 
 def run(

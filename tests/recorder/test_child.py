@@ -86,10 +86,7 @@ def test_a_program_that_crashes_leaves_a_whole_file(tmp_path: Path) -> None:
     path = tmp_path / "out.mcap"
     done = processes.run((sys.executable, "-c", _CRASH, str(path)))
     assert done.returncode == 3
-    end = time.monotonic() + processes.LIMIT
-    while not path.read_bytes().endswith(MAGIC) or path.stat().st_size < 100:
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    processes.until(lambda: path.stat().st_size >= 100 and path.read_bytes().endswith(MAGIC))
     with Recording(path) as recording:
         assert "ExecuteActionRequest" in {getattr(entry.message, "packet", "") for entry in recording.entries()}
         assert recording.remarks == []

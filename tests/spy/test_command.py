@@ -6,7 +6,6 @@ import os
 import socket
 import sys
 import threading
-import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from servolink.protocol.servos import QueryServoListRequest, QueryServoListRespo
 from servolink.recorder.channels import Event, Wire
 from servolink.recorder.reading import Recording
 from tests.cli.programs import call
+from tests.processes import until
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")
 
@@ -27,13 +27,6 @@ CODEC = Codec("big")
 ASKED = CODEC.encode(QueryServoListRequest())
 SAID = CODEC.encode(QueryServoListResponse((1, 2, 3)))
 LIMIT = 120.0
-
-
-def until(holds: Callable[[], object]) -> None:
-    begun = time.monotonic()
-    while not holds():
-        assert time.monotonic() - begun < LIMIT
-        time.sleep(0.001)
 
 
 def exchange(program: int, board: int) -> None:

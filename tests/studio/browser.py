@@ -5,10 +5,9 @@ from __future__ import annotations
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from time import sleep
 from typing import Any, NamedTuple
 
 import pytest
@@ -41,7 +40,6 @@ _FILLED = {
     "Board": ".screen h2",
 }
 """What each screen shows when it knows what is on the board."""
-_PAUSE = 0.01  # seconds between two looks, in which the browser gets the processor
 SCREENS = tuple(_FILLED)
 SIZES = {"desktop": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
 
@@ -144,9 +142,3 @@ def show(page: Any, screen: str) -> None:
 def is_stopped(studio: Studio) -> bool:
     """Return whether no servo can move."""
     return not any(servo.is_start for servo in studio.board.servos())
-
-
-def until(is_so: Callable[[], bool]) -> None:
-    """Return when something is so; the time limit of the tests ends the wait."""
-    while not is_so():
-        sleep(_PAUSE)

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from servolink import sync
-from tests.studio.browser import LISTEN, OF_OTHERS, SIZES, Studio, in_browser, is_stopped, opened, running, until
+from tests.processes import until
+from tests.studio.browser import LISTEN, OF_OTHERS, SIZES, Studio, in_browser, is_stopped, opened, running
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from tests.studio.browser import LISTEN, Studio, in_browser, opened, until
+from tests.processes import until
+from tests.studio.browser import LISTEN, Studio, in_browser, opened
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect

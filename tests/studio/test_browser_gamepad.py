@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from tests.studio.browser import Studio, in_browser, is_stopped, opened, until
+from tests.processes import until
+from tests.studio.browser import Studio, in_browser, is_stopped, opened
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from servolink import sync
-from tests.processes import finish, start
-from tests.studio.browser import IN_THE_NETWORK, in_browser, new_profile, opened, until
+from tests.processes import finish, start, until
+from tests.studio.browser import IN_THE_NETWORK, in_browser, new_profile, opened
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect

@@ -10,7 +10,8 @@ import pytest
 
 from servolink.project.model import Project
 from servolink.project.project_file import load_project
-from tests.studio.browser import DEMO, Studio, in_browser, opened, show, until
+from tests.processes import until
+from tests.studio.browser import DEMO, Studio, in_browser, opened, show
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect

@@ -9,7 +9,8 @@ import pytest
 
 from servolink.recorder.channels import Event, ServosRead
 from servolink.recorder.reading import Recording
-from tests.studio.browser import Studio, in_browser, opened, show, until
+from tests.processes import until
+from tests.studio.browser import Studio, in_browser, opened, show
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect

@@ -17,12 +17,12 @@ def asked(role: RoleName, **params: Any) -> dict[str, Any]:
     """Return what a page gets."""
     found: list[dict[str, Any]] = []
 
-    async def test(place: Place) -> None:
+    async def ask(place: Place) -> None:
         async with place.page() as page:
             await welcomed(page, place.gate.new_token(role))
             found.append(await call(page, "studio.recording.read", **params))
 
-    run(test)
+    run(ask)
     return found[0]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import itertools
 import threading
-import time
 from collections.abc import Iterator
 from types import SimpleNamespace
 
@@ -15,6 +14,7 @@ import servolink.sync
 from servolink.errors import ConnectionLost
 from servolink.protocol.joystick import ButtonEventResponse, SubscribeButtonEventRequest
 from tests.client.fake_board import FakeBoard
+from tests.processes import until
 from tests.sync.sync_board import on_loop, opened
 
 START, END = SubscribeButtonEventRequest(1), SubscribeButtonEventRequest(0)
@@ -93,8 +93,7 @@ def test_an_event_after_the_time_is_up_is_not_lost(fake: FakeBoard, board: servo
 
 def test_leaving_the_loop_unsubscribes(fake: FakeBoard, board: servolink.sync.Board) -> None:
     def press_when_subscribed() -> None:
-        while not fake.executed_of(SubscribeButtonEventRequest) and not fake.closed:
-            time.sleep(0.001)
+        until(lambda: fake.executed_of(SubscribeButtonEventRequest) or fake.closed)
         if not fake.closed:
             press(fake, 1)
 

@@ -18,6 +18,7 @@ from servolink.transports.hid import HidDevice, OpenHid
 from servolink.transports.threaded import DeviceTransport, OpenDevice
 from servolink.transports.usb import OpenUsb, UsbDevice
 from tests import processes
+from tests.processes import until
 from tests.transports.fake_hid import FakeHid
 from tests.transports.fake_usb import FakeUsb
 from tests.transports.wires import LIMIT, Ear, on_loop
@@ -58,7 +59,7 @@ def board(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Board]:
     made = Board(FakeHid(tmp_path / "hidraw0") if request.param == "hid" else FakeUsb())
     yield made
     made.fake.unplug()
-    assert wait_until(made.is_closed)
+    until(made.is_closed)
     assert made.fake.misuse == []
 
 
@@ -78,12 +79,6 @@ def hasty(_patient: None, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def _device_threads() -> list[threading.Thread]:
     return [thread for thread in threading.enumerate() if thread.name.startswith("servolink device")]
-
-
-def wait_until(condition: Callable[[], bool]) -> bool:
-    """Wait in this thread for what other threads bring about."""
-    with (change := threading.Condition()):
-        return any(condition() or change.wait(0.001) for _ in range(int(LIMIT * 1000)))
 
 
 async def turn_until(condition: Callable[[], bool]) -> None:
@@ -118,7 +113,7 @@ async def test_the_longest_list_is_read_while_the_loop_stands_still(
         for start in range(0, 144, 48):  # the system keeps 63 for a program that does not read
             for report in reports[start : start + 48]:
                 board.bring(report)
-            assert wait_until(board.is_empty)
+            until(board.is_empty)
 
     transport, ear = await opened(board)
     chunks: list[bytes] = []
@@ -147,7 +142,7 @@ async def test_the_loop_is_woken_once_for_what_comes_while_it_is_busy(
     monkeypatch.setattr(loop, "call_soon_threadsafe", call)
     for number in range(40):
         board.bring(bytes([number]))
-        assert wait_until(board.is_empty)
+        until(board.is_empty)
     assert await ear.hear(40) == bytes(range(40))
     assert len(calls) <= 2
     await transport.close()
@@ -157,7 +152,7 @@ async def test_the_loop_is_woken_once_for_what_comes_while_it_is_busy(
 async def test_a_write_does_not_wait_for_a_read(board: Board) -> None:
     transport, _ = await opened(board)
     board.fake.set(read_stuck=True)
-    assert wait_until(lambda: board.fake.read_is_stuck)
+    until(lambda: board.fake.read_is_stuck)
     await transport.send(b"hello")
     assert bytes(board.heard).startswith(b"hello")
     board.fake.set(read_stuck=False)
@@ -169,7 +164,7 @@ async def test_a_write_does_not_wait_for_a_read(board: Board) -> None:
 async def test_a_stuck_read_does_not_hold_up_the_close(board: Board) -> None:
     transport, ear = await opened(board)
     board.fake.set(read_stuck=True)
-    assert wait_until(lambda: board.fake.read_is_stuck)
+    until(lambda: board.fake.read_is_stuck)
     await transport.close()
     assert ear.losses == [None]
     assert len(board.fake.handles) == 1  # as closing it during the call is what must not be done
@@ -215,9 +210,9 @@ async def test_a_loss_is_told_before_a_stuck_write_ends(board: Board) -> None:
 async def test_what_came_before_the_loss_is_delivered_before_it(board: Board) -> None:
     transport, ear = await opened(board)
     board.bring(b"last words")
-    assert wait_until(board.is_empty)
+    until(board.is_empty)
     board.fake.unplug()
-    assert wait_until(board.is_closed)
+    until(board.is_closed)
     assert isinstance(await ear.end(), ConnectionLost)
     assert ear.heard == b"last words"
     await transport.close()
@@ -228,7 +223,7 @@ def test_a_loop_that_is_closed_with_the_device_open_lets_it_go(board: Board, spe
     asyncio.run(_just_open(board))
     if speaks:
         board.bring(b"anyone?")
-    assert wait_until(board.is_closed)
+    until(board.is_closed)
 
 
 async def _just_open(board: Board) -> None:
@@ -244,8 +239,8 @@ async def test_many_connections_leave_nothing(board: Board) -> None:
         if number % 10 == 0:
             await transport.send(b"hello")
         await transport.close()
-    assert wait_until(board.is_closed)
-    assert wait_until(lambda: threading.active_count() <= threads)
+    until(board.is_closed)
+    until(lambda: threading.active_count() <= threads)
     assert _open_files() <= files
 
 
@@ -260,8 +255,8 @@ async def test_many_losses_leave_nothing(board: Board) -> None:
         assert isinstance(await ear.end(), ConnectionLost)
         await transport.close()
         assert board.fake.handles == set()
-    assert wait_until(board.is_closed)
-    assert wait_until(lambda: threading.active_count() <= threads)
+    until(board.is_closed)
+    until(lambda: threading.active_count() <= threads)
     assert _open_files() <= files
 
 
@@ -357,6 +352,7 @@ from servolink.transports.threaded import DeviceTransport
 from servolink.transports.hid import HidDevice
 from servolink.transports.device_info import PortIdentity
 from tests.transports.fake_hid import FakeHandle, FakeHid
+from tests.processes import until
 from tests.transports.wires import Ear
 
 FakeHandle.close = lambda handle: print("closed", flush=True)
