@@ -9,15 +9,15 @@ from dataclasses import dataclass, field
 from time import process_time
 
 from servolink.client.connect import connect
-from servolink.hub.control.session import ControlInterface
+from servolink.control.greeting import Greeting
 from servolink.hub.hub import Hub, share
+from servolink.hub.methods.session import ControlInterface
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionRequest, QueryActionResponse
 from servolink.protocol.frame import MAGIC
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.servos import QueryServoListRequest
 from servolink.transports.lifecycle import BaseTransport
-from servolink.transports.share import Greeting
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 

@@ -14,13 +14,13 @@ from typing import Any
 
 from msgspec import inspect as types
 
-from servolink.hub.control.faults import KINDS, REMEDIES, ErrorData
-from servolink.hub.control.messages import CREDIT
-from servolink.hub.control.notifications import NOTIFICATIONS
-from servolink.hub.control.rpc import MOST_BEGUN, MOST_WAITING, Method
-from servolink.hub.control.schema import schema_text
-from servolink.hub.control.session import METHODS
-from servolink.transports.share import Greeting, Welcome
+from servolink.control.faults import KINDS, REMEDIES, ErrorData
+from servolink.control.greeting import Greeting, Welcome
+from servolink.control.messages import CREDIT
+from servolink.control.notifications import NOTIFICATIONS
+from servolink.control.peer import MOST_BEGUN, MOST_WAITING, Method
+from servolink.hub.methods.schema import schema_text
+from servolink.hub.methods.session import METHODS
 
 _FOLDER = Path(__file__).parent
 PAGE = _FOLDER / "reference/control-interface.md"
@@ -32,7 +32,7 @@ _INTRODUCTION = """\
 
 Programs in any language use [a shared board](../how-to/share-a-board.md) through JSON-RPC 2.0: to see who is connected,
 to move within the limits of the board, to watch servos and buttons, and to change what is stored. This page is made
-from the declarations in `servolink/hub/control/`, as is the [JSON Schema](control-interface.schema.json) of all
+from the declarations in `servolink/control/`, as is the [JSON Schema](control-interface.schema.json) of all
 messages; [The hub](../design/hub.md#the-control-interface) says why it is built so.
 
 ## Connecting

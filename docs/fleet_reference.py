@@ -13,6 +13,7 @@ from typing import Any
 from msgspec import Struct
 
 from docs.control_interface import section
+from servolink.control.messages import Runnable
 from servolink.fleet.topics import (
     METHODS,
     MOTION,
@@ -25,8 +26,7 @@ from servolink.fleet.topics import (
     Stored,
     schema,
 )
-from servolink.hub.control.messages import Runnable
-from servolink.hub.control.session import METHODS as HUB_METHODS
+from servolink.hub.methods.session import METHODS as HUB_METHODS
 
 _FOLDER = Path(__file__).parent
 PAGE = _FOLDER / "reference/fleet.md"

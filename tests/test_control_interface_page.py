@@ -7,9 +7,9 @@ import json
 import pytest
 
 from docs.control_interface import PAGE, SCHEMA, control_interface
-from servolink.hub.control.notifications import NOTIFICATIONS
-from servolink.hub.control.schema import schema, schema_text
-from servolink.hub.control.session import METHODS
+from servolink.control.notifications import NOTIFICATIONS
+from servolink.hub.methods.schema import schema, schema_text
+from servolink.hub.methods.session import METHODS
 
 
 @pytest.fixture(scope="module")

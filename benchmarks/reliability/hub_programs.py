@@ -16,8 +16,8 @@ from servolink.client.connect import connect
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.errors import ConnectionLost, OpenError, ServolinkError
+from servolink.hub.doors.in_process import LocalTransport
 from servolink.hub.hub import Hub
-from servolink.hub.local import LocalTransport
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import MotionLimits
 from servolink.protocol import editing, joystick, records, servos, settings

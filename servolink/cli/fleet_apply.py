@@ -17,12 +17,12 @@ from servolink.cli.session import Interruption, refuse_without_answer, run_inter
 from servolink.cli.terminal import can_ask, confirm
 
 if TYPE_CHECKING:
+    from servolink.control.messages import Applied
     from servolink.errors import ServolinkError
     from servolink.fleet.client import Fleet
     from servolink.fleet.each import Outcomes
     from servolink.fleet.topics import Step
     from servolink.fleet.transfer import BoardPlan
-    from servolink.hub.control.messages import Applied
     from servolink.project.model import Project
 
 _MOST_PARALLEL = 200

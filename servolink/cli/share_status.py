@@ -12,13 +12,14 @@ from servolink.cli.main import OK, usage_error
 from servolink.cli.output import print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.share_view import facts, programs
-from servolink.client.rpc_channel import RpcChannel, open_channel
+from servolink.control.channel import RpcChannel, open_channel
+from servolink.control.greeting import Greeting, RoleName
+from servolink.control.messages import LeaseNow
+from servolink.control.share import this_program
+from servolink.control.status import HubStatus
 from servolink.discovery.hubs import candidates, hub_of
 from servolink.discovery.names import resolve_url
 from servolink.errors import OpenError
-from servolink.hub.control.messages import LeaseNow
-from servolink.hub.notices import HubStatus
-from servolink.transports.share import Greeting, RoleName, this_program
 
 _LIMIT = 5.0  # seconds for the hub to answer
 _SCHEME = "share://"

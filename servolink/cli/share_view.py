@@ -8,13 +8,12 @@ from contextlib import asynccontextmanager, contextmanager
 
 from servolink.cli.live import staying_line
 from servolink.cli.output import Table, counted, print_error, text_width
+from servolink.control.status import HubStatus, LeaseStatus
 from servolink.escaping import escape
 from servolink.hub.notices import (
     ConnectionChanged,
     HoldChanged,
-    HubStatus,
     LeaseChanged,
-    LeaseStatus,
     Notice,
     Problem,
     ProgramJoined,

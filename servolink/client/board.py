@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, TypeVar
 
 from servolink.client.names import Targets
 from servolink.client.raw_packets import RawPackets
-from servolink.client.reconnect import ConnectionState
 from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
+from servolink.control.status import ConnectionState
 from servolink.escaping import escape
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import MotionLimits

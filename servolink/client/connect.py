@@ -28,8 +28,8 @@ from servolink.transports.registry import create
 
 if TYPE_CHECKING:  # loaded when it is used: most boards have no profile
     from servolink.client.identity_guard import IdentityGuard
+    from servolink.control.share import ShareTransport
     from servolink.profiles.profile import BoardProfile, ProfileInUse
-    from servolink.transports.share import ShareTransport
 
 _HOW = (
     "use `async with servolink.connect(...) as board:` or `board = await servolink.connect(...)`, or servolink.sync "
@@ -333,7 +333,7 @@ def _hub_on(transport: Transport) -> ShareTransport | None:
     """Return the transport if a hub is at the other end."""
     if not getattr(transport, "is_shared", False):
         return None
-    from servolink.transports.share import ShareTransport  # late: most boards are not shared
+    from servolink.control.share import ShareTransport  # late: most boards are not shared
 
     return transport if isinstance(transport, ShareTransport) else None
 

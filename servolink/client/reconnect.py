@@ -6,14 +6,12 @@ import asyncio
 import logging
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import suppress
-from typing import Literal
 
 from servolink.connection.connection import Connection
+from servolink.control.status import ConnectionState
 from servolink.errors import NotFound, ServolinkError
 
 _logger = logging.getLogger(__name__)
-
-ConnectionState = Literal["connected", "lost", "closed"]
 
 FIRST_PAUSE = 0.1
 """Seconds from the loss of a connection to the first attempt; each further pause is twice as long."""

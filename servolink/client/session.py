@@ -8,11 +8,12 @@ from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from servolink.client.identity import BoardIdentity
-from servolink.client.reconnect import ConnectionState, ConnectionStates, Reconnector
+from servolink.client.reconnect import ConnectionStates, Reconnector
 from servolink.connection.connection import Connection
 from servolink.connection.explain import described, lost, same
 from servolink.connection.options import check_seconds
 from servolink.connection.stats import Stats
+from servolink.control.status import ConnectionState
 from servolink.errors import ConnectionLost, Rejected, ServolinkError
 from servolink.escaping import escape, quote
 from servolink.protocol.codec import Codec

@@ -1,4 +1,4 @@
-"""The client's side of a board that a hub shares (see `servolink.transports.share`)."""
+"""The client's side of a board that a hub shares (see `servolink.control.share`)."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any
 import msgspec
 
 from servolink.connection.options import ConnectionOptions
+from servolink.control.share import ShareTransport
 from servolink.errors import OpenError
 from servolink.profiles.profile import BoardProfile, ProfileInUse
-from servolink.transports.share import ShareTransport
 
 _OF_THE_BOARD = ("caption_encoding", "depth", "write_depth")
 """The options in a profile that count through a hub too; it settles the others with the board."""

@@ -9,6 +9,8 @@ from typing import Any, NoReturn
 
 import msgspec
 
+from servolink.control.notifications import ServosFrame
+from servolink.control.peer import encode
 from servolink.errors import ConnectionLost
 from servolink.fleet.broker import Publication, Wire
 from servolink.fleet.home_assistant import Document, HomeAssistant, discovery, without
@@ -16,8 +18,6 @@ from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.telemetry import Telemetry
 from servolink.fleet.topics import UNREADABLE, Topics, Vitals
-from servolink.hub.control.notifications import ServosFrame
-from servolink.hub.control.rpc import encode
 
 VITALS_SECONDS = 2.0
 """How often the vitals are sent if something has changed."""

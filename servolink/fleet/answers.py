@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from servolink.control.faults import error_object
+from servolink.control.peer import encode
 from servolink.fleet.broker import Publication
 from servolink.fleet.hub_session import HubError
 from servolink.fleet.journal import Journal
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.topics import Topics
-from servolink.hub.control.faults import error_object
-from servolink.hub.control.rpc import encode
 
 _LONGEST_NOTED = 65536  # bytes of a result that is remembered for the case of a crash
 

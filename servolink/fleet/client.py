@@ -7,6 +7,7 @@ from collections.abc import AsyncGenerator, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
+from servolink.control.messages import Applied
 from servolink.errors import ServolinkError
 from servolink.files import ALL
 from servolink.fleet import forgetting, stopping, together
@@ -20,7 +21,6 @@ from servolink.fleet.stopping import Stopped
 from servolink.fleet.together import Kind, RanTogether
 from servolink.fleet.topics import PREFIX, Topics
 from servolink.fleet.transfer import PARALLEL, BoardPlan, Transfer
-from servolink.hub.control.messages import Applied
 from servolink.project.model import Project
 
 On = str | Iterable[str]

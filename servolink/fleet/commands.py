@@ -18,6 +18,8 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import msgspec
 from msgspec import Raw
 
+from servolink.control.faults import Code, RpcError
+from servolink.control.roles import Role
 from servolink.errors import EncodeError, OutcomeUnknown, ServolinkError
 from servolink.escaping import escape, quote
 from servolink.files import reason
@@ -31,9 +33,7 @@ from servolink.fleet.pulse import Fence, PulseLink
 from servolink.fleet.stop_desk import StopDesk
 from servolink.fleet.topics import METHODS as OWN
 from servolink.fleet.topics import MOST_BYTES, MOTION, SESSION_METHODS, Cancel, Command, Prepare
-from servolink.hub.control.faults import Code, RpcError
-from servolink.hub.control.session import METHODS
-from servolink.hub.roles import Role
+from servolink.hub.methods.session import METHODS
 from servolink.json_text import read_json
 from servolink.protocol.json_errors import convert
 from servolink.tasks import Tasks

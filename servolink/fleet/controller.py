@@ -265,8 +265,8 @@ def _unsent(board: str, method: str, error: ConnectionLost) -> ServolinkError:
 
 
 def _only_reads(method: str) -> bool:
-    from servolink.hub.control.session import METHODS
-    from servolink.hub.roles import Role
+    from servolink.control.roles import Role
+    from servolink.hub.methods.session import METHODS
 
     return method in METHODS and METHODS[method].role == Role.WATCH
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec import UNSET
 
-from servolink.client.rpc_channel import error_of
+from servolink.control.channel import error_of
 from servolink.errors import ServolinkError
 from servolink.fleet.topics import Result, Step
 

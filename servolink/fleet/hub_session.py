@@ -9,11 +9,11 @@ from typing import NoReturn
 import msgspec
 from msgspec import UNSET, Raw
 
-from servolink.client.rpc_channel import Reply, RpcChannel, open_channel
+from servolink.control.channel import Reply, RpcChannel, open_channel
+from servolink.control.faults import ErrorObject
+from servolink.control.greeting import Greeting
 from servolink.errors import ConnectionLost, OpenError, ServolinkError
 from servolink.fleet.policy import BoardPolicy
-from servolink.hub.control.faults import ErrorObject
-from servolink.transports.share import Greeting
 
 _FIRST_PAUSE = 0.1
 _LONGEST_PAUSE = 5.0

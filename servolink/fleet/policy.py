@@ -9,12 +9,12 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
+from servolink.control.greeting import RoleName
 from servolink.errors import ServolinkError
 from servolink.escaping import quote
 from servolink.files import MIB, is_name, read_file, reason
 from servolink.fleet.groups import fleet_file
 from servolink.motion.limits import MotionLimits
-from servolink.transports.share import RoleName
 
 FILE = "fleet.toml"
 

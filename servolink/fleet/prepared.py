@@ -6,10 +6,10 @@ import asyncio
 
 import msgspec
 
+from servolink.control.messages import Done, Ran, RunPrepare, RunStart, RunStarted
 from servolink.errors import MotionRefused, NotFound
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.topics import Prepare
-from servolink.hub.control.messages import Done, Ran, RunPrepare, RunStart, RunStarted
 
 
 class PreparedRun:

@@ -18,6 +18,10 @@ from typing import Any, NoReturn
 import msgspec
 from msgspec import UNSET, Raw, Struct
 
+from servolink.control.messages import Battery, RecordList, ServoList
+from servolink.control.notifications import ButtonPressed, ProblemNotice, RefusedNotice
+from servolink.control.peer import encode
+from servolink.control.status import HubStatus
 from servolink.errors import ConnectionLost, ServolinkError
 from servolink.escaping import escape
 from servolink.fleet.broker import Publication, Wire
@@ -25,10 +29,6 @@ from servolink.fleet.hub_session import HubError, HubSession, result_of
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.topics import BoardNow, EventNow, LogLine, Stored, Topics
-from servolink.hub.control.messages import Battery, RecordList, ServoList
-from servolink.hub.control.notifications import ButtonPressed, ProblemNotice, RefusedNotice
-from servolink.hub.control.rpc import encode
-from servolink.hub.notices import HubStatus
 
 STATE_SECONDS = 5.0
 """How often the hub is asked for its state, besides each change that it reports."""

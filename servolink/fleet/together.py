@@ -11,6 +11,7 @@ from typing import Literal
 import msgspec
 from msgspec import UNSET, Struct
 
+from servolink.control.messages import Ran, Runnable
 from servolink.errors import AmbiguousName, ConnectionLost, NotFound, OutcomeUnknown, ServolinkError
 from servolink.escaping import quote
 from servolink.fleet.controller import Controller, new_id
@@ -18,7 +19,6 @@ from servolink.fleet.each import for_each
 from servolink.fleet.exchange import Exchange, failure_of, result_as
 from servolink.fleet.roster import Roster
 from servolink.fleet.topics import Cancel, Echo, Prepare, Start, Started, Stored
-from servolink.hub.control.messages import Ran, Runnable
 
 Kind = Literal["action", "macro"]
 

@@ -1,6 +1,6 @@
 """The topics of a fleet and what is sent there, each declared once.
 
-The methods, their params and their results are those of the hub's control interface (`servolink.hub.control`); a fleet
+The methods, their params and their results are those of the hub's control interface (`servolink.control`); a fleet
 adds `prepare` and `cancel`. From these types come the checks of what is received, the reference page and the JSON
 Schema.
 """
@@ -15,15 +15,15 @@ from typing import Annotated, Any, Literal, TypeAlias
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from servolink.client.reconnect import ConnectionState
+from servolink.control.faults import ErrorObject
+from servolink.control.greeting import RoleName
+from servolink.control.messages import Done, Ran, Runnable, about
+from servolink.control.notifications import ButtonPressed, ServosFrame
+from servolink.control.status import ConnectionState
 from servolink.errors import InvalidAddress
 from servolink.escaping import quote
 from servolink.files import ALL, is_name
-from servolink.hub.control.faults import ErrorObject
-from servolink.hub.control.messages import Done, Ran, Runnable, about
-from servolink.hub.control.notifications import ButtonPressed, ServosFrame
 from servolink.project.transfer.results import Phase
-from servolink.transports.share import RoleName
 
 PREFIX = "servolink"
 UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)

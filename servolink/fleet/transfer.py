@@ -9,12 +9,12 @@ from typing import Any, TypeVar
 
 from msgspec import Struct
 
+from servolink.control.messages import Applied
 from servolink.errors import EncodeError, ProjectError, ServolinkError
 from servolink.fleet.controller import Controller
 from servolink.fleet.each import Outcomes, Work, for_each
 from servolink.fleet.exchange import result_as
 from servolink.fleet.topics import Step
-from servolink.hub.control.messages import Applied
 from servolink.project.model import Project
 from servolink.project.project_file import file_type, project_from_form, project_to_form, save_project
 from servolink.protocol.json_errors import convert

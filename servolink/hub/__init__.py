@@ -9,15 +9,15 @@ from __future__ import annotations
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
+    from servolink.hub.doors.in_process import LocalTransport as LocalTransport
     from servolink.hub.hub import Hub as Hub
     from servolink.hub.hub import share as share
-    from servolink.hub.local import LocalTransport as LocalTransport
     from servolink.hub.serving import serve_board as serve_board
 else:
     # Loaded when they are used, as each of these modules imports others of this package.
     _MODULES = {
         "Hub": "servolink.hub.hub",
-        "LocalTransport": "servolink.hub.local",
+        "LocalTransport": "servolink.hub.doors.in_process",
         "serve_board": "servolink.hub.serving",
         "share": "servolink.hub.hub",
     }

@@ -8,32 +8,29 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 
 from servolink.client.board import Board
 from servolink.client.events import ButtonEvent
-from servolink.client.reconnect import ConnectionState
+from servolink.control.roles import Role
+from servolink.control.status import ConnectionState, HoldStatus, HubStatus, LeaseStatus
 from servolink.errors import ConnectionLost, MotionRefused, Rejected, ServolinkError
-from servolink.hub.events import ButtonRelay
-from servolink.hub.exchanges import Exchange
-from servolink.hub.lease import SECONDS_AFTER
-from servolink.hub.lease_keeper import LeaseKeeper
-from servolink.hub.motions import Motions
+from servolink.hub.engine.events import ButtonRelay
+from servolink.hub.engine.lease_keeper import LeaseKeeper
+from servolink.hub.engine.motions import Motions
+from servolink.hub.engine.program import Program
+from servolink.hub.engine.sending import PacketSender
+from servolink.hub.engine.stopping import Stops
+from servolink.hub.engine.unit_switch import UnitSwitch
+from servolink.hub.engine.upstream import RequestFollower, Upstream
 from servolink.hub.notices import (
     ButtonPressed,
     ConnectionChanged,
     HoldChanged,
-    HoldStatus,
-    HubStatus,
-    LeaseStatus,
     Notice,
     ProgramJoined,
     ProgramLeft,
     ProgramRenamed,
     Refused,
 )
-from servolink.hub.program import Program
-from servolink.hub.roles import Role
-from servolink.hub.sending import PacketSender
-from servolink.hub.stopping import Stops
-from servolink.hub.unit_switch import UnitSwitch
-from servolink.hub.upstream import RequestFollower, Upstream
+from servolink.hub.rules.exchanges import Exchange
+from servolink.hub.rules.lease import SECONDS_AFTER
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse

@@ -9,17 +9,17 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any
 
 from servolink.client.connect import connect
+from servolink.control.roles import Role
 from servolink.discovery.hubs import claim_hub, hub_of
 from servolink.discovery.names import resolve_board
 from servolink.errors import OpenError
 from servolink.files import is_name
-from servolink.hub.control.session import ControlInterface
 from servolink.hub.doors.network import tcp_door
 from servolink.hub.doors.socket_door import socket_door
 from servolink.hub.doors.terminal import pty_door
 from servolink.hub.hub import Hub, share
-from servolink.hub.lease import SECONDS_AFTER
-from servolink.hub.roles import Role
+from servolink.hub.methods.session import ControlInterface
+from servolink.hub.rules.lease import SECONDS_AFTER
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder

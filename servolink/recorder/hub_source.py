@@ -11,14 +11,15 @@ from typing import Any
 import msgspec
 from msgspec import Raw, Struct
 
-from servolink.client.rpc_channel import RpcChannel, open_channel
 from servolink.client.servos import Servo
+from servolink.control.channel import RpcChannel, open_channel
+from servolink.control.greeting import Greeting, Welcome
+from servolink.control.share import this_program
 from servolink.errors import DecodeError, RequestTimeout, ServolinkError
 from servolink.escaping import escape
 from servolink.motion.angles import AngleUnit, in_unit
 from servolink.recorder.channels import Event, ProblemFound, decode
 from servolink.recorder.readings import Readings, Take
-from servolink.transports.share import Greeting, Welcome, this_program
 
 _LIMIT = 5.0  # seconds for the hub to answer
 _LAST_LIMIT = 10.0  # the same at the end, when it may have much to say yet

@@ -7,13 +7,13 @@ from typing import Literal
 
 from msgspec import Struct
 
+from servolink.control.faults import Code, RpcError
+from servolink.control.messages import NoParams
+from servolink.control.roles import Role
 from servolink.discovery.search import boards, search
 from servolink.doctor.examine import checks_before_opening
 from servolink.doctor.system import SystemFacts
 from servolink.errors import InvalidAddress
-from servolink.hub.control.faults import Code, RpcError
-from servolink.hub.control.messages import NoParams
-from servolink.hub.roles import Role
 from servolink.studio.links import LinkAddress, LinkRole
 from servolink.studio.methods import METHODS, Caller
 

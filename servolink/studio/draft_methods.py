@@ -8,9 +8,9 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from servolink.control.messages import NoParams
+from servolink.control.roles import Role
 from servolink.errors import ProjectError
-from servolink.hub.control.messages import NoParams
-from servolink.hub.roles import Role
 from servolink.studio.drafts import MOST_RECORDS, Edit, Kept
 from servolink.studio.methods import METHODS, Caller, Studio
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from msgspec import Struct
 
-from servolink.hub.control.messages import NoParams
-from servolink.hub.roles import Role
+from servolink.control.messages import NoParams
+from servolink.control.roles import Role
 from servolink.project.figure import Figure, checked_figure, figure_to_json
 from servolink.studio.figures import read_figure, write_figure
 from servolink.studio.methods import METHODS, Caller

@@ -9,15 +9,15 @@ from typing import Annotated, NamedTuple, Protocol
 import msgspec
 from msgspec import Meta, Struct
 
+from servolink.control.greeting import RoleName, Welcome
+from servolink.control.messages import NoParams
+from servolink.control.peer import Methods
+from servolink.control.roles import Role
 from servolink.discovery import announcements
-from servolink.hub.control.messages import NoParams
-from servolink.hub.control.rpc import Methods
-from servolink.hub.roles import Role
 from servolink.profiles.profile import ProfileInUse
 from servolink.studio.drafts import Drafts
 from servolink.studio.gate import Token
 from servolink.studio.links import Links
-from servolink.transports.share import RoleName, Welcome
 
 MOST_NAME = 60
 """Characters of the name of a page."""

@@ -11,9 +11,11 @@ import msgspec
 from aiohttp import WSMsgType, web
 from msgspec import Meta, Struct
 
+from servolink.control.greeting import Greeting, RoleName, Welcome
+from servolink.control.peer import MOST_BYTES, Peer
+from servolink.control.roles import Role
+from servolink.control.share import greet
 from servolink.errors import OpenError
-from servolink.hub.control.rpc import MOST_BYTES, Peer
-from servolink.hub.roles import Role
 from servolink.json_text import read_json
 from servolink.profiles.profile import BoardProfile, ProfileInUse
 from servolink.studio import (  # they add their methods
@@ -25,7 +27,6 @@ from servolink.studio import (  # they add their methods
 )
 from servolink.studio.gate import Gate
 from servolink.studio.methods import METHODS, MOST_NAME, Caller, Studio
-from servolink.transports.share import Greeting, RoleName, Welcome, greet
 
 __all__ = [
     "MOST_MESSAGE",

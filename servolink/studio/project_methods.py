@@ -7,9 +7,9 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from servolink.control.messages import ProjectExported, ProjectForm
+from servolink.control.roles import Role
 from servolink.errors import ProjectError
-from servolink.hub.control.messages import ProjectExported, ProjectForm
-from servolink.hub.roles import Role
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.profiles.profile import ProfileInUse
 from servolink.project.model import Project

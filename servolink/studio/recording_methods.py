@@ -9,9 +9,9 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from servolink.control.faults import Code, RpcError
+from servolink.control.roles import Role
 from servolink.files import open_file, reason, user_folder
-from servolink.hub.control.faults import Code, RpcError
-from servolink.hub.roles import Role
 from servolink.studio.methods import METHODS, Caller
 
 _PIECE = 256 * 1024

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from servolink.client.board import Board
+from servolink.control.greeting import Greeting
+from servolink.control.share import greet
 from servolink.discovery import hubs
 from servolink.discovery.names import resolve_board
 from servolink.discovery.search import boards, search
@@ -21,7 +23,6 @@ from servolink.hub.serving import serve_board
 from servolink.project.project_file import parse_project
 from servolink.protocol.record_types import RECORD_TYPES
 from servolink.studio.methods import Studio
-from servolink.transports.share import Greeting, greet
 
 VIRTUAL = "virtual://?servos=16"
 _SHARED = "share://"

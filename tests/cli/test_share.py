@@ -13,19 +13,16 @@ from msgspec import structs
 
 from servolink.cli.output import plain_lines
 from servolink.cli.share_view import Rate, facts, is_for_the_log, programs, status_line, text_of
+from servolink.control.status import HoldStatus, HubStatus, LeaseStatus, ProgramStatus
 from servolink.hub.notices import (
     ButtonPressed,
     ConnectionChanged,
     HoldChanged,
-    HoldStatus,
-    HubStatus,
     LeaseChanged,
-    LeaseStatus,
     Notice,
     Problem,
     ProgramJoined,
     ProgramLeft,
-    ProgramStatus,
     Refused,
 )
 from servolink.hub.serving import default_name

@@ -12,11 +12,13 @@ from typing import Any
 import pytest
 from msgspec import Raw
 
-from servolink.client import hub_link, rpc_channel
+from servolink.client import hub_link
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.client.reconnect import ConnectionState
-from servolink.client.rpc_channel import error_of, open_channel
+from servolink.control import channel
+from servolink.control.channel import error_of, open_channel
+from servolink.control.greeting import Greeting
+from servolink.control.status import ConnectionState
 from servolink.errors import (
     ConnectionLost,
     MotionRefused,
@@ -26,15 +28,14 @@ from servolink.errors import (
     RequestTimeout,
     TargetNotReached,
 )
-from servolink.hub.control.session import ControlInterface
 from servolink.hub.hub import Hub
+from servolink.hub.methods.session import ControlInterface
 from servolink.hub.notices import ConnectionChanged
 from servolink.project.model import Project
 from servolink.project.transfer.apply import backup_for
 from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.editing import ExecuteMacroRequest, QueryActionListRequest
 from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter
-from servolink.transports.share import Greeting
 from servolink.virtual.kind import BoardKind
 from tests.hub.door_hub import on_hub, sharing, until
 
@@ -292,9 +293,9 @@ def test_an_error_says_that_the_hub_has_lost_the_board() -> None:
 def test_what_a_hub_tells_while_a_program_joins_is_not_older_than_what_it_answers(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    call = rpc_channel.RpcChannel.call
+    call = channel.RpcChannel.call
 
-    async def call_and_hear(self: rpc_channel.RpcChannel, method: str, **options: Any) -> Raw:
+    async def call_and_hear(self: channel.RpcChannel, method: str, **options: Any) -> Raw:
         result = await call(self, method, **options)
         if method == "board.state":
             assert self.on_notification is not None
@@ -305,7 +306,7 @@ def test_what_a_hub_tells_while_a_program_joins_is_not_older_than_what_it_answer
         async with connect("share://rex") as board:
             assert "lost" in repr(board)
 
-    monkeypatch.setattr(rpc_channel.RpcChannel, "call", call_and_hear)
+    monkeypatch.setattr(channel.RpcChannel, "call", call_and_hear)
     with_hub(main)
 
 
@@ -366,7 +367,7 @@ def test_a_control_interface_that_does_not_work_is_an_error(
 
 
 def test_an_endless_message_ends_the_channel(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rpc_channel, "_MOST_BYTES", 1000)
+    monkeypatch.setattr(channel, "_MOST_BYTES", 1000)
 
     async def main(hub: Hub) -> None:
         channel, _ = await open_channel("rex", Greeting(wants="rpc", who="tablet"))

@@ -10,8 +10,8 @@ from typing import Any
 import msgspec
 from aiomqtt import Client, ProtocolVersion, Will
 
+from servolink.control.faults import ErrorData, ErrorObject
 from servolink.fleet.topics import BoardNow, Command, Result, Stored, Topics
-from servolink.hub.control.faults import ErrorData, ErrorObject
 from tests.fleet.mosquitto import Broker
 
 TOPICS = Topics()

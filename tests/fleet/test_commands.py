@@ -12,7 +12,9 @@ from typing import Any
 import pytest
 from msgspec import Raw
 
-from servolink.client.rpc_channel import Reply, open_channel
+from servolink.control.channel import Reply, open_channel
+from servolink.control.greeting import Greeting
+from servolink.control.messages import Runnable
 from servolink.errors import MotionRefused
 from servolink.fleet import commands, pulse
 from servolink.fleet.broker import Received
@@ -21,10 +23,8 @@ from servolink.fleet.journal import Journal
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.prepared import PreparedRun
 from servolink.fleet.topics import Prepare
-from servolink.hub.control.messages import Runnable
 from servolink.hub.serving import serve_board
 from servolink.protocol.records import Action, Step
-from servolink.transports.share import Greeting
 from tests.fleet.bridged import Far, bridged, far_away, joined, run
 from tests.fleet.mosquitto import Broker, needs_broker
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
+from servolink.control.peer import encode
 from servolink.fleet import announcer
 from servolink.fleet.home_assistant import HomeAssistant, discovery, without
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.topics import BoardNow, EventNow, Stored, Topics, Vitals
-from servolink.hub.control.rpc import encode
 from servolink.protocol.records import Action, Step
 from tests.fleet.bridged import bridged, run
 from tests.fleet.home_assistant_rules import check_document, check_topic

@@ -9,10 +9,10 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from servolink.client.connect import connect
-from servolink.hub.control.session import ControlInterface, ControlSession
+from servolink.control.greeting import Greeting, RoleName
 from servolink.hub.hub import Hub, share
+from servolink.hub.methods.session import ControlInterface, ControlSession
 from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest, ServoState
-from servolink.transports.share import Greeting, RoleName
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import DEFAULT_KIND, BoardKind
 from servolink.virtual.transport import VirtualTransport

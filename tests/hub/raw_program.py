@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
+from servolink.control.roles import Role
 from servolink.hub.hub import Hub
-from servolink.hub.roles import Role
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
-from servolink.client.roles import is_motion
+from servolink.control.roles import is_motion
 from servolink.hub.hub import Hub, share
 from servolink.hub.notices import LeaseChanged, Notice
 from servolink.profiles.profile import BoardProfile, SafetyLimits

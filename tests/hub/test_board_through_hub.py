@@ -10,8 +10,8 @@ import pytest
 from servolink import hub as hub_package
 from servolink.client.connect import connect
 from servolink.errors import RequestTimeout
+from servolink.hub.doors.in_process import LocalTransport
 from servolink.hub.hub import share
-from servolink.hub.local import LocalTransport
 from servolink.protocol.codec import Codec
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind

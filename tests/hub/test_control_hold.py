@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from servolink.client.connect import connect
-from servolink.hub.exchanges import Bounds
-from servolink.hub.local import LocalTransport
+from servolink.hub.doors.in_process import LocalTransport
+from servolink.hub.rules.exchanges import Bounds
 from servolink.protocol.records import Action, ServoParameter, Step
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 from tests.hub.control_program import RpcFailed, shared

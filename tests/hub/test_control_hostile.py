@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servolink.hub.control.messages import CREDIT
-from servolink.hub.control.session import METHODS, ControlInterface
+from servolink.control.greeting import Greeting
+from servolink.control.messages import CREDIT
 from servolink.hub.hub import Hub
-from servolink.transports.share import Greeting
+from servolink.hub.methods.session import METHODS, ControlInterface
 from tests.hub.control_program import shared
 from tests.hub.door_hub import RawLine, on_hub, raw_socket, sharing, until
 from tests.virtual_time import run

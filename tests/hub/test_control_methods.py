@@ -8,10 +8,10 @@ import pytest
 
 from servolink.client import connect as connecting
 from servolink.client.connect import connect
-from servolink.hub.control.session import METHODS
+from servolink.control.roles import Role
+from servolink.hub.doors.in_process import LocalTransport
 from servolink.hub.hub import share
-from servolink.hub.local import LocalTransport
-from servolink.hub.roles import Role
+from servolink.hub.methods.session import METHODS
 from servolink.protocol.records import ServoParameter
 from servolink.virtual.board import VirtualBoard
 from tests.client.sockets import Socket

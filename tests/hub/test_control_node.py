@@ -11,8 +11,8 @@ from importlib.util import find_spec
 import pytest
 
 from docs.control_interface import EXAMPLE
-from servolink.hub.control.session import ControlInterface
 from servolink.hub.hub import Hub
+from servolink.hub.methods.session import ControlInterface
 from servolink.protocol.servos import QueryServoRequest
 from tests import processes
 from tests.hub.door_hub import on_hub, sharing

@@ -9,10 +9,10 @@ import pytest
 
 from servolink.client import connect as connecting
 from servolink.client.connect import connect
+from servolink.control.roles import Role
+from servolink.hub.doors.in_process import LocalTransport
 from servolink.hub.hub import share
-from servolink.hub.local import LocalTransport
 from servolink.hub.notices import Problem
-from servolink.hub.roles import Role
 from servolink.virtual.board import VirtualBoard
 from tests.client.fake_board import now
 from tests.client.sockets import Socket

@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Meta, Struct
 
+from servolink.control import peer
+from servolink.control.faults import Code
+from servolink.control.peer import MOST_BEGUN, MOST_BYTES, MOST_NOTIFICATIONS, MOST_WAITING, Methods, Peer
+from servolink.control.roles import Role
 from servolink.errors import MotionRefused, NotFound
-from servolink.hub.control import rpc
-from servolink.hub.control.faults import Code
-from servolink.hub.control.rpc import MOST_BEGUN, MOST_BYTES, MOST_NOTIFICATIONS, MOST_WAITING, Methods, Peer
-from servolink.hub.roles import Role
 from tests.virtual_time import run
 
 
@@ -252,7 +252,7 @@ def test_motion_keeps_its_order_while_reading_goes_on_and_a_stop_goes_first() ->
         await program.settle()
         assert program.log.done.index("slow") < program.log.done.index("quick")
         assert program.log.done.index("read") < program.log.done.index("slow")
-        assert program.log.most == rpc.MOST_READING
+        assert program.log.most == peer.MOST_READING
         assert sorted(message["id"] for message in program.got if "id" in message) == [1, 2, *range(10, 30), 99]
 
     run(main())

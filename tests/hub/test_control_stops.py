@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from servolink.hub.control.session import ControlInterface
+from servolink.control.greeting import Greeting
+from servolink.hub.methods.session import ControlInterface
 from servolink.protocol.servos import SetServoParameterRequest
-from servolink.transports.share import Greeting
 from servolink.virtual.kind import BoardKind
 from tests.client.fake_board import LOST
 from tests.hub.control_program import RpcFailed, RpcProgram, shared

@@ -16,17 +16,18 @@ from hypothesis import strategies as st
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
+from servolink.control import share
+from servolink.control.greeting import MOST_GREETING, Greeting
+from servolink.control.share import hub_folder, socket_path, this_program
 from servolink.errors import OpenError
-from servolink.hub.control.session import ControlInterface
 from servolink.hub.doors import lines, socket_door
 from servolink.hub.hub import Hub
+from servolink.hub.methods.session import ControlInterface
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, QueryActionRequest, QueryActionResponse
 from servolink.protocol.records import Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
-from servolink.transports import share
 from servolink.transports.registry import create
-from servolink.transports.share import MOST_GREETING, Greeting, hub_folder, socket_path, this_program
 from servolink.virtual.board import VirtualBoard
 from tests.hub.door_hub import RawLine, on_hub, raw_socket, sharing, until
 from tests.processes import LIMIT

@@ -15,8 +15,8 @@ from servolink.client.connect import connect
 from servolink.errors import OpenError
 from servolink.hub.doors import terminal
 from servolink.hub.doors.terminal import pty_door
+from servolink.hub.engine.program import Program
 from servolink.hub.hub import Hub
-from servolink.hub.program import Program
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, QueryActionRequest, QueryActionResponse
 from servolink.protocol.records import Step

@@ -14,14 +14,14 @@ from typing import Any
 import pytest
 
 from servolink.client.connect import connect
+from servolink.control import share
+from servolink.control.share import hub_folder, socket_path
 from servolink.errors import ConnectionLost, OpenError, RequestTimeout
 from servolink.hub.hub import Hub
 from servolink.profiles.profile import BoardProfile, BoardSettings, SafetyLimits
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionRequest
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
-from servolink.transports import share
-from servolink.transports.share import hub_folder, socket_path
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from tests.hub.door_hub import GUARD, RawLine, on_hub, raw_socket, sharing, until

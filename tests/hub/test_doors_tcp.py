@@ -8,11 +8,11 @@ import socket
 import pytest
 
 from servolink.client.connect import connect
+from servolink.control.roles import Role
 from servolink.errors import OpenError, TransportUnavailable
 from servolink.hub.doors import network
 from servolink.hub.doors.network import tcp_door
 from servolink.hub.hub import Hub
-from servolink.hub.roles import Role
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import MAGIC
 from servolink.protocol.records import Step

@@ -8,8 +8,8 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.errors import OpenError, WrongBoard
+from servolink.hub.doors.in_process import LocalTransport
 from servolink.hub.hub import Hub, share
-from servolink.hub.local import LocalTransport
 from servolink.hub.notices import HoldChanged, Notice, Refused
 from servolink.protocol.editing import (
     QueryActionListRequest,

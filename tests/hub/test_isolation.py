@@ -15,7 +15,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from servolink.client import connect as connecting
 from servolink.client.connect import connect
 from servolink.hub.hub import Hub, share
-from servolink.hub.units import BoardUnits
+from servolink.hub.rules.units import BoardUnits
 from servolink.motion.angles import AngleUnit
 from servolink.project.model import Project
 from servolink.protocol.editing import ExecuteMacroRequest, QueryActionRequest, WriteProjectIDRequest

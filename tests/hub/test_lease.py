@@ -8,7 +8,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from servolink.hub.lease import LeaseChange, MotionLease
+from servolink.hub.rules.lease import LeaseChange, MotionLease
 
 programs = st.sampled_from(["ann", "bob", "cid"])
 steps = st.sampled_from([0.0, 0.1, 0.35, 1.0, 4.0, 10.0, 30.0])

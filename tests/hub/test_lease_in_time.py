@@ -9,11 +9,10 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from servolink.client.roles import is_motion, is_stop
+from servolink.control.roles import Role, is_motion, is_stop
 from servolink.hub.hub import Hub, share
-from servolink.hub.lease import LeaseChange, MotionLease
 from servolink.hub.notices import LeaseChanged, Notice
-from servolink.hub.roles import Role
+from servolink.hub.rules.lease import LeaseChange, MotionLease
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ALL_SERVOS,

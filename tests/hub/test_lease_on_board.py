@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from servolink.client import connect as connecting
+from servolink.control.roles import Role
 from servolink.hub.hub import share
 from servolink.hub.notices import LeaseChanged, Notice, Problem, Refused
-from servolink.hub.roles import Role
 from servolink.profiles.profile import SafetyLimits
 from servolink.protocol.editing import (
     AddServoParameterRequest,

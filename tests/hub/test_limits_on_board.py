@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from servolink.control.roles import Role, needed_role
 from servolink.hub.notices import Refused
-from servolink.hub.roles import Role, needed_role
 from servolink.profiles.profile import SafetyLimits
 from servolink.protocol.editing import (
     ExecuteMacroRequest,

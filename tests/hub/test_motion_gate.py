@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from servolink.hub.lease import LeaseChange, MotionLease
-from servolink.hub.motion_gate import MotionGate, refused_response, stops_all
-from servolink.hub.roles import Role
+from servolink.control.roles import Role
+from servolink.hub.rules.lease import LeaseChange, MotionLease
+from servolink.hub.rules.motion_gate import MotionGate, refused_response, stops_all
 from servolink.protocol.editing import (
     AddActionRequest,
     AddActionResponse,

@@ -11,7 +11,7 @@ import pytest
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import OutcomeUnknown, RequestTimeout
-from servolink.hub.motions import Motions, Outcome
+from servolink.hub.engine.motions import Motions, Outcome
 from servolink.profiles.profile import BoardProfile, BoardSettings, SafetyLimits
 from servolink.project.model import Project
 from servolink.protocol.editing import (

@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 
 from servolink.client.connect import connect
+from servolink.hub.doors.in_process import LocalTransport
+from servolink.hub.engine.program import MOST_HELD, REQUEST_BYTES
 from servolink.hub.hub import Hub, share
-from servolink.hub.local import LocalTransport
-from servolink.hub.program import MOST_HELD, REQUEST_BYTES
 from servolink.protocol.editing import (
     AddActionRequest,
     QueryActionRequest,

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import fields
 
-from servolink.client.roles import is_motion, is_stop
-from servolink.hub.roles import Role, carries_angles, needed_role
+from servolink.control.roles import Role, carries_angles, is_motion, is_stop, needed_role
 from servolink.protocol.codec import PACKETS_BY_NAME
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Packet

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.hub.exchanges import Bounds, Exchange, ProgramCounters, ProgramQueue, RoundRobin
-from servolink.hub.roles import Role
-from servolink.hub.session_state import SessionState
+from servolink.control.roles import Role
+from servolink.hub.rules.exchanges import Bounds, Exchange, ProgramCounters, ProgramQueue, RoundRobin
+from servolink.hub.rules.session_state import SessionState
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionRequest, WriteProjectIDRequest
 from servolink.protocol.packet import Packet, Query

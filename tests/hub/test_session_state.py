@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from servolink.hub.session_state import SessionState, Subscribers
+from servolink.hub.rules.session_state import SessionState, Subscribers
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.servos import ALL_SERVOS, SetAngleUnitRequest
 

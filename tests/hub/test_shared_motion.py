@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 
+from servolink.control.roles import Role
 from servolink.errors import OutcomeUnknown
 from servolink.hub.hub import Hub
 from servolink.hub.notices import Notice, Refused
-from servolink.hub.roles import Role
 from servolink.protocol.editing import (
     QueryActionRequest,
     QueryActionResponse,

@@ -16,16 +16,16 @@ import msgspec
 import pytest
 
 from servolink.client.connect import connect
-from servolink.client.rpc_channel import open_channel
 from servolink.client.servos import Servo
-from servolink.hub.notices import HubStatus
+from servolink.control.channel import open_channel
+from servolink.control.greeting import Greeting
+from servolink.control.status import HubStatus
 from servolink.project.build import build_project
 from servolink.project.project_file import save_project
 from servolink.protocol.codec import Codec
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.records import Action, Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
-from servolink.transports.share import Greeting
 from tests.cli.programs import COMMAND, environment, finished, started
 from tests.cli.terminals import in_pipe
 from tests.processes import start

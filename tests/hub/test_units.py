@@ -8,8 +8,8 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule
 
-from servolink.hub.session_state import SessionState
-from servolink.hub.units import BoardUnits
+from servolink.hub.rules.session_state import SessionState
+from servolink.hub.rules.units import BoardUnits
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.editing import ExecuteMacroRequest, QueryActionRequest
 from servolink.protocol.packet import Packet

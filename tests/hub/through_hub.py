@@ -8,8 +8,8 @@ from typing import Any
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
+from servolink.hub.doors.in_process import LocalTransport
 from servolink.hub.hub import share
-from servolink.hub.local import LocalTransport
 from servolink.protocol.codec import Codec
 
 UPSTREAM = ("byte_order", "caption_encoding", "transmission_mode", "patience", "depth", "write_depth", "profile")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from servolink.client.connect import connect
-from servolink.hub.control.session import ControlInterface
 from servolink.hub.hub import Hub
+from servolink.hub.methods.session import ControlInterface
 from servolink.recorder.channels import CommandDone, Event, PacketSeen, ServosRead
 from servolink.recorder.reading import Recording
 from servolink.recorder.recorder import Wanted, record, record_at

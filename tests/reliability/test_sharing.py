@@ -10,10 +10,10 @@ import pytest
 
 from benchmarks.reliability.hub_history import HubScene, relive_sharing
 from servolink.connection.connection import Connection
-from servolink.hub.exchanges import Exchange, RoundRobin
-from servolink.hub.program import Program
-from servolink.hub.sending import PacketSender
-from servolink.hub.units import BoardUnits
+from servolink.hub.engine.program import Program
+from servolink.hub.engine.sending import PacketSender
+from servolink.hub.rules.exchanges import Exchange, RoundRobin
+from servolink.hub.rules.units import BoardUnits
 from servolink.protocol.packet import Packet
 from tests import processes
 

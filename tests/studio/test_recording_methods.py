@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from servolink.hub.control.faults import Code
-from servolink.transports.share import RoleName
+from servolink.control.faults import Code
+from servolink.control.greeting import RoleName
 from tests.studio.serving import Place, call, run, welcomed
 
 

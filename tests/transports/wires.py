@@ -19,6 +19,8 @@ from typing import Any, ParamSpec, Self
 
 import msgspec
 
+from servolink.control.greeting import Greeting, Welcome
+from servolink.control.share import hub_folder, socket_path
 from servolink.files import user_folder
 from servolink.transports.base import Transport
 from servolink.transports.device_info import PortIdentity
@@ -27,7 +29,6 @@ from servolink.transports.hid import HidDevice
 from servolink.transports.memory import MemoryTransport
 from servolink.transports.recording import RecordingTransport
 from servolink.transports.registry import create
-from servolink.transports.share import Greeting, Welcome, hub_folder, socket_path
 from servolink.transports.threaded import Device, DeviceTransport
 from servolink.transports.usb import UsbDevice
 from tests.transports.fake_hid import KERNEL_QUEUE, FakeHid

@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 
 from servolink.escaping import escape
-from servolink.hub.program import Program
+from servolink.hub.engine.program import Program
 from servolink.listeners import RareWarning, accepting
 from servolink.tasks import Tasks
 

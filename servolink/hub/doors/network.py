@@ -7,10 +7,10 @@ import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
+from servolink.control.roles import Role
 from servolink.escaping import quote
 from servolink.hub.doors.lines import Line, serve_lines
 from servolink.hub.hub import Hub
-from servolink.hub.roles import Role
 from servolink.listeners import RareWarning, host_and_port, listening_sockets, most_connections, place_of
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec

@@ -1,6 +1,6 @@
 """The door for programs with servolink: `share://NAME`, a Unix socket that only this user can open.
 
-See `servolink.transports.share` for the greeting, and for the way in where there are no Unix sockets.
+See `servolink.control.share` for the greeting, and for the way in where there are no Unix sockets.
 """
 
 from __future__ import annotations
@@ -19,15 +19,16 @@ from typing import Protocol, TypeAlias
 import msgspec
 from msgspec import Raw, Struct
 
+from servolink.control import share
+from servolink.control.greeting import GREETING_LIMIT, MOST_GREETING, VERSION, Greeting, Refusal, Welcome
+from servolink.control.roles import Role
+from servolink.control.share import LoopbackDoor
 from servolink.discovery.hubs import HubClaim
 from servolink.errors import OpenError
 from servolink.files import reason, write_atomically
 from servolink.hub.doors.lines import Line, serve_lines
 from servolink.hub.hub import Hub
-from servolink.hub.roles import Role
 from servolink.protocol.codec import Codec
-from servolink.transports import share
-from servolink.transports.share import GREETING_LIMIT, MOST_GREETING, VERSION, Greeting, LoopbackDoor, Refusal, Welcome
 
 MOST_MESSAGE = 1024 * 1024
 """Bytes of one message of JSON-RPC, at most."""

@@ -17,8 +17,8 @@ from urllib.parse import quote
 
 from servolink.errors import TransportUnavailable
 from servolink.hub.doors.lines import HIGH, LOW, MOST_UNREAD
+from servolink.hub.engine.program import Program
 from servolink.hub.hub import Hub
-from servolink.hub.program import Program
 from servolink.listeners import RareWarning, linked_terminal
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec

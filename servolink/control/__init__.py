@@ -1,0 +1,1 @@
+"""The contract between a hub and its programs: greeting, roles, messages, notifications, faults, and JSON-RPC 2.0."""

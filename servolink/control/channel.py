@@ -1,0 +1,201 @@
+"""RpcChannel: the control interface of a hub, as a program uses it (docs/reference/control-interface.md)."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import msgspec
+from msgspec import UNSET, Raw, Struct, UnsetType
+
+from servolink import errors
+from servolink.control.greeting import Greeting, Welcome
+from servolink.control.share import greet
+from servolink.errors import ConnectionLost, OpenError, Rejected, RequestError, RequestTimeout, ServolinkError
+from servolink.escaping import escape
+
+_MOST_BYTES = 64 * 1024 * 1024  # of one message: four times the largest project
+_CLOSING_LIMIT = 1.0  # seconds
+_logger = logging.getLogger(__name__)
+
+
+class _ErrorData(Struct):
+    kind: str = ""
+
+
+class _Error(Struct):
+    message: str
+    data: _ErrorData = msgspec.field(default_factory=_ErrorData)
+
+
+class Reply(Struct):
+    """What a hub answers: the result of a method, or an error as the reference has it; both as JSON."""
+
+    result: Raw = Raw(b"")
+    error: Raw | UnsetType = UNSET
+
+
+class _Message(Reply):
+    """A response or a notification; a newer hub may say more."""
+
+    id: int | None = None
+    method: str | None = None
+    params: Raw = Raw(b"{}")
+
+
+class _Progress(Struct):
+    """The part of a notification `progress` by which it is passed on."""
+
+    id: int | None = None
+
+
+class RpcChannel(asyncio.Protocol):
+    """Calls methods of a hub and hears its notifications."""
+
+    def __init__(self, name: str) -> None:
+        """Use `open_channel`."""
+        self.ended: ConnectionLost | None = None
+        """Why it has ended; None as long as it has not."""
+        self.on_notification: Callable[[str, Raw], None] | None = None
+        """Called with name and params of each notification; it must not raise."""
+        self.on_end: Callable[[], None] | None = None
+        """Called when the hub is gone; not by `close`."""
+        self._name = name
+        self._pipe: asyncio.Transport | None = None
+        self._heard = bytearray()
+        self._searched = 0  # bytes of it in which no line ends
+        self._number = 0
+        self._calls: dict[int, asyncio.Future[Reply]] = {}
+        self._progress: dict[int, Callable[[Raw], None]] = {}
+        self._lost = asyncio.get_running_loop().create_future()
+
+    async def open(self, greeting: Greeting) -> Welcome:
+        """Connect to the hub. Raise OpenError, which says what to do."""
+        self._pipe, welcome = await greet(self._name, greeting, self)
+        self._pipe.resume_reading()
+        return welcome
+
+    async def call(self, method: str, *, timeout: float | None = None, **params: Any) -> Raw:
+        """Return the result of a method, as JSON. Raise the error of the library that the hub sends.
+
+        Raise RequestTimeout after `timeout` seconds, and ConnectionLost if the hub is gone.
+        """
+        try:
+            async with asyncio.timeout(timeout):
+                reply = await self.ask(method, params)
+        except TimeoutError as error:
+            if isinstance(error, ServolinkError):
+                raise
+            raise RequestTimeout(f"the hub of {self._name} has not answered {method} within {timeout:g} s") from None
+        if reply.error is not UNSET:
+            told = msgspec.json.decode(reply.error, type=_Error)
+            raise error_of(told.data.kind, told.message)
+        return reply.result
+
+    async def ask(self, method: str, params: object, on_progress: Callable[[Raw], None] | None = None) -> Reply:
+        """Return what the hub answers, be it an error; `on_progress` is called with each notification of progress.
+
+        Raise ConnectionLost if the hub is gone.
+        """
+        if self.ended is not None or self._pipe is None:
+            raise self._gone()
+        self._number += 1
+        number = self._number
+        reply: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()
+        self._calls[number] = reply
+        if on_progress is not None:
+            self._progress[number] = on_progress
+        try:
+            self._send({"id": number, "method": method, "params": params})
+            return await reply
+        finally:
+            self._calls.pop(number, None)
+            self._progress.pop(number, None)
+
+    def tell(self, method: str, **params: Any) -> None:
+        """Call a method without waiting for it."""
+        if self.ended is None:
+            self._send({"method": method, "params": params})
+
+    async def close(self) -> None:
+        """Disconnect from the hub; may be called again."""
+        self.on_notification = self.on_end = None
+        if self._pipe is None or self.ended is not None:
+            return
+        self._pipe.close()
+        await asyncio.wait((self._lost,), timeout=_CLOSING_LIMIT)
+        self._pipe.abort()
+
+    def _send(self, message: dict[str, Any]) -> None:
+        if self._pipe is not None:
+            self._pipe.write(msgspec.json.encode({"jsonrpc": "2.0", **message}) + b"\n")
+
+    def _gone(self) -> ConnectionLost:
+        return ConnectionLost(f"the hub of {self._name} is gone: start it again with `servolink share`")
+
+    # --- called by asyncio --------------------------------------------------------------------------------------
+
+    def data_received(self, data: bytes) -> None:
+        """Take each message that is complete."""
+        self._heard += data
+        while (end := self._heard.find(b"\n", self._searched)) >= 0:
+            line = bytes(self._heard[:end])
+            del self._heard[: end + 1]
+            self._searched = 0
+            self._take(line)
+        self._searched = len(self._heard)
+        if len(self._heard) > _MOST_BYTES and self._pipe is not None:
+            self._pipe.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Fail all calls: the hub is gone."""
+        self.ended = self._gone()
+        for reply in self._calls.values():
+            if not reply.done():
+                reply.set_exception(self._gone())
+        if not self._lost.done():
+            self._lost.set_result(None)
+        if self.on_end is not None:
+            self.on_end()
+
+    def _take(self, line: bytes) -> None:
+        try:
+            message = msgspec.json.decode(line, type=_Message)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            _logger.warning("%s: a message of the hub cannot be read: %s", escape(self._name), escape(str(error)))
+            return
+        if message.method is not None:
+            self._hear(message.method, message.params)
+            return
+        reply = None if message.id is None else self._calls.get(message.id)
+        if reply is not None and not reply.done():
+            reply.set_result(message)
+
+    def _hear(self, method: str, params: Raw) -> None:
+        if method == "progress" and self._progress:
+            with suppress(msgspec.MsgspecError):  # of a request that is not ours
+                if on_progress := self._progress.get(msgspec.json.decode(params, type=_Progress).id or 0):
+                    on_progress(params)
+        if self.on_notification is not None:
+            self.on_notification(method, params)
+
+
+def error_of(kind: str, text: str) -> ServolinkError:
+    """Return the error of the library for one that a hub has sent."""
+    if kind == "forbidden":
+        return Rejected(text)
+    declared = getattr(errors, kind, None)
+    if isinstance(declared, type) and issubclass(declared, ServolinkError):
+        return declared(text)
+    return RequestError(text)
+
+
+async def open_channel(name: str, greeting: Greeting) -> tuple[RpcChannel, Welcome]:
+    """Connect to the control interface of the hub `name`. Raise OpenError, which says what to do."""
+    if greeting.wants != "rpc":
+        raise OpenError("the control interface is JSON-RPC: the greeting must want it")
+    channel = RpcChannel(name)
+    return channel, await channel.open(greeting)

@@ -1,0 +1,443 @@
+"""The params and results of the control interface, each declared once; `notifications` has what comes unasked.
+
+From these types come the checks of what a program sends, the reference page and the JSON Schema. Units are in the names
+or in the descriptions; records and projects have the form of project files.
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+
+from msgspec import Meta, Struct, defstruct
+
+from servolink.control.status import ConnectionState, HoldStatus, LeaseStatus
+from servolink.motion.angles import AngleUnit
+from servolink.project.project_file import file_type
+from servolink.protocol.json_form import json_type
+from servolink.protocol.record_types import RECORD_TYPES
+from servolink.protocol.records import ServoParameter
+
+MOST_HZ = 200.0
+CREDIT = 2
+"""Frames of servos that a program may leave unacknowledged before it gets no more."""
+
+RecordKind = Literal["action", "macro", "joystick_table"]
+"""The types of records."""
+
+
+def about(description: str) -> Meta:
+    """Return what describes a field in the reference and in the schema."""
+    return Meta(description=description)
+
+
+Which: TypeAlias = Annotated[int | str, about("an id, or a caption")]
+Servos: TypeAlias = Annotated[int | str, about('an id, a caption, or "all"')]
+_ServoId: TypeAlias = Annotated[int, Meta(ge=0, le=254)]
+
+
+Until: TypeAlias = Annotated[
+    float | None,
+    about("seconds, by the clock that `monotonic` tells; after it the motion is not begun; null: it may wait"),
+]
+
+
+class NoParams(Struct, forbid_unknown_fields=True):
+    """No params."""
+
+
+class Done(Struct, frozen=True):
+    """The request was carried out; there is nothing to return."""
+
+
+# --- the lease and the hold -------------------------------------------------------------------------------------------
+
+
+class LeaseTake(Struct, forbid_unknown_fields=True):
+    """How to take the lease."""
+
+    force: Annotated[bool, about("take it over from another program, which is told who did")] = False
+    dead_man: Annotated[
+        Annotated[float, Meta(ge=0.1, le=60)] | None,
+        about("seconds without lease.beat after which the hub stops the board; null: as in the greeting"),
+    ] = None
+
+
+class Hold(Struct, forbid_unknown_fields=True):
+    """Why the board is needed alone."""
+
+    reason: Annotated[str, Meta(max_length=200, description="for the people whose programs wait")] = ""
+
+
+class Rename(Struct, forbid_unknown_fields=True):
+    """What people call a program."""
+
+    who: Annotated[str, Meta(max_length=200, description="for the people who use other programs")]
+
+
+class LeaseNow(Struct, frozen=True):
+    """The lease; null if it is free."""
+
+    lease: LeaseStatus | None
+
+
+class HoldNow(Struct, frozen=True):
+    """The hold; null if no program has the board alone."""
+
+    hold: HoldStatus | None
+
+
+class BoardState(Struct, frozen=True):
+    """The board, without the programs that use it."""
+
+    state: Annotated[ConnectionState, about("the hub's connection to the board")]
+    lease: LeaseStatus | None
+    hold: HoldStatus | None
+    another: Annotated[str, about("who answers in place of the lost board, and who is expected; empty: nobody")]
+
+
+# --- servos -----------------------------------------------------------------------------------------------------------
+
+
+class ServosWatch(Struct, forbid_unknown_fields=True):
+    """How to be told of the servos."""
+
+    hz: Annotated[float, Meta(gt=0, le=MOST_HZ, description="notifications per second, at most")] = 25.0
+    changed_only: Annotated[bool, about("leave out servos that report the same as the time before")] = False
+
+
+class TapStart(Struct, forbid_unknown_fields=True):
+    """What to be told of."""
+
+    wire_only: Annotated[bool, about("only bytes")] = False
+
+
+class Tapping(Struct, frozen=True):
+    """What comes from now on."""
+
+    seconds: Annotated[float, about("now, on the clock of the messages")]
+    byte_order: Literal["little", "big"]
+    caption_encoding: str
+    state: Annotated[ConnectionState, about("the hub's connection to the board")]
+
+
+class RecorderStart(Struct, forbid_unknown_fields=True):
+    """What to record."""
+
+    hz: Annotated[float, Meta(ge=0, le=MOST_HZ, description="readings of the servos a second; 0: none")] = 20.0
+    wire_only: Annotated[bool, about("only bytes")] = False
+
+
+class RecorderMark(Struct, forbid_unknown_fields=True):
+    """A mark."""
+
+    text: Annotated[str, Meta(max_length=200)] = ""
+
+
+class RecordingNow(Struct, frozen=True):
+    """The recording of the hub, or the latest one."""
+
+    is_recording: bool
+    name: Annotated[str, about("of the file; empty before the first recording")] = ""
+    file: Annotated[str, about("the whole path, on the computer of the hub")] = ""
+    seconds: float = 0.0
+    size_bytes: Annotated[int, about("on the disk")] = 0
+    messages: int = 0
+    dropped: Annotated[int, about("messages that are missing")] = 0
+    problem: Annotated[str, about("why nothing can be written now; empty if all is well")] = ""
+
+
+class RecordingEntry(Struct, frozen=True):
+    """A recording in the folder of the hub's user."""
+
+    name: str
+    size_bytes: int
+    ended: Annotated[str, about("ISO 8601, UTC")]
+
+
+class RecordingList(Struct, frozen=True):
+    """All recordings, the newest last."""
+
+    folder: str
+    recordings: tuple[RecordingEntry, ...]
+
+
+class ServosAck(Struct, forbid_unknown_fields=True):
+    """What was drawn."""
+
+    number: Annotated[int, Meta(ge=0, description="the `number` of a notification `servos`; those before it too")]
+
+
+class Watching(Struct, frozen=True):
+    """What comes from now on."""
+
+    hz: float
+    credit: Annotated[int, about("how many notifications may be unacknowledged")] = CREDIT
+
+
+class ServoNow(Struct, frozen=True):
+    """A servo as it reports itself."""
+
+    servo_id: int
+    angle: int
+    angle_unit: AngleUnit | None
+    current_raw: int
+    temperature_raw: int
+    servo_type: int
+    is_start: Annotated[bool, about("whether it may move; a stopped servo ignores movements")]
+    is_hold: Annotated[bool, about("whether it holds its angle; a released servo is limp")]
+
+
+class ServoList(Struct, frozen=True):
+    """All servos."""
+
+    servos: tuple[ServoNow, ...]
+
+
+class ServoParameters(Struct, frozen=True):
+    """What is stored for the servos."""
+
+    servos: tuple[ServoParameter, ...]
+
+
+class Battery(Struct, frozen=True):
+    """The charge of the battery."""
+
+    percent: Annotated[float, about("to 0.1")]
+
+
+class Move(Struct, forbid_unknown_fields=True):
+    """A movement: give `duration` or `speed`."""
+
+    targets: Annotated[dict[str, float], about("degrees by servo: id or caption as text")]
+    duration: Annotated[float | None, about("seconds")] = None
+    speed: Annotated[float | None, about("degrees per second")] = None
+    wait: Annotated[bool, about("respond when the servos have arrived")] = False
+    dry_run: Annotated[bool, about("check everything, and move nothing")] = False
+    until: Until = None
+
+
+class Moved(Struct, frozen=True):
+    """The planned duration."""
+
+    seconds: float
+
+
+class MoveEnd(Struct, forbid_unknown_fields=True):
+    """What to stop."""
+
+    servos: Annotated[tuple[_ServoId, ...] | None, about("ids of the servos that may move; null: all servos")] = None
+
+
+class Release(Struct, forbid_unknown_fields=True):
+    """What to release."""
+
+    servo: Servos = "all"
+    until: Until = None
+
+
+class ServoSet(Struct, forbid_unknown_fields=True):
+    """The state of a servo."""
+
+    servo: Servos
+    start: Annotated[bool, about("whether it may move")]
+    hold: Annotated[bool, about("whether it holds its angle")]
+    until: Until = None
+
+
+class Tighten(Struct, forbid_unknown_fields=True):
+    """Limits that hold beside those of the board."""
+
+    angles: Annotated[
+        dict[str, tuple[float, float]], about('lowest and highest angle in degrees, by servo id or "all"')
+    ] = {}
+    speed_cap: Annotated[float | None, about("highest speed in degrees per second; null for no further cap")] = None
+    source: Annotated[str, Meta(max_length=200, description="where they come from, as errors say")] = ""
+
+
+# --- records ----------------------------------------------------------------------------------------------------------
+
+
+class Runnable(Struct, forbid_unknown_fields=True):
+    """A stored action or macro."""
+
+    type: Literal["action", "macro"]
+    id: Which
+
+
+class Run(Runnable, forbid_unknown_fields=True):
+    """What to run, and how."""
+
+    wait: Annotated[bool, about("respond when the motion is over")] = False
+    dry_run: Annotated[bool, about("check everything, and move nothing")] = False
+    until: Until = None
+
+
+class RunPrepare(Runnable, forbid_unknown_fields=True):
+    """What to check, and to keep ready."""
+
+    until: Until = None
+
+
+class Ran(Struct, frozen=True):
+    """The planned duration of an action; null for a macro."""
+
+    seconds: float | None
+
+
+class RunStart(Struct, forbid_unknown_fields=True):
+    """When to begin."""
+
+    at: Annotated[
+        float | None,
+        about("seconds, by the clock that `monotonic` tells; at most 1 s ahead; at once if it is over or null"),
+    ] = None
+
+
+class RunStarted(Struct, frozen=True):
+    """The start of a run."""
+
+    monotonic: Annotated[float, about("seconds; when it was sent to the board, by the clock of the hub's computer")]
+
+
+class RecordsList(Struct, forbid_unknown_fields=True):
+    """What to list."""
+
+    type: Annotated[RecordKind | None, about("null: all types")] = None
+
+
+class RecordsGet(Struct, forbid_unknown_fields=True):
+    """A stored record."""
+
+    type: RecordKind
+    id: Which
+
+
+class RecordEntry(Struct, frozen=True):
+    """A stored record, without its content."""
+
+    type: RecordKind
+    id: int
+    caption: str
+
+
+class RecordList(Struct, frozen=True):
+    """Stored records, in the order of the board."""
+
+    records: tuple[RecordEntry, ...]
+
+
+if TYPE_CHECKING:
+    AnyRecord: TypeAlias = Any
+    ProjectForm: TypeAlias = Any
+else:
+    AnyRecord = reduce(
+        or_,
+        [
+            defstruct(
+                f"{_type.record_class.__name__}Record",
+                [("record", Annotated[json_type(_type.record_class, unchecked=True), about(_type.label)])],
+                namespace={
+                    "__doc__": f"A stored {_type.label}, or one to store: with id 0 it gets the lowest free one."
+                },
+                module=__name__,
+                forbid_unknown_fields=True,
+                tag=_type.label.replace(" ", "_"),
+                tag_field="type",
+            )
+            for _type in RECORD_TYPES
+        ],
+    )
+    ProjectForm = file_type(unchecked=True)
+
+
+class RecordStored(Struct, frozen=True):
+    """A record that is stored now."""
+
+    type: RecordKind
+    id: int
+    changed: Annotated[bool, about("false: it was stored already")]
+    backup: Annotated[str | None, about("file with what the board held before")]
+
+
+# --- projects ---------------------------------------------------------------------------------------------------------
+
+
+class ProjectExported(Struct, frozen=True):
+    """Everything that is stored on the board."""
+
+    project: ProjectForm
+
+
+class ProjectPlan(Struct, forbid_unknown_fields=True):
+    """What the board should hold."""
+
+    project: ProjectForm
+    replace: Annotated[bool, about("delete everything first, and write all of it")] = False
+
+
+class ProjectApply(ProjectPlan, forbid_unknown_fields=True):
+    """What the board should hold from now on."""
+
+    backup: Annotated[bool, about("save what the board holds first")] = True
+
+
+class ProjectRollback(Struct, forbid_unknown_fields=True):
+    """What to restore."""
+
+    backup: Annotated[int | None, about("the number of a backup; null: what was there before the last import")] = None
+
+
+class Changed(Struct, frozen=True):
+    """One difference."""
+
+    what: Annotated[str, about("such as `action 3` or `project id`")]
+    old: Annotated[Any, about("null if it is added")]
+    new: Annotated[Any, about("null if it is removed")]
+
+
+class MemoryNow(Struct, frozen=True):
+    """The board's memory, in bytes."""
+
+    unit_bytes: Annotated[int | None, about("the unit in which the board counts; null if it is unknown")]
+    size_bytes: int | None
+    free_before_bytes: int
+    free_after_bytes: int
+    warning: str | None
+
+
+class Planned(Struct, frozen=True):
+    """What an import would do."""
+
+    changes: tuple[Changed, ...]
+    inconsistencies: Annotated[tuple[str, ...], about("faults that an import repairs too")]
+    requests: int
+    wire_bytes: int
+    estimated_seconds: float
+    memory: MemoryNow | None
+    is_unfinished: Annotated[bool, about("the board holds an unfinished import")]
+
+
+class Applied(Struct, frozen=True):
+    """What an import did."""
+
+    changed: Annotated[bool, about("false: the board held the project already")]
+    resumed: Annotated[bool, about("it continued an import that had been interrupted")]
+    backup: Annotated[str | None, about("file with what the board held before")]
+    project_id_bits: Annotated[Literal[32, 16, 0] | None, about("bits of the project id that the board keeps")]
+
+
+class BackupEntry(Struct, frozen=True):
+    """A backup of a board."""
+
+    number: int
+    time: Annotated[str, about("ISO 8601, UTC")]
+    board: str
+    file: str
+
+
+class BackupList(Struct, frozen=True):
+    """All backups, the newest last."""
+
+    backups: tuple[BackupEntry, ...]

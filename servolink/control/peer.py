@@ -1,0 +1,353 @@
+"""JSON-RPC 2.0 for one program: messages in, messages out, whatever carries them and whatever the methods do.
+
+Batches are refused: a program need not wait for a response before it sends the next request, so they would add nothing.
+Params are given by name only. A request without id is carried out and not answered, as the specification says.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import json
+import logging
+from collections import deque
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from contextlib import AbstractAsyncContextManager, nullcontext, suppress
+from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+
+import msgspec
+from msgspec import Struct
+
+from servolink.control.faults import Code, RpcError, error_object, is_defect
+from servolink.errors import EncodeError
+from servolink.escaping import escape, quote
+from servolink.json_text import read_json
+from servolink.protocol.json_errors import convert, quote_json
+
+MOST_BYTES = 1024 * 1024
+"""The longest message that a program may send."""
+MOST_WAITING = 64
+"""Requests of one program that may wait, and responses that it may leave unread."""
+MOST_HELD = 2 * MOST_BYTES
+"""Bytes of the requests of one program that may wait."""
+MOST_BEGUN = 128
+"""Requests of one program that were begun at once and wait for their outcome; more are begun, but not followed."""
+MOST_READING = 8
+"""Requests of one program, of those that change nothing, that are carried out at the same time."""
+MOST_NOTIFICATIONS = 256
+"""Notifications kept for a program that does not read; the oldest are dropped and counted."""
+
+_MOST_ID = 2**53  # beyond it, JavaScript rounds
+_LONGEST_ID = 128
+_FIELDS = ("jsonrpc", "method", "params", "id")
+
+_logger = logging.getLogger(__name__)
+
+C = TypeVar("C")
+Handler = Callable[..., Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Method(Generic[C]):
+    """A method: its types and its docstring are the reference."""
+
+    name: str
+    params: type[Struct]
+    result: Any
+    role: int
+    handler: Handler
+    in_order: bool
+    """Whether it waits for the requests of its program before it, of those that are `in_order`."""
+    is_urgent: bool
+    """Whether it is carried out however many requests wait."""
+    reports: bool
+    """Whether the handler takes a third argument, which it calls with each step of its progress."""
+    is_coroutine: bool
+    """Whether the handler is carried out beside others or in its turn, not at once."""
+
+    @property
+    def summary(self) -> str:
+        """The docstring."""
+        return inspect.cleandoc(self.handler.__doc__ or "")
+
+
+class Methods(dict[str, Method[C]]):
+    """A table of methods by name."""
+
+    def add(
+        self, name: str, role: int, *, in_order: bool = False, is_urgent: bool = False
+    ) -> Callable[[Handler], Handler]:
+        """Return a decorator that adds a handler, which is called with the context and the params.
+
+        A function is carried out at once, a coroutine beside others or in its turn. A function that returns a coroutine
+        has begun at once, whatever waits; the coroutine returns what came of it.
+        """
+
+        def added(handler: Handler) -> Handler:
+            hints = get_type_hints(handler, include_extras=True)
+            returned = hints["return"]
+            count = len(inspect.signature(handler).parameters)
+            self[name] = Method(
+                name,
+                hints["params"],
+                get_args(returned)[-1] if get_origin(returned) is Coroutine else returned,
+                role,
+                handler,
+                in_order,
+                is_urgent,
+                reports=count == 3,
+                is_coroutine=inspect.iscoroutinefunction(handler),
+            )
+            return handler
+
+        return added
+
+
+class Request(NamedTuple):
+    """A request; its id is None if it wants no response."""
+
+    method: str
+    params: dict[str, Any]
+    request_id: int | str | None
+
+
+def parse(message: bytes | str) -> Request:
+    """Return the request in `message`. Raise RpcError if there is none."""
+    if len(message) > MOST_BYTES:
+        raise RpcError(Code.PARSE_ERROR, f"the message is larger than {MOST_BYTES >> 20} MiB")
+    try:
+        value = read_json(message)
+    except ValueError as error:
+        raise RpcError(Code.PARSE_ERROR, f"the message {error}") from None
+    if isinstance(value, list):
+        raise RpcError(Code.INVALID_REQUEST, "batches are not supported; send each request as a message of its own")
+    if not isinstance(value, dict):
+        raise RpcError(Code.INVALID_REQUEST, f"a request must be an object, not {quote_json(value)}")
+    request_id = value.get("id")
+    if wrong := _wrong_id(request_id) if "id" in value else "":
+        raise RpcError(Code.INVALID_REQUEST, wrong)
+    if wrong := _wrong_request(value):
+        raise RpcError(Code.INVALID_REQUEST, wrong, request_id=request_id)
+    return Request(value["method"], value.get("params", {}), request_id)
+
+
+def _wrong_id(value: Any) -> str:
+    if isinstance(value, str):
+        return f"id must have at most {_LONGEST_ID} characters" if len(value) > _LONGEST_ID else ""
+    if type(value) is int and -_MOST_ID <= value <= _MOST_ID:
+        return ""
+    return f"id must be text or an integer of at most 2**53, not {quote_json(value)}"
+
+
+def _wrong_request(value: dict[str, Any]) -> str:
+    """Return why an object is not a request, empty if it is one."""
+    if unknown := [key for key in value if key not in _FIELDS]:
+        return f"{quote(unknown[0])} is not a field; the fields are {', '.join(_FIELDS)}"
+    if value.get("jsonrpc") != "2.0":
+        return '"jsonrpc" must be "2.0"'
+    if not isinstance(value.get("method"), str):
+        return "method must be text"
+    if not isinstance(value.get("params", {}), dict):
+        return "params must be an object: they are given by name"
+    return ""
+
+
+def encode(value: Any) -> bytes:
+    """Return `value` as JSON in ASCII, so that no caption in it can do anything to a terminal or a log."""
+    with suppress(UnicodeEncodeError):  # a caption with a byte that is not text
+        if (text := msgspec.json.encode(value)).isascii():
+            return text
+    return json.dumps(msgspec.to_builtins(value), separators=(",", ":")).encode()
+
+
+class Peer(Generic[C]):
+    """Carries out the requests of one program."""
+
+    def __init__(
+        self,
+        methods: Mapping[str, Method[C]],
+        context: C,
+        send: Callable[[bytes], None],
+        abort: Callable[[str], None],
+        *,
+        role: int,
+    ) -> None:
+        """Call `send` with each message, and `abort` with the reason if the program must be disconnected."""
+        self.is_paused = False
+        """Whether the program is slower to read than the hub to write."""
+        self.dropped = 0
+        """Notifications that were dropped because the program read too slowly."""
+        self._methods = methods
+        self._context = context
+        self._send = send
+        self._abort = abort
+        self._role = role
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._begun = 0
+        self._held = 0  # bytes of the requests that wait
+        self._waiting = 0
+        self._unread = 0  # messages sent since the program stopped reading
+        self._order = asyncio.Lock()
+        self._reading = asyncio.Semaphore(MOST_READING)
+        self._room = asyncio.Event()
+        self._room.set()
+        self._notifications: deque[bytes] = deque()
+        self._is_closed = False
+
+    def receive(self, message: bytes | str) -> None:
+        """Take one message; never raises."""
+        if self._is_closed:
+            return
+        try:
+            request = parse(message)
+        except RpcError as error:
+            self._write({"id": error.request_id, "error": error_object(error)})
+            return
+        try:
+            method, params = self._checked(request)
+            if method.is_coroutine:
+                self._start(request, method, params, len(message))
+            elif inspect.iscoroutine(result := method.handler(self._context, params)):
+                self._follow(request, result)
+            else:
+                self._respond(request, result)
+        except Exception as error:  # noqa: BLE001 - whatever a method raises is an answer
+            self._fail(request, error)
+
+    def notify(self, name: str, params: Struct | dict[str, Any]) -> None:
+        """Send a notification; while the program does not read, keep it."""
+        if self._is_closed:
+            return
+        message = encode({"jsonrpc": "2.0", "method": name, "params": params})
+        if not self.is_paused:
+            self._send(message)
+            return
+        self._notifications.append(message)
+        if len(self._notifications) > MOST_NOTIFICATIONS:
+            self._notifications.popleft()
+            self.dropped += 1
+
+    def pause(self) -> None:
+        """Send as little as possible from now on: the program does not read."""
+        self.is_paused = True
+        self._room.clear()
+
+    def resume(self) -> None:
+        """Send what was kept: the program reads again."""
+        self.is_paused, self._unread = False, 0
+        while self._notifications and not self.is_paused:  # sending may pause again
+            self._send(self._notifications.popleft())
+        if not self.is_paused:
+            self._room.set()
+
+    async def close(self) -> None:
+        """End every request, and send nothing more."""
+        self._is_closed = True
+        for task in self._tasks:
+            task.cancel()
+        if self._tasks:
+            await asyncio.wait(self._tasks)
+
+    def _checked(self, request: Request) -> tuple[Method[C], Struct]:
+        """Return the method and its params. Raise RpcError if the program may not call it so."""
+        method = self._methods.get(request.method)
+        if method is None:
+            raise RpcError(Code.METHOD_NOT_FOUND, f"there is no method {quote(request.method)}")
+        if method.role > self._role:
+            raise RpcError(
+                Code.FORBIDDEN,
+                f"{method.name} needs the role {method.role}, and this program has the role {self._role}",
+                remedy=f"connect with the role {method.role}",
+            )
+        try:
+            return method, convert(request.params, method.params)
+        except EncodeError as error:
+            raise RpcError(Code.INVALID_PARAMS, str(error), path=error.path) from None
+
+    def _start(self, request: Request, method: Method[C], params: Struct, size: int) -> None:
+        if not method.is_urgent and (self._waiting >= MOST_WAITING or self._held + size > MOST_HELD):
+            raise RpcError(Code.BUSY, f"{self._waiting} requests of this program wait already")
+        if method.is_urgent and len(self._tasks) >= 2 * MOST_WAITING:
+            raise RpcError(Code.BUSY, f"{len(self._tasks)} requests of this program are under way already")
+        self._waiting += not method.is_urgent
+        self._held += size
+        task = asyncio.get_running_loop().create_task(self._carry_out(request, method, params))
+        self._tasks.add(task)
+
+        def ended(task: asyncio.Task[None]) -> None:
+            self._tasks.discard(task)
+            self._waiting -= not method.is_urgent
+            self._held -= size
+
+        task.add_done_callback(ended)
+
+    def _follow(self, request: Request, outcome: Coroutine[Any, Any, object]) -> None:
+        """Respond when it is known what came of a request that was begun."""
+        if self._begun >= MOST_BEGUN:
+            outcome.close()
+            raise RpcError(
+                Code.BUSY,
+                f"this {request.method} was carried out, but {self._begun} of this program wait for their outcome "
+                "already: it is told to them alone",
+            )
+        self._begun += 1
+        task = asyncio.get_running_loop().create_task(outcome)
+        self._tasks.add(task)
+
+        def ended(task: asyncio.Task[Any]) -> None:
+            self._tasks.discard(task)
+            self._begun -= 1
+            if task.cancelled():
+                return
+            try:
+                self._respond(request, task.result())
+            except Exception as error:  # noqa: BLE001 - as in `receive`
+                self._fail(request, error)
+
+        task.add_done_callback(ended)
+
+    async def _carry_out(self, request: Request, method: Method[C], params: Struct) -> None:
+        try:
+            async with self._turn(method):
+                if not method.is_urgent:
+                    await self._room.wait()  # or a program that does not read could fill the memory with responses
+                report = (self._reporter(request),) if method.reports else ()
+                result: Awaitable[Any] = method.handler(self._context, params, *report)
+                self._respond(request, await result)
+        except Exception as error:  # noqa: BLE001 - as in `receive`
+            self._fail(request, error)
+
+    def _turn(self, method: Method[C]) -> AbstractAsyncContextManager[object]:
+        """Return what a request waits for; both kinds are granted in the order of the requests."""
+        if method.is_urgent:
+            return nullcontext()
+        return self._order if method.in_order else self._reading
+
+    def _reporter(self, request: Request) -> Callable[[Struct], None]:
+        """Return what sends the progress of a request, with its id."""
+
+        def report(progress: Struct) -> None:
+            self.notify("progress", {"id": request.request_id, **msgspec.to_builtins(progress)})
+
+        return report
+
+    def _respond(self, request: Request, result: Any) -> None:
+        if request.request_id is not None:
+            self._write({"id": request.request_id, "result": {} if result is None else result})
+
+    def _fail(self, request: Request, error: Exception) -> None:
+        if is_defect(error):
+            _logger.error("%s failed", escape(request.method), exc_info=error)
+        if request.request_id is not None:
+            self._write({"id": request.request_id, "error": error_object(error)})
+
+    def _write(self, response: dict[str, Any]) -> None:
+        if self._is_closed:
+            return
+        self._unread += self.is_paused
+        if self._unread > MOST_WAITING:
+            self._is_closed = True
+            self._abort(f"{MOST_WAITING} responses wait and it does not read them")
+            return
+        self._send(encode({"jsonrpc": "2.0", **response}))

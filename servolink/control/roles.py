@@ -1,0 +1,82 @@
+"""Roles: which packets a program may send, and which of them need the motion lease."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from servolink.control.greeting import RoleName
+from servolink.protocol import editing, joystick, servos, settings
+from servolink.protocol.packet import Packet, Query
+
+
+class Role(IntEnum):
+    """What a program may do. Each role includes those before it."""
+
+    WATCH = 1
+    """Read and stop."""
+    RUN = 2
+    """Run stored actions and macros too."""
+    MOVE = 3
+    """Move, start and release servos too."""
+    EDIT = 4
+    """Change what is stored too."""
+
+    def __str__(self) -> str:
+        """Return the name for people, such as `watch`."""
+        return self.name.lower()
+
+
+_ROLES: dict[type[Packet], RoleName] = {
+    # The mode, the unit and the subscription belong to one program (`SessionState`): others do not notice them.
+    settings.TransmissionModeSettingRequest: "watch",
+    servos.SetAngleUnitRequest: "watch",
+    joystick.SubscribeButtonEventRequest: "watch",
+    settings.SendDummyDataRequest: "watch",
+    servos.ExecuteActionExRequest: "run",
+    editing.ExecuteMacroRequest: "run",
+    joystick.SetActiveJoystickTableRequest: "run",
+    servos.SetServoParameterRequest: "move",
+    servos.ExecuteActionRequest: "move",
+}
+"""The role that a packet needs, if it is neither a query nor a change of what is stored."""
+
+_MOTIONS = (
+    servos.SetServoParameterRequest,
+    servos.ExecuteActionRequest,
+    servos.ExecuteActionExRequest,
+    editing.ExecuteMacroRequest,
+    editing.AddServoParameterRequest,  # a servo turns to its new correction at once
+)
+
+
+def needed_role_name(packet: Packet) -> RoleName:
+    """Return the lowest role that may send `packet`. What is not known here needs the highest."""
+    if isinstance(packet, Query) or is_stop(packet):
+        return "watch"
+    return _ROLES.get(type(packet), "edit")
+
+
+def is_stop(packet: Packet) -> bool:
+    """Return whether `packet` stops and holds a servo or all of them, which anybody may do at any time (3.2.3)."""
+    return isinstance(packet, servos.SetServoParameterRequest) and (packet.is_start, packet.is_hold) == (0, 1)
+
+
+def is_motion(packet: Packet) -> bool:
+    """Return whether `packet` can make a servo turn, or drop what it holds, so that it needs the lease."""
+    return isinstance(packet, _MOTIONS) and not is_stop(packet)
+
+
+_STORED_MOTIONS = (servos.ExecuteActionExRequest, editing.ExecuteMacroRequest, editing.AddServoParameterRequest)
+
+
+def needed_role(packet: Packet) -> Role:
+    """Return the lowest role that may send `packet`. What is not known here needs the highest."""
+    return Role[needed_role_name(packet).upper()]
+
+
+def carries_angles(packet: Packet) -> bool:
+    """Return whether the meaning of `packet`, or of its response, depends on the angle unit of servos (3.2.4).
+
+    That is so for angles sent and reported, and for everything stored that the board applies to its servos.
+    """
+    return isinstance(packet, (servos.QueryServoRequest, servos.ExecuteActionRequest, *_STORED_MOTIONS))

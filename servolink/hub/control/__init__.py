@@ -1,1 +1,0 @@
-"""The control interface of a hub: JSON-RPC 2.0."""

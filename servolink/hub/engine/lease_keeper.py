@@ -1,0 +1,175 @@
+"""LeaseKeeper: the motion lease in time: it ends by itself, and the board is stopped when a dead man's beats stop."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Callable, Iterable
+
+from servolink.control.status import LeaseStatus
+from servolink.escaping import escape
+from servolink.hub.engine.motions import Motions
+from servolink.hub.engine.unit_switch import UnitSwitch
+from servolink.hub.notices import LeaseChanged, Notice
+from servolink.hub.rules.exchanges import Exchange
+from servolink.hub.rules.lease import LeaseChange, MotionLease
+from servolink.hub.rules.motion_gate import MotionGate
+from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.servos import ExecuteActionRequest
+from servolink.tasks import Tasks
+
+_logger = logging.getLogger(__name__)
+
+
+class LeaseKeeper:
+    """Admits the packets of programs, and keeps the lease of whoever moves the robot."""
+
+    def __init__(
+        self,
+        name: str,
+        motions: Motions,
+        units: UnitSwitch,
+        seconds_after: float,
+        *,
+        who_of: Callable[[str], str],
+        tell: Callable[[Notice], None],
+        stop_board: Callable[[str], None],
+        tasks: Tasks,
+    ) -> None:
+        """Keep the lease of the board `name`; `stop_board` begins to stop it, for a reason."""
+        self._lease = MotionLease(seconds_after)
+        self._gate = MotionGate(self._lease, name, who_of)
+        self._motions = motions
+        self._units = units
+        self._who_of = who_of
+        self._tell = tell
+        self._stop_board = stop_board
+        self._tasks = tasks
+        self._loop = asyncio.get_running_loop()
+        self._timer: asyncio.TimerHandle | None = None
+        self._is_reading = False
+        self._motions_sent = 0
+        self._stops = 0
+
+    @property
+    def status(self) -> LeaseStatus | None:
+        """Who may move the robot, None if nobody does."""
+        lease = self._lease
+        if lease.holder is None:
+            return None
+        return LeaseStatus(lease.holder, self._who_of(lease.holder), self._loop.time() - lease.since, lease.dead_man)
+
+    def close(self) -> None:
+        """End nothing any more."""
+        if self._timer is not None:
+            self._timer.cancel()
+
+    # --- what programs do ---------------------------------------------------------------------------------------
+
+    def admit(self, exchange: Exchange) -> str:
+        """Return why the packet of a program must not be sent, empty if it may; a motion takes a free lease."""
+        program = exchange.program
+        admission = self._gate.admit(program.session_id, program.role, exchange.packet, self._loop.time())
+        self._report(admission.changes)
+        return admission.reason
+
+    def moved(self, exchange: Exchange) -> None:
+        """Count a motion that was sent: the lease lasts until some time after its end."""
+        packet, session, sent_at = exchange.packet, exchange.program.session_id, self._loop.time()
+        self._motions_sent += 1
+        if isinstance(packet, ExecuteActionRequest):
+            self._count(session, sent_at + self._motions.seconds_of_steps(packet))
+            return
+        if exchange.seconds is not None:
+            self._count_run(exchange, sent_at + exchange.seconds)
+            return
+        if isinstance(packet, ExecuteMacroRequest):  # whose end is known a little later
+            self._units.keep_for(exchange.program.state, math.inf)
+        self._tasks.begin(self._count_later(exchange, sent_at))
+
+    def stopped(self) -> None:
+        """Count all motions as over: the board is stopped."""
+        self._stops += 1
+        self._units.release()
+        self._report(self._lease.stopped(self._loop.time()))
+
+    def take(self, session: str, *, dead_man: float | None, force: bool, is_beat: bool) -> bool:
+        """Give the lease to `session` if it is free, or with `force`. Return whether it has it now."""
+        self._report(self._lease.take(session, self._loop.time(), dead_man=dead_man, force=force, is_beat=is_beat))
+        return self._lease.holder == session
+
+    def reason(self, session: str) -> str:
+        """Return why `session` may not move the servos, and what to do; empty if it may."""
+        return self._gate.lease_reason(session, self._loop.time())
+
+    def give(self, session: str) -> None:
+        """Free the lease if `session` holds it."""
+        self._report(self._lease.give(session, self._loop.time()))
+
+    def ask(self, session: str) -> None:
+        """Tell the holder that `session` asks for the lease."""
+        self._report(self._lease.asked(session, self._loop.time()))
+
+    def beat(self, session: str) -> None:
+        """Count a sign of life of the holder."""
+        self._report(self._lease.beat(session, self._loop.time()))
+
+    def left(self, session: str) -> None:
+        """Free the lease if `session` holds it, which is gone."""
+        self._report(self._lease.left(session, self._loop.time()))
+
+    # --- what time does -----------------------------------------------------------------------------------------
+
+    async def _count_later(self, exchange: Exchange, sent_at: float) -> None:
+        """Count a motion whose time is to be read from the board, for which nobody should wait."""
+        packet, stops = exchange.packet, self._stops
+        seconds = await self._motions.seconds_of(packet)
+        if stops != self._stops:
+            return
+        if seconds is None:
+            self._count(exchange.program.session_id, None)
+        else:
+            self._count_run(exchange, sent_at + seconds)
+
+    def _count_run(self, exchange: Exchange, ends_at: float) -> None:
+        """Count a stored record that runs until `ends_at`."""
+        if isinstance(exchange.packet, ExecuteMacroRequest):
+            self._units.keep_for(exchange.program.state, ends_at)
+        self._count(exchange.program.session_id, ends_at)
+
+    def _count(self, session: str, ends_at: float | None) -> None:
+        self._report(self._lease.moved(session, ends_at, self._loop.time()))
+        if self._lease.is_end_unknown and not self._is_reading:
+            self._is_reading = True
+            self._tasks.begin(self._read_until_rest())
+
+    async def _read_until_rest(self) -> None:
+        try:
+            seen = -1
+            while seen != self._motions_sent:  # a later motion may begin while servos still seem to rest
+                seen = self._motions_sent
+                await self._motions.until_rest()
+        finally:
+            self._is_reading = False
+        self._units.rested()
+        self._report(self._lease.rested(self._loop.time()))
+
+    def _report(self, changes: Iterable[LeaseChange]) -> None:
+        """Tell everybody what has happened to the lease, and look again when something is due."""
+        for change in changes:
+            self._tell(LeaseChanged(change.event, change.before, self.status, change.by))
+            who = "" if change.before is None else escape(self._who_of(change.before))
+            _logger.info("the motion lease was %s%s", change.event, who and f" ({who} had it)")
+            if change.must_stop:
+                self._stop_board(f"{who} has gone silent")
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if (due := self._lease.next_due()) is not None:
+            self._timer = self._loop.call_at(due, self._look)
+
+    def _look(self) -> None:
+        self._timer = None
+        # Timers may fire a little early: nothing would be due then.
+        self._report(self._lease.advance(max(self._loop.time(), self._lease.next_due() or 0.0)))

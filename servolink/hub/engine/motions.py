@@ -1,0 +1,173 @@
+"""Motions: sends what moves servos, within the limits of the board, and finds out when it is over."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextvars import ContextVar
+from typing import Any, NamedTuple
+
+from servolink.client.board import Board
+from servolink.client.collect import collect
+from servolink.connection.connection import Connection
+from servolink.errors import (
+    EncodeError,
+    MotionRefused,
+    OutcomeUnknown,
+    RequestError,
+    RequestTimeout,
+    ServolinkError,
+    TargetNotReached,
+)
+from servolink.hub.rules.motion_gate import refused_response
+from servolink.motion.movement import INTERVAL_UNIT
+from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.packet import Command, Packet, Request, Response
+from servolink.protocol.record_types import ACTION, MACRO, RecordType
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    QueryServoRequest,
+    SetServoParameterRequest,
+)
+
+_PAUSE = 0.5  # seconds between two readings of servos that may move
+_RESTING = 4  # readings in a row between which no servo turns
+_JITTER = {"degree": 1, "adc": 12, None: 1}  # by how much the reading of a resting servo may differ
+
+
+class _Sending(NamedTuple):
+    packet: Packet
+    why_not: Callable[[], str]
+    on_soft_start: Callable[[], None]
+
+
+_SENDING: ContextVar[_Sending | None] = ContextVar("_SENDING", default=None)
+"""The motion that this task sends."""
+
+
+class Outcome(NamedTuple):
+    """What became of a motion."""
+
+    response: Response | None
+    """The response for the program; None if it gets none."""
+    refused: str = ""
+    """Why it was not sent, for people; empty if it was."""
+
+
+class Motions:
+    """Sends motions as the board's own methods do, so that limits hold by the same code for every program."""
+
+    def __init__(self, board: Board) -> None:
+        """Send to `board`, whose units are set as the program means them whenever a motion is sent."""
+        self._board = board
+        self._guarded: Connection | None = None
+
+    async def send(
+        self, packet: Packet, why_not: Callable[[], str] = str, on_soft_start: Callable[[], None] = lambda: None
+    ) -> Outcome:
+        """Send a motion, unless it exceeds the limits of the board or they cannot be compared with it.
+
+        With limits, a stored record and all that it runs is read and checked first, and a soft start takes seconds;
+        `on_soft_start` is called when one begins. `why_not` is asked again when something is sent: it returns why that
+        must not be any more, empty if it may. Raise RequestTimeout or OutcomeUnknown if the board does not answer.
+        """
+        self._guard(self._board.connection)
+        token = _SENDING.set(_Sending(packet, why_not, on_soft_start))
+        try:
+            if isinstance(packet, Request):
+                return Outcome(await self._board.request(packet, unchecked=True))
+            assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
+            # Without limits, the board decides about what the library would refuse: a servo that is there twice.
+            await (self._board.send(packet) if self._board.limits else self._board.connection.send(packet))
+            return Outcome(None)
+        except (RequestTimeout, OutcomeUnknown):
+            raise
+        except (EncodeError, RequestError, TargetNotReached) as error:  # the last one: at the end of a soft start
+            return Outcome(await self.refused(packet), str(error))
+        finally:
+            _SENDING.reset(token)
+
+    async def refused(self, packet: Packet) -> Response | None:
+        """Return what a program gets for a packet that was not sent. The state of servos is read for it."""
+        if not isinstance(packet, SetServoParameterRequest):
+            return refused_response(packet)
+        try:
+            states = await self._board.connection.request(QueryServoRequest(packet.servo_id))
+        except ServolinkError:
+            return None
+        return refused_response(packet, states.servos)
+
+    async def seconds_of(self, packet: Packet) -> float | None:
+        """Return how long a motion takes that was just sent; None if that cannot be computed."""
+        match packet:
+            case ExecuteActionRequest():
+                return self.seconds_of_steps(packet)
+            case ExecuteActionExRequest():
+                return await self._seconds_of(ACTION, packet.action_id)
+            case ExecuteMacroRequest():
+                return await self._seconds_of(MACRO, packet.macro_id)
+            case _:  # a servo that is started may turn to an old target, one that is released falls
+                return None
+
+    def seconds_of_steps(self, packet: ExecuteActionRequest) -> float:
+        """Return how long a movement takes."""
+        return max((step.interval for step in packet.steps), default=0) * self._interval_unit
+
+    async def until_rest(self) -> None:
+        """Return when no servo has turned for 1.5 s. While the board does not answer, that is unknown: go on."""
+        first, count = dict[int, int](), 0
+        while count < _RESTING:
+            await asyncio.sleep(_PAUSE)
+            try:
+                states = (await self._board.connection.request(QueryServoRequest(ALL_SERVOS))).servos
+            except ServolinkError:
+                count = 0
+                continue
+            here = {state.servo_id: state.angle for state in states}  # other numbers also after a change of units
+            if count and self._is_same(first, here):
+                count += 1
+            else:
+                first, count = here, 1
+
+    def _guard(self, connection: Connection) -> None:
+        """Ask about the motion that is being sent whenever a packet of it is sent on `connection`."""
+        if connection is self._guarded:
+            return
+        self._guarded, inner = connection, connection.guard
+
+        async def pass_packet(packet: Packet) -> None:
+            if inner is not None:
+                await inner(packet)
+            if (sending := _SENDING.get()) is None:
+                return
+            if reason := sending.why_not():
+                raise MotionRefused(reason)
+            if packet != sending.packet:
+                sending.on_soft_start()
+
+        connection.guard = pass_packet
+
+    @property
+    def _interval_unit(self) -> float:
+        profile = self._board.profile
+        return (profile and profile.settings.interval_unit) or INTERVAL_UNIT
+
+    async def _seconds_of(self, kind: RecordType[Any], record_id: int) -> float | None:
+        from servolink.project.speed import Run  # late: most programs run nothing that is stored
+
+        try:
+            stored = await collect(self._get, kind, record_id)
+        except ServolinkError:
+            return None
+        return Run(stored, kind.by_id(stored)[record_id], self._interval_unit).known_seconds()
+
+    async def _get(self, kind: RecordType[Any], record_id: int) -> Any:
+        return await (self._board.action(record_id) if kind is ACTION else self._board.macro(record_id))
+
+    def _is_same(self, first: dict[int, int], here: dict[int, int]) -> bool:
+        """Return whether the same servos are where they were, up to what their sensors differ by at rest."""
+        return first.keys() == here.keys() and all(
+            abs(first[servo_id] - here[servo_id]) <= _JITTER[self._board.unit_of(servo_id)] for servo_id in first
+        )

@@ -1,0 +1,246 @@
+"""Program: the session of one program at packet level, from its bytes to the bytes for it."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Protocol
+
+from servolink.control.roles import Role, is_stop
+from servolink.control.status import ProgramStatus
+from servolink.errors import DecodeError
+from servolink.escaping import escape
+from servolink.hub.rules.exchanges import Bounds, Exchange, ProgramCounters, ProgramQueue
+from servolink.hub.rules.session_state import SessionState
+from servolink.motion.angles import AngleUnit
+from servolink.protocol.codec import Codec, in_range
+from servolink.protocol.packet import Packet, Response
+from servolink.protocol.parser import PADDING, FrameParser
+from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
+
+MOST_HELD = 256 * 1024
+"""Bytes that the requests of a program may take that are not over; it is not read while they take more. There is room
+for more than a board answers in a while, because a stop that was not read is not found."""
+REQUEST_BYTES = 256
+"""How many of these a request counts for, beside its content: there is room for a thousand short ones."""
+
+_logger = logging.getLogger(__name__)
+
+_SILENCE = 0.25  # seconds after which half a frame is given up, as a board does
+
+
+class Exchanger(Protocol):
+    """What takes the requests of programs, as a hub does."""
+
+    def ask(self, exchange: Exchange) -> None:
+        """Take a request, and call `exchange.program.finish` when it is over."""
+
+    def ask_stop(self, exchange: Exchange) -> None:
+        """Take a stop, which goes before everything, and call `exchange.program.finish` when it is over."""
+
+    def forget(self, program: Program) -> None:
+        """Drop all unsent requests of a program that has left."""
+
+    def ask_waiting(self) -> None:
+        """Send the requests that may be sent again."""
+
+
+class Program:
+    """One program that uses the board. Its responses leave strictly in the order of its requests."""
+
+    def __init__(
+        self,
+        hub: Exchanger,
+        sink: Callable[[bytes], None],
+        codec: Codec,
+        *,
+        who: str,
+        door: str,
+        role: Role,
+        unit: AngleUnit,
+        session_id: str | None = None,
+    ) -> None:
+        """Use `Hub.join`."""
+        self.session_id = session_id or secrets.token_hex(16)
+        """What ties its connections to each other; the status lists it."""
+        self.who = who
+        """What people call it; to be escaped where it is shown."""
+        self.door = door
+        self.role = role
+        self.codec = codec
+        self.state = SessionState(unit)
+        self.counters = ProgramCounters()
+        self.queue = ProgramQueue()
+        """Its unsent requests."""
+        self.bounds: Bounds | None = None
+        """What its next motions are held to; None if it asks for them as they come."""
+        self.servo_stops = 0
+        """How many stops of single servos it has asked for."""
+        self.has_left = False
+        self.on_room: Callable[[], None] | None = None
+        """Called when it may be read again after `is_full`."""
+        self.on_end: Callable[[], None] | None = None
+        """Called when the hub ends the session."""
+        self._hub = hub
+        self._sink = sink
+        self._now = asyncio.get_running_loop().time
+        self._joined_at = self._now()
+        self._parser = FrameParser(codec.byte_order)
+        self._received_at = 0.0
+        self._open: deque[Exchange] = deque()  # all that are not over, or behind one that is not
+        self._held = 0  # bytes that these count for
+        self._was_full = False
+
+    @property
+    def is_full(self) -> bool:
+        """Whether so many of its requests wait that it must not be read for now."""
+        return self._held > MOST_HELD
+
+    @property
+    def waiting(self) -> int:
+        """How many of its requests are not over."""
+        return len(self._open)
+
+    @property
+    def garbage(self) -> int:
+        """How many bytes were received that belong to no frame."""
+        skipped = self._parser.skipped
+        return sum(skipped.values()) - skipped[PADDING]
+
+    def status(self) -> ProgramStatus:
+        """Return who it is, and what has passed."""
+        counters = self.counters
+        return ProgramStatus(
+            self.session_id,
+            self.who,
+            self.door,
+            str(self.role),
+            self._now() - self._joined_at,
+            self.waiting,
+            counters.requests,
+            counters.responses,
+            counters.unanswered,
+            counters.refused,
+            counters.ignored,
+            self.garbage,
+        )
+
+    # --- from the program ---------------------------------------------------------------------------------------
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes of the program, cut and damaged anyhow; at most some KiB at once, and none while `is_full`."""
+        if self.has_left:
+            return
+        now = self._now()
+        if now - self._received_at >= _SILENCE:
+            # Half a frame and then silence: its sender has given up, but the length that it claims could swallow
+            # everything that follows.
+            while self._parser.partial_frame is not None:
+                for frame in self._parser.abandon_frame():
+                    self._take(*frame)
+        self._received_at = now
+        for frame in self._parser.feed(data):
+            self._take(*frame)
+        self._was_full |= self.is_full
+
+    def leave(self) -> None:
+        """End the session; may be called again. Unsent requests are dropped, sent ones end without a response."""
+        if self.has_left:
+            return
+        self.has_left = True
+        self.on_room = None
+        self._hub.forget(self)
+        self._open.clear()
+        self._held = 0
+
+    def _take(self, packet_id: int, content: bytes) -> None:
+        self.counters.requests += 1
+        packet = self._request(packet_id, content)
+        if packet is None:
+            self.counters.ignored += 1
+            return
+        size = REQUEST_BYTES + len(content)
+        exchange = Exchange(self, packet, asked_at=self._received_at, is_silent=self.state.mode != 1, size=size)
+        self._open.append(exchange)
+        self._held += size
+        if isinstance(packet, TransmissionModeSettingRequest):
+            self._set_mode(exchange, packet)
+        elif is_stop(packet):
+            self._hub.ask_stop(exchange)
+        else:
+            self._hub.ask(exchange)
+
+    def _request(self, packet_id: int, content: bytes) -> Packet | None:
+        """Return the packet of a frame, None if a board would ignore it."""
+        try:
+            packet = self.codec.decode(packet_id, content)
+        except DecodeError:
+            return None
+        if isinstance(packet, Response):
+            return None
+        is_heard = self.state.mode == 1 or isinstance(packet, TransmissionModeSettingRequest) or is_stop(packet)
+        return packet if is_heard else None
+
+    def _set_mode(self, exchange: Exchange, packet: TransmissionModeSettingRequest) -> None:
+        if in_range(packet):
+            self.state.mode = packet.mode
+        exchange.is_silent = False
+        self.finish(exchange, TransmissionModeSettingResponse(self.state.mode))
+
+    def pause(self) -> None:
+        """Ask the board for nothing more, stops excepted: the program does not read the responses that it has."""
+        self.queue.is_unread = True
+
+    def resume(self) -> None:
+        """Ask again: the program reads."""
+        self.queue.is_unread = False
+        if not self.has_left:
+            self._hub.ask_waiting()
+
+    # --- to the program -----------------------------------------------------------------------------------------
+
+    def finish(self, exchange: Exchange, response: Packet | None) -> None:
+        """End one of its requests with a response, or with none."""
+        frame = None if response is None or self.has_left else self.codec.encode(response, unchecked=True)
+        self.finish_with(exchange, frame)
+
+    def finish_with(self, exchange: Exchange, frame: bytes | None) -> None:
+        """End one of its requests with the frame of a response, or with none."""
+        if exchange.is_over or self.has_left:
+            return
+        exchange.frame = None if exchange.is_silent else frame
+        exchange.is_over = True
+        waiting = self._open
+        if waiting[0] is not exchange:
+            return
+        frames = list[bytes]()
+        while waiting and waiting[0].is_over:
+            over = waiting.popleft()
+            self._held -= over.size
+            if over.frame is not None:
+                frames.append(over.frame)
+        if frames:
+            self._send(frames)
+        if self._was_full and not self.is_full:
+            self._was_full = False
+            self._received_at = self._now()  # it was not silent, but not read until now
+            if self.on_room is not None:
+                self.on_room()
+
+    def push(self, event: Packet) -> None:
+        """Send a button event, if the program hears this protocol at all."""
+        if not self.has_left and self.state.mode == 1:
+            self._send((self.codec.encode(event, unchecked=True),))
+
+    def _send(self, frames: Iterable[bytes]) -> None:
+        frames = tuple(frames)
+        self.counters.responses += len(frames)
+        try:
+            self._sink(frames[0] if len(frames) == 1 else b"".join(frames))
+        except Exception:
+            # A defect of a door. The board and the other programs should go on all the same.
+            _logger.exception("%s cannot be answered any more", escape(self.who))
+            self.leave()

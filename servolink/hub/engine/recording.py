@@ -1,0 +1,181 @@
+"""HubRecorder: the recording that a page starts and stops, written by the process of the hub."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+from servolink.client.board import Board
+from servolink.errors import RecordingError, ServolinkError
+from servolink.files import MIB, user_folder
+from servolink.hub.engine.tap import HubTap
+from servolink.hub.hub import Hub
+from servolink.hub.notices import Problem, RecordingChanged
+from servolink.recorder.board_source import follow_servos
+from servolink.recorder.channels import Event
+from servolink.recorder.readings import Readings
+from servolink.recorder.recorder import Recorder, Wanted
+from servolink.recorder.writer import RecorderStatus
+
+MOST_BYTES = 1024 * MIB
+"""Bytes at which a recording is ended: whoever started it may have forgotten it."""
+_LEAST_FREE = 256 * MIB
+"""Bytes that must stay free on the disk."""
+_SUFFIX = ".mcap"
+_LOOK_EVERY = 1.0  # seconds
+_PRIVATE = 0o700
+
+
+class StoredRecording(NamedTuple):
+    """A recording in the folder of the hub."""
+
+    name: str
+    size: int
+    ended: str
+    """When it was last written to: ISO 8601, UTC."""
+
+
+class HubRecorder:
+    """At most one recording of a hub at a time. The file is in a folder of the user's, and its name is chosen here."""
+
+    def __init__(
+        self,
+        hub: Hub,
+        open_board: Callable[[], Awaitable[Board]],
+        *,
+        folder: Path | None = None,
+        most: int = MOST_BYTES,
+    ) -> None:
+        """Record `hub`; read the servos with what `open_board` returns, in common with whoever watches them."""
+        self._hub = hub
+        self._open_board = open_board
+        self._folder = folder
+        self._most = most
+        self._recorder: Recorder | None = None
+        self._tap: HubTap | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+        self._latest: RecorderStatus | None = None
+        self._changing = asyncio.Lock()
+
+    @property
+    def is_recording(self) -> bool:
+        """Whether the hub is recording."""
+        return self._recorder is not None
+
+    @property
+    def status(self) -> RecorderStatus | None:
+        """The state of the recording, or of the latest one; None before the first."""
+        return self._latest if self._recorder is None else self._recorder.status
+
+    def folder(self) -> Path:
+        """Return the folder of the recordings. Raise OSError for a user without a home."""
+        return self._folder or user_folder("data") / "recordings"
+
+    async def start(self, who: str, *, hz: float, wire_only: bool) -> None:
+        """Begin to record for `who`. Raise RecordingError if the hub is recording already, or cannot write."""
+        async with self._changing:
+            if self._recorder is not None:
+                raise RecordingError(f"{self._recorder.wanted.path.name} is being recorded already")
+            codec = self._hub.board.codec
+            recorder = Recorder(Wanted(await asyncio.to_thread(self._new_path), hz, wire_only))
+            about = recorder.about(self._hub.name, "hub", codec.byte_order, codec.caption_encoding)
+            await asyncio.to_thread(recorder.begin, about, by_child=True)
+            self._recorder = recorder
+            recorder.take(recorder.clock.now(), Event("connection", self._hub.state))
+            self._tap = HubTap(self._hub, recorder.take, wire_only=wire_only)
+            follow = [self._watch_over(recorder)]
+            if recorder.wanted.rate:
+                follow.append(self._follow_servos(recorder))
+            self._tasks = [asyncio.create_task(each) for each in follow]
+        self._hub.tell(RecordingChanged("started", who, recorder.wanted.path.name))
+
+    async def stop(self, who: str) -> None:
+        """End the recording. Raise RecordingError if there is none, or its end cannot be written."""
+        async with self._changing:
+            recorder = self._recorder
+            if recorder is None:
+                raise RecordingError("nothing is being recorded")
+            if self._tap is not None:
+                self._tap.close()
+            tasks, self._tasks = self._tasks, []
+            for task in tasks:
+                if task is not asyncio.current_task():
+                    task.cancel()
+            try:
+                await recorder.end()
+            finally:
+                self._latest, self._recorder = recorder.status, None
+        self._hub.tell(RecordingChanged("stopped", who, recorder.wanted.path.name))
+
+    def mark(self, text: str, who: str) -> None:
+        """Put a mark into the recording. Raise RecordingError if there is none."""
+        if self._recorder is None:
+            raise RecordingError("nothing is being recorded")
+        self._recorder.mark(text, who=who)
+        self._hub.tell(RecordingChanged("marked", who, self._recorder.wanted.path.name, text))
+
+    def stored(self) -> list[StoredRecording]:
+        """Return the recordings in the folder, the newest last."""
+        found = list[tuple[float, StoredRecording]]()
+        with suppress(OSError), os.scandir(self.folder()) as entries:
+            for entry in entries:
+                if entry.name.endswith(_SUFFIX) and entry.is_file(follow_symlinks=False):
+                    status = entry.stat(follow_symlinks=False)
+                    ended = datetime.fromtimestamp(status.st_mtime, UTC).isoformat(timespec="seconds")
+                    found.append((status.st_mtime, StoredRecording(entry.name, status.st_size, ended)))
+        return [recording for _, recording in sorted(found)]
+
+    async def close(self) -> None:
+        """End the recording, if there is one: the hub ends."""
+        with suppress(RecordingError):
+            await self.stop("the hub, which ends")
+
+    def _new_path(self) -> Path:
+        """Return where to write. Raise RecordingError if that is impossible."""
+        try:
+            folder = self.folder()
+            folder.mkdir(parents=True, exist_ok=True, mode=_PRIVATE)
+        except OSError as error:
+            raise RecordingError(f"cannot record: {error}") from error
+        stem = f"{self._hub.name}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
+        names = (f"{stem}{_SUFFIX}", *(f"{stem}-{number}{_SUFFIX}" for number in range(2, 100)))
+        return next(folder / name for name in names if not (folder / name).exists())
+
+    async def _follow_servos(self, recorder: Recorder) -> None:
+        readings = Readings(recorder.take, recorder.wanted.rate)
+        try:
+            await follow_servos(await self._open_board(), readings)
+        except ServolinkError as error:
+            readings.failed(error)
+
+    async def _watch_over(self, recorder: Recorder) -> None:
+        """End a recording that has grown too large, or leaves too little room on the disk."""
+        while True:
+            await asyncio.sleep(_LOOK_EVERY)
+            status = recorder.status
+            free = await asyncio.to_thread(_free, recorder.wanted.path.parent)
+            reason = ""
+            if status.size >= self._most:
+                reason = f"it has {status.size // MIB} MiB"
+            elif free < _LEAST_FREE:
+                reason = f"the disk has only {free // MIB} MiB left"
+            if reason:
+                self._hub.tell(Problem(f"the recording {recorder.wanted.path.name} was ended: {reason}"))
+                with suppress(RecordingError):
+                    await self.stop("the hub")
+                return
+
+
+def _free(folder: Path) -> int:
+    """Return how many bytes are free on the disk of a folder; very many if nobody knows."""
+    import shutil
+
+    try:
+        return shutil.disk_usage(folder).free
+    except OSError:
+        return MOST_BYTES

@@ -1,0 +1,225 @@
+"""PacketSender: sends one packet of a program to the board, after all that must come first."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable, Coroutine
+from contextlib import AbstractContextManager, ExitStack
+from functools import partial
+from typing import Any
+
+from servolink.client.board import Board
+from servolink.control.roles import carries_angles, is_motion
+from servolink.errors import ConnectionLost, OutcomeUnknown, Rejected, ServolinkError, WrongBoard
+from servolink.hub.engine.events import ButtonRelay
+from servolink.hub.engine.lease_keeper import LeaseKeeper
+from servolink.hub.engine.motions import Motions, Outcome
+from servolink.hub.engine.unit_switch import UnitsKept, UnitSwitch
+from servolink.hub.rules.exchanges import Exchange
+from servolink.protocol.editing import ExecuteMacroResponse, WriteProjectIDRequest, WriteProjectIDResponse
+from servolink.protocol.joystick import SubscribeButtonEventRequest
+from servolink.protocol.packet import Command, Packet, Query, Request
+from servolink.protocol.servos import QueryServoRequest, SetAngleUnitRequest, SetServoParameterRequest
+from servolink.protocol.settings import ClearAllDataRequest, ClearAllDataResponse
+
+Done = Callable[[Exchange, "Packet | ServolinkError", "bytes | None"], None]
+"""Called with the response to a query, and its content as it came if that is known; or with an error."""
+
+STOPPED = "a stop came first"
+"""Why a motion is not sent that was asked for before a stop."""
+LATE = "the time by which it was to begin has passed"
+"""Why a motion is not sent that waited too long."""
+
+
+class PacketSender:
+    """Admits packets, sets units for them, and sends them; refuses those that must not be sent."""
+
+    def __init__(
+        self,
+        board: Board,
+        motions: Motions,
+        keeper: LeaseKeeper,
+        units: UnitSwitch,
+        buttons: ButtonRelay,
+        alone: Callable[[Exchange], AbstractContextManager[None]],
+        on_refused: Callable[[Exchange, str], None],
+    ) -> None:
+        """Send to `board` what `keeper` admits, in the units that `units` sets.
+
+        While everything is deleted, others wait because of `alone`. Call `on_refused` with each packet that is not
+        sent, and the reason.
+        """
+        self.stops = 0
+        """How many times everything was stopped; a motion asked for before a stop is not sent after it."""
+        self.is_stopped = False
+        """Whether somebody has stopped all servos, and nobody has started any since."""
+        self.motions = 0
+        """How many motions were sent, or are being sent."""
+        self._board = board
+        self._motions = motions
+        self._keeper = keeper
+        self._buttons = buttons
+        self._units = units
+        self._alone = alone
+        self._on_refused = on_refused
+
+    def send_at_once(self, exchange: Exchange, done: Done) -> bool:
+        """Send a query, if nothing must come first, and call `done` with what comes of it. Return whether it was."""
+        packet, connection, units = exchange.packet, self._board.connection, self._units
+        if not isinstance(packet, Query):
+            return False
+        heard: Callable[[Packet | ServolinkError, bytes | None], None] = partial(done, exchange)
+        has_angles = isinstance(packet, QueryServoRequest)
+        if has_angles:
+            if not units.enter_at_once(packet, exchange.program.state):
+                return False
+            heard = partial(self._heard_angles, heard)
+        try:
+            is_sent = connection.ask(packet, heard)
+        except ConnectionLost:
+            is_sent = False
+        if has_angles and not is_sent:
+            units.leave()
+        return is_sent
+
+    def _heard_angles(
+        self,
+        done: Callable[[Packet | ServolinkError, bytes | None], None],
+        outcome: Packet | ServolinkError,
+        content: bytes | None,
+    ) -> None:
+        self._units.leave()
+        done(outcome, content)
+
+    def may_wait(self, exchange: Exchange) -> bool:
+        """Return whether a packet may have to wait for more than the line: for units, or a check against limits."""
+        packet = exchange.packet
+        if isinstance(packet, SetAngleUnitRequest) or (is_motion(packet) and self._board.limits):
+            return True
+        return carries_angles(packet) and not self._units.is_set_for(packet, exchange.program.state)
+
+    async def send(self, exchange: Exchange, on_free: Callable[[], None]) -> Packet | None:
+        """Send a packet and return the response for its program, None if there is none.
+
+        The queue of the program is blocked by it until it is with the connection, which keeps the order; then `on_free`
+        is called.
+        """
+        packet, state = exchange.packet, exchange.program.state
+        is_inside = False
+        try:
+            if isinstance(packet, SetAngleUnitRequest):
+                return await self._units.set(packet, state)
+            if isinstance(packet, SubscribeButtonEventRequest):
+                return await self._buttons.set(exchange.program, packet)
+            if reason := await self._why_not(exchange):
+                return await self.refused(exchange, reason)
+            if carries_angles(packet):
+                await self._units.enter(packet, state)
+                is_inside = True
+            if not exchange.is_wanted:
+                return None
+            if is_motion(packet):
+                return await self._move(exchange)
+            # Soon, not now: it must be with the connection first.
+            asyncio.get_running_loop().call_soon(self._free, exchange, on_free)
+            return await self._send(exchange)
+        except UnitsKept as error:
+            return await self.refused(exchange, str(error))
+        finally:
+            self._free(exchange, on_free)
+            if is_inside:
+                self._units.leave()
+
+    async def refused(self, exchange: Exchange, reason: str) -> Packet | None:
+        """Return what a program gets for a packet that is not sent."""
+        self._on_refused(exchange, reason)
+        return await self._motions.refused(exchange.packet)
+
+    async def _why_not(self, exchange: Exchange) -> str:
+        """Return why a packet must not be sent, empty if it may."""
+        packet, guard = exchange.packet, self._board.connection.guard
+        if isinstance(packet, Query):
+            return ""
+        if exchange.program.has_left:
+            return "its program has left"  # and must not take the lease any more
+        if reason := self._keeper.admit(exchange):
+            return reason
+        try:
+            if guard is not None:
+                await guard(packet)
+        except WrongBoard as error:
+            return str(error)
+        return ""
+
+    def _free(self, exchange: Exchange, on_free: Callable[[], None]) -> None:
+        if exchange.program.queue.blocked_by is exchange:
+            exchange.program.queue.blocked_by = None
+            on_free()
+
+    async def _send(self, exchange: Exchange) -> Packet | None:
+        packet = exchange.packet
+        match packet:
+            case ClearAllDataRequest():
+                with self._alone(exchange):
+                    return ClearAllDataResponse(await _is_done(self._board.clear_all_data()))
+            case WriteProjectIDRequest():  # by which the board is recognised after a loss
+                return WriteProjectIDResponse(await _is_done(self._board.write_project_id(packet.project_id)))
+            case Request():
+                return await self._request(packet)
+            case _:
+                assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
+                await self._board.connection.send(packet)
+                return None
+
+    async def _move(self, exchange: Exchange) -> Packet | None:
+        """Send a motion, unless a stop or another holder came while something was awaited, or it exceeds a limit."""
+
+        def why_not() -> str:
+            if exchange.program.has_left:
+                return "its program has left"
+            if exchange.stops != self.stops:
+                return STOPPED
+            if asyncio.get_running_loop().time() > exchange.until:
+                return LATE
+            return self._keeper.admit(exchange)
+
+        if reason := why_not():
+            return await self.refused(exchange, reason)
+        self.motions += 1
+        try:
+            outcome = await self._send_motion(exchange, why_not)
+        except (OutcomeUnknown, ConnectionLost):
+            self._keeper.moved(exchange)  # it may have been carried out
+            raise
+        if outcome.refused:
+            self._on_refused(exchange, outcome.refused)
+        elif outcome.response != ExecuteMacroResponse(0):
+            self._keeper.moved(exchange)
+            if isinstance(exchange.packet, SetServoParameterRequest) and exchange.packet.is_start:
+                self.is_stopped = False
+        return outcome.response
+
+    async def _send_motion(self, exchange: Exchange, why_not: Callable[[], str]) -> Outcome:
+        with ExitStack() as stack:
+
+            def keep_units() -> None:
+                exchange.until = math.inf  # it has begun
+                # For seconds, in which nobody should wait for other units, nor behind somebody who does.
+                self._units.keep_for(exchange.program.state, math.inf)
+                stack.callback(self._units.release)
+
+            return await self._motions.send(exchange.packet, why_not, keep_units)
+
+    async def _request(self, packet: Request[Any]) -> Packet:
+        response: Packet = await self._board.connection.request(packet, unchecked=True)
+        return response
+
+
+async def _is_done(doing: Coroutine[Any, Any, None]) -> int:
+    """Return 1 when something is done, 0 if the board refuses it."""
+    try:
+        await doing
+    except Rejected:
+        return 0
+    return 1

@@ -1,0 +1,235 @@
+"""Stopping: a stop goes to the board before everything, and counts when the servos report it."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Literal, NamedTuple
+
+from servolink.client.board import Board
+from servolink.errors import ConnectionLost, DecodeError, OutcomeUnknown, RequestTimeout, ServolinkError
+from servolink.escaping import escape
+from servolink.hub.engine.lease_keeper import LeaseKeeper
+from servolink.hub.engine.program import Program
+from servolink.hub.engine.sending import PacketSender
+from servolink.hub.engine.upstream import RequestFollower, Upstream
+from servolink.hub.notices import Notice, Problem, Stopped
+from servolink.hub.rules.exchanges import Exchange
+from servolink.hub.rules.motion_gate import stops_all
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    QueryServoRequest,
+    SetServoParameterRequest,
+    SetServoParameterResponse,
+)
+from servolink.tasks import Tasks
+
+_logger = logging.getLogger(__name__)
+
+_TRIES = 3
+_LAST_TRIES = 1.0  # seconds in which stops may still be confirmed, or sent again, when the hub ends
+
+
+class _Stopping(NamedTuple):
+    """A stop that is under way."""
+
+    motions: int
+    """How many motions had been sent when it began."""
+    task: asyncio.Task[SetServoParameterResponse]
+
+
+class Stops:
+    """Stops servos for programs, and for the hub itself: at once, whoever has the lease or holds the board alone.
+
+    No motion is sent that was asked for before a stop.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        sender: PacketSender,
+        upstream: Upstream,
+        keeper: LeaseKeeper,
+        *,
+        tell: Callable[[Notice], None],
+        follow: RequestFollower,
+    ) -> None:
+        """Stop `board`. `tell` passes on notices; `follow` hears of stops that no packet of a program asked for."""
+        self._board = board
+        self._sender = sender
+        self._upstream = upstream
+        self._keeper = keeper
+        self._tell = tell
+        self._follow = follow
+        self._now = asyncio.get_running_loop().time
+        self._tasks = Tasks()
+        self._under_way: dict[SetServoParameterRequest, _Stopping] = {}
+
+    @property
+    def count(self) -> int:
+        """How many times servos were stopped."""
+        return self._sender.stops
+
+    async def close(self) -> None:
+        """Give up the stops that cannot be confirmed soon."""
+        await self._tasks.close(linger=_LAST_TRIES)
+
+    def ask(self, exchange: Exchange) -> None:
+        """Send the stop of a program before everything else, and finish it."""
+        packet = exchange.packet
+        assert isinstance(packet, SetServoParameterRequest)  # noqa: S101 - narrows the type
+        if stops_all(packet):
+            self._all_stop(exchange.program.session_id)
+        else:
+            self._drop_motions(exchange.program.session_id, are_all=False)
+            exchange.program.servo_stops += 1
+        self._send(packet).add_done_callback(lambda task: self._upstream.finish(exchange, _outcome_of(task)))
+
+    def begin(self, who: str, session_id: str = "") -> asyncio.Task[SetServoParameterResponse]:
+        """Stop all servos for `who`; see `Hub.begin_stop`."""
+        _logger.info("%s stops the board", escape(who))
+        self._all_stop(session_id)
+        begun = self._now()
+        stopping = self._send(SetServoParameterRequest(ALL_SERVOS, 0, 1))
+        stopping.add_done_callback(lambda task: self._over(ALL_SERVOS, _outcome_of(task), begun, who))
+        return stopping
+
+    def begin_unwatched(self, reason: str) -> None:
+        """Stop all servos because nobody watches over them; without a connection, as soon as there is one again."""
+        self._tasks.begin(self._stop_unwatched(reason))
+
+    async def end_move(self, program: Program, servo_ids: Sequence[int]) -> None:
+        """Stop servos where they are, and start them again; see `Hub.end_move`."""
+        self._drop_motions(program.session_id, are_all=False)
+        stops = self.count
+        try:
+            await self._stop_some(servo_ids, program.who)
+        except ServolinkError as error:
+            self.begin_unwatched(f"{program.who} has let go")
+            raise OutcomeUnknown(f"{error}; all servos are stopped instead") from error
+        # A board may turn a servo that is started to its old target: only those are that have stopped (3.2.3).
+        for servo_id in servo_ids:
+            if self._sender.is_stopped or self._upstream.waiting.holder not in (None, program.queue):
+                return
+            packet = SetServoParameterRequest(servo_id, 1, 1)
+            await self._upstream.begin(Exchange(program, packet, stops, asked_at=self._now()))
+
+    async def _stop_unwatched(self, reason: str) -> None:
+        async for state in self._board.states():
+            if state == "closed":
+                return
+            if state == "lost":
+                self._tell(Problem(f"{reason}: the board is stopped as soon as it is connected again"))
+                continue
+            try:
+                await asyncio.shield(self.begin(reason))
+            except ConnectionLost:
+                continue
+            except ServolinkError as error:
+                self._tell(Problem(str(error)))
+            return
+
+    def _all_stop(self, session_id: str) -> None:
+        """Count all servos as stopped, until somebody starts one."""
+        self._drop_motions(session_id, are_all=True)
+        self._sender.is_stopped = True
+        self._keeper.stopped()
+
+    def _drop_motions(self, session_id: str, *, are_all: bool) -> None:
+        """Send no motion that was asked for until now, and tell those who wait to ask for one."""
+        self._upstream.drop_motions()
+        self._tell(Stopped(are_all, session_id))
+
+    def _send(self, packet: SetServoParameterRequest) -> asyncio.Task[SetServoParameterResponse]:
+        """Send a stop at once and return its task; or that of an equal one, if nothing was moved since that began.
+
+        Others may wait for the task, too: do not cancel it.
+        """
+        motions, under_way = self._sender.motions, self._under_way.get(packet)
+        if under_way is not None and under_way.motions == motions:
+            return under_way.task
+        task = self._tasks.begin(_stop(self._board, packet))
+        self._under_way[packet] = _Stopping(motions, task)
+        task.add_done_callback(partial(self._forget, packet))
+        return task
+
+    def _forget(self, packet: SetServoParameterRequest, task: asyncio.Task[SetServoParameterResponse]) -> None:
+        if self._under_way[packet].task is task:
+            del self._under_way[packet]
+        outcome = _outcome_of(task)
+        if isinstance(outcome, ServolinkError):
+            _logger.warning("%s", outcome)
+
+    async def _stop_some(self, servo_ids: Sequence[int], who: str) -> None:
+        """Stop servos, all if 255 is one of them, and tell those who follow requests what became of it."""
+        begun = self._now()
+        outcome: ServolinkError | bool = False
+        try:
+            if ALL_SERVOS in servo_ids:
+                await asyncio.shield(self._send(SetServoParameterRequest(ALL_SERVOS, 0, 1)))
+            else:
+                await _stop_each(self._board, servo_ids)
+            outcome = True
+        except ServolinkError as error:
+            outcome = error
+            raise
+        finally:
+            for servo_id in servo_ids:
+                response = SetServoParameterResponse(servo_id, 0, 1) if outcome is True else outcome
+                self._over(servo_id, response, begun, who)
+
+    def _over(self, servo_id: int, outcome: object, begun: float, who: str) -> None:
+        self._follow(SetServoParameterRequest(servo_id, 0, 1), outcome, begun, who, "")
+
+
+async def _stop(board: Board, packet: SetServoParameterRequest) -> SetServoParameterResponse:
+    """Stop and hold one servo or all at once, and return what they report then.
+
+    Raise OutcomeUnknown or ConnectionLost if that cannot be confirmed.
+    """
+    if packet.servo_id == ALL_SERVOS:
+        await board.stop()
+        return SetServoParameterResponse(ALL_SERVOS, 0, 1)
+    for _ in range(_TRIES):
+        connection = board.connection
+        await connection.send_stop(packet)
+        query = QueryServoRequest(packet.servo_id)
+        try:
+            states = (await connection.request(query, timeout=connection.patience / _TRIES, first=True)).servos
+        except (RequestTimeout, DecodeError):
+            continue
+        if not states:
+            return SetServoParameterResponse(0, 1, 0)  # as a board answers that has no such servo
+        if (states[0].is_start, states[0].is_hold) == (0, 1):
+            return SetServoParameterResponse(packet.servo_id, 0, 1)
+    raise OutcomeUnknown(f"a stop was sent {_TRIES} times and could not be confirmed", packet)
+
+
+async def _stop_each(board: Board, servo_ids: Iterable[int]) -> None:
+    """Stop and hold some servos: the stops leave together, and one reading confirms them.
+
+    Raise OutcomeUnknown if one of them does not report it, RequestTimeout or ConnectionLost if nothing is reported.
+    """
+    connection = board.connection
+    wanted = set(servo_ids)
+    for servo_id in wanted:
+        await connection.send_stop(SetServoParameterRequest(servo_id, 0, 1))
+    query = QueryServoRequest(ALL_SERVOS)
+    states = (await connection.request(query, timeout=connection.patience / _TRIES, first=True)).servos
+    stopped = {state.servo_id for state in states if (state.is_start, state.is_hold) == (0, 1)}
+    if missing := sorted(wanted - stopped):
+        raise OutcomeUnknown(f"servos {missing} were asked to stop, and do not report that they are stopped", query)
+
+
+def _outcome_of(
+    task: asyncio.Task[SetServoParameterResponse],
+) -> SetServoParameterResponse | ServolinkError | Literal[False]:
+    """Return what came of a stop whose task is over; False if it was given up."""
+    if task.cancelled():
+        return False
+    try:
+        return task.result()
+    except ServolinkError as error:
+        return error

@@ -1,0 +1,183 @@
+"""Upstream: the requests of all programs go to the board through its one connection."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Callable
+from typing import Literal, TypeAlias
+
+from servolink.client.board import Board
+from servolink.connection.scheduler import MOST_ASIDE
+from servolink.control.roles import carries_angles, is_motion
+from servolink.errors import ServolinkError
+from servolink.escaping import escape
+from servolink.hub.engine.sending import STOPPED, PacketSender
+from servolink.hub.rules.exchanges import Bounds, Exchange, RoundRobin
+from servolink.protocol.codec import Codec
+from servolink.protocol.frame import encode_frame
+from servolink.protocol.packet import Command, Packet, Query, Request
+from servolink.tasks import Tasks
+
+_logger = logging.getLogger(__name__)
+
+RequestFollower: TypeAlias = Callable[[Packet, object, float, str, str], None]
+"""Takes a request and its response, True if boards do not answer it, False or a reason if it was not sent, or an error;
+when it was asked, who asked, and the session, empty for the hub itself."""
+
+
+class Upstream:
+    """Sends the requests of all programs, as many at once as the connection has use for.
+
+    Most are queries that need nothing first: they are sent and answered without any task. The others are carried out by
+    tasks that live as long as the hub; those that wait for something else than the line, each by a task of its own.
+    """
+
+    def __init__(self, board: Board, sender: PacketSender) -> None:
+        """Send to `board` through `sender`, from `start` on."""
+        self.waiting = RoundRobin()
+        """What was not sent yet."""
+        self._board = board
+        self._sender = sender
+        self._loop = asyncio.get_running_loop()
+        self._tasks = Tasks()
+        self._idle: deque[asyncio.Future[Exchange]] = deque()  # each of a task
+        self._active = 0  # exchanges under way
+        self.on_over: RequestFollower | None = None
+        """Called when a request is over, but not for a query with a response; None if nobody wants to know."""
+
+    def start(self) -> None:
+        """Begin to send."""
+        for _ in range(self._board.connection.depth_bound + MOST_ASIDE):
+            first = self._loop.create_future()
+            self._idle.append(first)
+            self._tasks.begin(self._work(first))
+
+    async def close(self) -> None:
+        """Stop sending. What is under way is given up."""
+        self._idle.clear()
+        await self._tasks.close()
+
+    def ask(self, exchange: Exchange) -> None:
+        """Send a request when it is its turn, and finish it."""
+        bounds = exchange.program.bounds
+        exchange.stops, exchange.until = bounds or Bounds(self._sender.stops)
+        self.waiting.add(exchange)
+        self.send_waiting()
+
+    async def begin(self, exchange: Exchange) -> Packet | None:
+        """Send a motion before all that waits, and return the response. Raise what prevents that."""
+        outcome: object = False
+        try:
+            outcome = response = await self._sender.send(exchange, self.send_waiting)
+        except ServolinkError as error:
+            outcome = error
+            raise
+        finally:
+            self._tell(exchange, outcome)
+        return response
+
+    def finish(self, exchange: Exchange, outcome: Packet | ServolinkError | Literal[False]) -> None:
+        """Finish a request that is over with its response, an error, or False if it was given up."""
+        self._tell(exchange, outcome)
+        _finish(exchange, outcome if isinstance(outcome, Packet) else None)
+
+    def drop_motions(self) -> None:
+        """Send none of the motions that were asked for until now: a stop comes first."""
+        self._sender.stops += 1
+        for exchange in self.waiting.drop_where(lambda waiting: is_motion(waiting.packet)):
+            self._tasks.begin(self._finish_stopped(exchange))
+
+    def send_waiting(self) -> None:
+        """Send what may be sent now."""
+        while self._idle and self._active < self._board.connection.callers:
+            exchange = self.waiting.take()
+            if exchange is None:
+                return
+            self._active += 1
+            if isinstance(exchange.packet, Query):
+                exchange.equal = self.waiting.take_equal(exchange, _means_same)
+            if self._sender.send_at_once(exchange, self._answered):
+                continue
+            exchange.program.queue.blocked_by = exchange
+            if self._sender.may_wait(exchange):
+                self._active -= 1  # others should not wait with it
+                self._tasks.begin(self._carry_out(exchange))
+            else:
+                self._idle.popleft().set_result(exchange)
+
+    def _answered(self, exchange: Exchange, outcome: Packet | ServolinkError, content: bytes | None) -> None:
+        """Finish a query that was sent at once."""
+        self._active -= 1
+        if isinstance(outcome, ServolinkError):
+            _logger.debug("%s", outcome)
+            self.finish(exchange, outcome)
+        else:
+            _finish(exchange, outcome, content, self._board.codec)
+        self.send_waiting()
+
+    async def _work(self, next_one: asyncio.Future[Exchange]) -> None:
+        """Carry out one exchange after the other."""
+        while True:
+            await self._carry_out(await next_one)
+            self._active -= 1
+            next_one = self._loop.create_future()
+            self._idle.append(next_one)
+            self.send_waiting()
+
+    async def _carry_out(self, exchange: Exchange) -> None:
+        response: Packet | None = None
+        outcome: object = False
+        try:
+            outcome = response = await self._sender.send(exchange, self.send_waiting)
+        except ServolinkError as error:
+            _logger.debug("%s", error)
+            outcome = error
+        except Exception:
+            # A defect of ours. The board and the other programs should go on all the same.
+            _logger.exception("%s of %s failed", type(exchange.packet).__name__, escape(exchange.program.who))
+        finally:
+            self._tell(exchange, outcome)
+            _finish(exchange, response)
+
+    async def _finish_stopped(self, exchange: Exchange) -> None:
+        response: Packet | None = None
+        try:
+            response = await self._sender.refused(exchange, STOPPED)
+        finally:
+            self._tell(exchange, response)
+            exchange.program.finish(exchange, response)
+
+    def _tell(self, exchange: Exchange, outcome: object) -> None:
+        """Pass on what became of a request: a response, an error, None for a command that was sent, or False."""
+        if self.on_over is None:
+            return
+        if isinstance(exchange.packet, Query) and not isinstance(outcome, ServolinkError):
+            return
+        if outcome is None:
+            outcome = isinstance(exchange.packet, Command) and not exchange.program.has_left
+        outcome, program = exchange.refused or outcome, exchange.program
+        self.on_over(exchange.packet, outcome, exchange.asked_at, program.who, program.session_id)
+
+
+def _finish(
+    exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
+) -> None:
+    """Finish an exchange, and all that its response answers as well. `content` is how `codec` would write it."""
+    for each in (exchange, *exchange.equal):
+        program = each.program
+        if response is None:
+            program.counters.unanswered += isinstance(each.packet, Request)
+            program.finish(each, None)
+        elif content is not None and codec is not None and program.codec.byte_order == codec.byte_order:
+            # As it came: captions keep bytes that no encoding knows, and encoding it again takes longer.
+            program.finish_with(each, encode_frame(response.packet_id, content, codec.byte_order))
+        else:
+            program.finish(each, response)
+
+
+def _means_same(one: Exchange, other: Exchange) -> bool:
+    """Return whether the response to a query answers an equal one as well."""
+    mine, its = one.program.state, other.program.state
+    return mine is its or (mine.unit == its.unit and mine.units == its.units) or not carries_angles(one.packet)

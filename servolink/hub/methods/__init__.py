@@ -1,0 +1,1 @@
+"""The methods of the control interface, as a hub carries them out."""

@@ -1,0 +1,344 @@
+"""What the methods of the control interface work with: the hub, and one program's session with it."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
+from contextvars import ContextVar
+from typing import NamedTuple, TypeAlias, TypeVar
+
+from servolink.client.board import Board
+from servolink.client.names import servo_or_caption
+from servolink.client.session import Session
+from servolink.connection.connection import Connection
+from servolink.control.faults import Code, RpcError
+from servolink.control.greeting import Greeting
+from servolink.control.roles import Role, is_motion
+from servolink.control.status import HoldStatus, LeaseStatus
+from servolink.errors import ConnectionLost, MotionRefused, RequestTimeout
+from servolink.hub.doors.in_process import LocalTransport
+from servolink.hub.engine.sending import LATE, STOPPED
+from servolink.hub.hub import Hub
+from servolink.hub.notices import HoldChanged, Notice, Stopped
+from servolink.hub.rules.exchanges import Bounds
+from servolink.motion.limits import MotionLimits
+from servolink.motion.movement import INTERVAL_UNIT
+from servolink.protocol.editing import AddServoParameterRequest, ExecuteMacroRequest
+from servolink.protocol.packet import Packet
+from servolink.protocol.servos import ExecuteActionExRequest
+
+T = TypeVar("T")
+
+_stops_before: ContextVar[int] = ContextVar("_stops_before")
+"""How many stops there had been when the request was received whose task this is."""
+_until: ContextVar[float] = ContextVar("_until", default=math.inf)
+"""When the motion must have begun that this task is to begin."""
+OpenBoard: TypeAlias = Callable[[], Awaitable[Board]]
+
+
+class LeaseRefused(MotionRefused):
+    """Another program holds the lease."""
+
+    remedy = "ask for the lease with lease.ask, or take it over with lease.take and force"
+
+
+class MotionOver(MotionRefused):
+    """A motion was asked for that must not begin any more."""
+
+    remedy = "ask for it again, if it is still wanted"
+
+
+class PreparedRun(NamedTuple):
+    """A run that was checked, and for which the program has the lease."""
+
+    packet: ExecuteActionExRequest | ExecuteMacroRequest
+    connection: Connection
+    """Of the hub with the board, when it was checked."""
+    stops: int
+    """How often all servos had been stopped before it was checked."""
+    seconds: float | None
+    """How long it lasts; None if that cannot be computed."""
+
+
+class Readings:
+    """The board that a hub reads itself, for all programs together: who watches servos shares one poll."""
+
+    def __init__(self, hub: Hub) -> None:
+        """Connect when it is first needed."""
+        self._hub = hub
+        self._board: Board | None = None
+        self._opening = asyncio.Lock()
+
+    async def board(self) -> Board:
+        """Return the board."""
+        async with self._opening:
+            if self._board is None:
+                transport = LocalTransport(self._hub, who="the hub", role=Role.WATCH)
+                self._board = await _open(self._hub, transport)
+            return self._board
+
+    async def close(self) -> None:
+        """Leave the hub."""
+        async with self._opening:
+            if self._board is not None:
+                await self._board.close()
+
+
+class Control:
+    """One program's session with a hub, on the side of the control interface."""
+
+    def __init__(self, hub: Hub, readings: Readings, greeting: Greeting, session: str) -> None:
+        """Speak for the program of `greeting`: if that names a session, it uses a board through frames already."""
+        self.hub = hub
+        self.who = greeting.who
+        self.role = Role[greeting.role.upper()]
+        self.session = session
+        """The session id, by which the hub knows who holds the lease and the board."""
+        self.wants_programs = False
+        """Whether it is told which programs join and leave."""
+        self.prepared: PreparedRun | None = None
+        """What `run.start` begins."""
+        self._readings = readings
+        self._limits: MotionLimits | None = None
+        self._dead_man = greeting.dead_man
+        self._transport: LocalTransport | None = None
+        if greeting.session is None:
+            self._transport = LocalTransport(hub, who=self.who, role=self.role, door="share", session_id=session)
+            self._transport.join()
+        self._board: Board | None = None
+        self._opening = asyncio.Lock()
+        self._changed = asyncio.Event()
+        self._moves_ended = 0
+
+    async def close(self) -> None:
+        """Leave the hub, which ends the lease and the hold; with a board of its own, the hold alone."""
+        self.hub.release_hold(self.session)
+        if self._board is not None:
+            await self._board.close()
+        elif self._transport is not None:
+            await self._transport.close()
+
+    def received(self) -> None:
+        """Count the stops before the next request: it moves nothing after a later one, however long it waits."""
+        _stops_before.set(self._stops)
+
+    @property
+    def _stops(self) -> int:
+        """How many stops there were. Its own of single servos do not count: what it asks for after them is in order."""
+        program = None if self._transport is None else self._transport.program
+        return self.hub.stops - (0 if program is None else program.servo_stops)
+
+    def heard(self, notice: Notice) -> None:
+        """Take a notice of the hub."""
+        if isinstance(notice, HoldChanged | Stopped):
+            self._changed.set()
+
+    async def board(self) -> Board:
+        """Return the board of this program, once no other program holds it alone."""
+        self._own_transport()
+        await self.until_free()
+        return await self._own_board()
+
+    async def board_to_stop(self, servo: int | str) -> Board:
+        """Return the board of this program to stop a servo, also while another program holds it alone.
+
+        With a caption in place of an id that waits, as nobody else may read captions then.
+        """
+        by_id = isinstance(servo_or_caption(servo), int)
+        return await (self._own_board() if by_id else self.board())
+
+    async def _own_board(self) -> Board:
+        transport = self._own_transport()
+        async with self._opening:
+            if self._board is None:
+                self._board = await _open(self.hub, transport, self._limits)
+                self._guard(self._board)
+            return self._board
+
+    async def board_to_move(self, until: float | None = None) -> Board:
+        """Return the board of this program for one motion, once no other program holds it alone.
+
+        Raise MotionRefused after `until`, by the clock of the event loop, and if a stop or `end_move` comes after the
+        motion was asked for. Both hold until it is sent, too.
+        """
+        self._own_transport()
+        bounds, ended = Bounds(_stops_before.get(), math.inf if until is None else until), self._moves_ended
+        _until.set(bounds.until)
+        try:
+            async with asyncio.timeout_at(until):
+                while self.holder is not None and ended == self._moves_ended:
+                    self._check_bounds(bounds)
+                    self._changed.clear()
+                    await self._changed.wait()
+        except TimeoutError:
+            raise _late() from None
+        if ended != self._moves_ended:
+            raise MotionOver("nothing was moved: the movement was ended before it began")
+        self._check_bounds(bounds)
+        return await self.board()
+
+    async def end_move(self, servo_ids: Sequence[int]) -> None:
+        """Stop what this program moves, also what it has asked for and was not sent yet (see `Hub.end_move`)."""
+        self._moves_ended += 1
+        self._changed.set()
+        if self._board is not None:
+            self._board.connection.count_stop()
+        await self.hub.end_move(self.session, servo_ids)
+
+    def _check_bounds(self, bounds: Bounds) -> None:
+        """Raise MotionRefused if a motion must not begin any more."""
+        if bounds.stops != self._stops:
+            raise MotionOver(f"nothing was moved: {STOPPED}")
+        if asyncio.get_running_loop().time() > bounds.until:
+            raise _late()
+
+    async def readings(self) -> Board:
+        """Return the board that the hub reads for all programs together, once no program holds it alone.
+
+        The program that holds it reads with its own board, if it can.
+        """
+        await self.until_free()
+        if self.hub.held_by is not None and self._transport is not None:
+            return await self.board()
+        return await self._readings.board()
+
+    async def read(self, work: Callable[[Board], Awaitable[T]], open_board: OpenBoard | None = None) -> T:
+        """Return what `work` reads from this program's board, or from that of `open_board`.
+
+        If another program took the board alone meanwhile, and nothing was answered, read again when it is free.
+        """
+        while True:
+            board = await (open_board or self.board)()
+            try:
+                return await work(board)
+            except RequestTimeout:
+                if self.hub.held_by is None:
+                    raise
+
+    def tighten(self, limits: MotionLimits) -> None:
+        """Allow what this program moves only what `limits` allow, too."""
+        self._own_transport()  # what moves by frames would not be limited
+        if self._board is not None:
+            raise RpcError(
+                Code.INVALID_REQUEST,
+                "this program has used the board already",
+                remedy="tighten the limits before anything else",
+            )
+        self._limits = limits if self._limits is None else self._limits.tightened(limits)
+
+    def _own_transport(self) -> LocalTransport:
+        """Return the transport of the board that this connection uses. Raise RpcError if it has none."""
+        if self._transport is None:
+            raise RpcError(
+                Code.FORBIDDEN,
+                "this connection belongs to a program that has a board of its own",
+                remedy="connect to the control interface without `session`",
+            )
+        return self._transport
+
+    # --- lease and hold -----------------------------------------------------------------------------------------
+
+    def take_lease(
+        self, *, force: bool = False, dead_man: float | None = None, is_beat: bool = False
+    ) -> LeaseStatus | None:
+        """Take the lease. Raise LeaseRefused, which names the holder, if another program has it.
+
+        `dead_man` is that of the greeting unless it is given.
+        """
+        self._check_joined()
+        dead_man = self._dead_man if dead_man is None else dead_man
+        if not self.hub.take_lease(self.session, force=force, dead_man=dead_man, is_beat=is_beat):
+            raise LeaseRefused(f"nothing was moved: {self.hub.lease_reason(self.session)}")
+        return self.hub.lease
+
+    @property
+    def holder(self) -> HoldStatus | None:
+        """The other program that holds the board alone, if there is one."""
+        hold = self.hub.held_by
+        return None if hold is None or hold.session == self.session else hold
+
+    async def until_free(self) -> None:
+        """Wait until no other program holds the board alone."""
+        while self.holder is not None:
+            self._changed.clear()
+            await self._changed.wait()
+
+    @asynccontextmanager
+    async def alone(self, reason: str) -> AsyncIterator[None]:
+        """Hold the board alone in this context, as soon as no other program does; unless it is held already."""
+        hold = self.hub.held_by
+        if hold is not None and hold.session == self.session:
+            yield
+            return
+        await self.hold(reason)
+        try:
+            yield
+        finally:
+            self.hub.release_hold(self.session)
+
+    @contextmanager
+    def moving(self) -> Iterator[None]:
+        """Hold the lease in this context. Raise LeaseRefused if another program has it."""
+        lease = self.hub.lease
+        self.take_lease()
+        try:
+            yield
+        finally:
+            if lease is None or lease.session != self.session:
+                self.hub.give_lease(self.session)
+
+    async def hold(self, reason: str) -> None:
+        """Hold the board alone, as soon as no other program does."""
+        self._check_joined()
+        while not self.hub.hold(self.session, reason):
+            await self.until_free()
+            self._check_joined()  # its frames may have left meanwhile
+
+    def _check_joined(self) -> None:
+        """Raise ConnectionLost if the session has ended: its board was disconnected, or the hub has ended."""
+        if self.session not in self.hub.programs:
+            raise ConnectionLost("the session has ended; connect again")
+
+    def _guard(self, board: Board) -> None:
+        """Check each motion once more and take the lease before it, so that a refused one is an error with a reason."""
+
+        async def pass_packet(packet: Packet) -> None:
+            if not is_motion(packet):
+                return
+            is_import = isinstance(packet, AddServoParameterRequest)  # which goes on: half of one helps nobody
+            bounds = None
+            if not is_import:
+                self._check_bounds(Bounds(_stops_before.get(), _until.get()))
+                bounds = Bounds(self.hub.stops, _until.get())
+                if (holder := self.holder) is not None:  # since a moment ago: it would wait for as long as that takes
+                    raise MotionOver(f"nothing was moved: {holder.who} has taken the board alone")
+                _until.set(math.inf)  # it begins: what follows belongs to it
+            if self._transport is not None and self._transport.program is not None:
+                self._transport.program.bounds = bounds
+            self.take_lease()
+
+        board.connection.guard = pass_packet
+
+
+def _late() -> MotionOver:
+    return MotionOver(f"nothing was moved: {LATE}")
+
+
+async def _open(hub: Hub, transport: LocalTransport, limits: MotionLimits | None = None) -> Board:
+    """Connect to the board of `hub`, as it was connected itself; `limits` hold beside those of the board."""
+    upstream, known = hub.board, hub.board.connection
+    connection = Connection(
+        transport,
+        upstream.codec,
+        patience=known.patience,
+        depth=known.depth_bound,
+        write_depth=known.write_depth_bound,
+        repeats=False,
+    )
+    await connection.open(handshake=False)
+    interval_unit = upstream.profile and upstream.profile.profile.settings.interval_unit
+    session = Session(connection, None, upstream.profile)
+    allowed = upstream.limits if limits is None else upstream.limits.tightened(limits)
+    return Board(session, "degree", allowed, interval_unit or INTERVAL_UNIT)

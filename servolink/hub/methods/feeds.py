@@ -1,0 +1,197 @@
+"""What a program watches: servos, as often as it draws them, and buttons."""
+
+from __future__ import annotations
+
+import asyncio
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from typing import cast
+
+from msgspec import Struct
+
+from servolink.client.board import Board
+from servolink.client.servos import Servo
+from servolink.client.watch import ServoReading
+from servolink.control.messages import CREDIT, ServoNow
+from servolink.control.notifications import ButtonPressed, ProblemNotice, ServosFrame
+from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
+from servolink.hub.methods.context import OpenBoard
+from servolink.motion.angles import Angle, AngleUnit
+
+Notify = Callable[[str, Struct], None]
+
+_IDLE = 2.0  # seconds without an acknowledgement after which the servos are not read any more
+_PAUSE = 0.5  # seconds until the servos are read again after an error
+
+
+class Feed(ABC):
+    """Runs in the background until it is ended."""
+
+    def __init__(self, open_board: OpenBoard, notify: Notify) -> None:
+        """Read the board that `open_board` returns, and call `notify` with what comes."""
+        self._open_board = open_board
+        self._notify = notify
+        self._task: asyncio.Task[None] | None = None
+        self._changing = asyncio.Lock()
+
+    async def _begin(self) -> None:
+        """Start over, and return when it reads. Raise the error that prevents that."""
+        async with self._changing:
+            await self._end()
+            loop = asyncio.get_running_loop()
+            ready: asyncio.Future[None] = loop.create_future()
+            self._task = loop.create_task(self._run(ready))
+            await ready
+
+    async def close(self) -> None:
+        """End it."""
+        async with self._changing:
+            await self._end()
+
+    async def _end(self) -> None:
+        task, self._task = self._task, None
+        if task is not None:
+            task.cancel()
+            await asyncio.wait((task,))
+
+    async def _run(self, ready: asyncio.Future[None]) -> None:
+        """Read until the hub ends; after an error, say so once and read again."""
+        told = ""
+        while True:
+            try:
+                await self._read(await self._open_board(), ready)
+            except ServolinkError as error:
+                if not ready.done():
+                    ready.set_exception(error)
+                    return
+                if isinstance(error, ConnectionLost):  # of a session in this process: the hub has ended
+                    return
+                # Why nothing is answered, the notifications `connection` and `hold` say.
+                if str(error) != told and not isinstance(error, RequestTimeout):
+                    told = str(error)
+                    self._notify("problem", ProblemNotice(f"{told}; trying again"))
+                await asyncio.sleep(_PAUSE)
+            else:
+                return
+
+    @abstractmethod
+    async def _read(self, board: Board, ready: asyncio.Future[None]) -> None:
+        """Read, and resolve `ready` when the first item can come."""
+
+
+class ServosFeed(Feed):
+    """Sends the latest reading whenever the program has acknowledged what came before: it is never flooded."""
+
+    def __init__(self, open_board: OpenBoard, notify: Notify, is_paused: Callable[[], bool]) -> None:
+        """Send nothing while `is_paused()`."""
+        super().__init__(open_board, notify)
+        self._is_paused = is_paused
+        self._hz = 0.0
+        self._changed_only = False
+        self._sent = 0
+        self._acknowledged = 0
+        self._last: dict[int, ServoNow] = {}
+        self._room = asyncio.Event()
+
+    async def watch(self, hz: float, *, changed_only: bool) -> None:
+        """Send at most `hz` readings per second from now on."""
+        self._hz, self._changed_only = hz, changed_only
+        self._sent = self._acknowledged = 0
+        self._last = {}
+        await self._begin()
+
+    def acknowledge(self, number: int) -> None:
+        """Count what the program has drawn."""
+        self._acknowledged = max(self._acknowledged, min(number, self._sent))
+        self._room.set()
+
+    def resume(self) -> None:
+        """Look again whether there is room: the program reads again."""
+        self._room.set()
+
+    async def _read(self, board: Board, ready: asyncio.Future[None]) -> None:
+        while not await self._read_until_idle(board, ready):
+            await self._until_room()  # without reading: a frozen page costs the board nothing
+
+    async def _read_until_idle(self, board: Board, ready: asyncio.Future[None]) -> bool:
+        """Read until the program has acknowledged nothing for a while; return whether the readings have ended."""
+        async with board.watch(self._hz) as readings:
+            _resolve(ready)
+            await self._until_room()
+            # The iterator keeps the latest reading only, so this is the newest one however long there was no room.
+            async for reading in readings:
+                self._send(reading)
+                try:
+                    async with asyncio.timeout(_IDLE):
+                        await self._until_room()
+                except TimeoutError:
+                    return False
+        return True
+
+    async def _until_room(self) -> None:
+        while self._sent - self._acknowledged >= CREDIT or self._is_paused():
+            self._room.clear()
+            await self._room.wait()
+
+    def _send(self, reading: ServoReading) -> None:
+        self._sent += 1
+        shown = _latest.of(reading.servos)
+        if self._changed_only:
+            last, self._last = self._last, {servo.servo_id: servo for servo in shown}
+            shown = tuple(servo for servo in shown if last.get(servo.servo_id) != servo)
+        self._notify("servos", ServosFrame(self._sent, round(reading.seconds, 6), shown, reading.missed))
+
+
+class _Latest:
+    """The latest servos in the form of the control interface: all programs that watch get the same."""
+
+    def __init__(self) -> None:
+        self._latest: tuple[tuple[Servo, ...], tuple[ServoNow, ...]] = ((), ())
+
+    def of(self, servos: tuple[Servo, ...]) -> tuple[ServoNow, ...]:
+        of, shown = self._latest
+        if of is not servos:
+            shown = servos_now(servos)
+            self._latest = servos, shown
+        return shown
+
+
+_latest = _Latest()
+
+
+class ButtonsFeed(Feed):
+    """Sends each button event."""
+
+    async def subscribe(self) -> None:
+        """Send events from now on; return when the board sends them. Raise Rejected if it does not."""
+        await self._begin()
+
+    async def _read(self, board: Board, ready: asyncio.Future[None]) -> None:
+        async with board.button_events() as events:
+            _resolve(ready)
+            async for event in events:
+                self._notify("button", ButtonPressed(event.button_id, event.event, event.kind))
+
+
+def _resolve(ready: asyncio.Future[None]) -> None:
+    if not ready.done():
+        ready.set_result(None)
+
+
+def servo_now(servo: Servo) -> ServoNow:
+    """Return a servo in the form of the control interface."""
+    return ServoNow(
+        servo.servo_id,
+        int(servo.angle),
+        cast("AngleUnit", servo.angle.unit) if isinstance(servo.angle, Angle) else None,
+        servo.current,
+        servo.temperature,
+        servo.servo_type,
+        servo.is_start,
+        servo.is_hold,
+    )
+
+
+def servos_now(servos: Iterable[Servo]) -> tuple[ServoNow, ...]:
+    """Return servos in the form of the control interface."""
+    return tuple(map(servo_now, servos))

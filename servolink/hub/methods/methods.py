@@ -1,0 +1,289 @@
+"""The methods of the control interface. The docstrings are the reference, and the types are checked."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from typing import Any, NamedTuple
+
+from servolink.client.board import Board
+from servolink.control.messages import (
+    Battery,
+    BoardState,
+    Done,
+    Hold,
+    HoldNow,
+    LeaseNow,
+    LeaseTake,
+    Move,
+    Moved,
+    MoveEnd,
+    NoParams,
+    Ran,
+    Release,
+    Rename,
+    Run,
+    ServoList,
+    ServoParameters,
+    ServosAck,
+    ServoSet,
+    ServosWatch,
+    Tighten,
+    Watching,
+)
+from servolink.control.peer import Methods
+from servolink.control.roles import Role
+from servolink.control.status import HubStatus
+from servolink.escaping import quote
+from servolink.hub.engine.recording import HubRecorder
+from servolink.hub.methods.context import Control
+from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, servos_now
+from servolink.hub.methods.tap_feed import TapFeed
+from servolink.motion.limits import MotionLimits
+from servolink.protocol.servos import ALL_SERVOS
+
+
+class Caller(NamedTuple):
+    """The program that calls a method."""
+
+    control: Control
+    servos: ServosFeed
+    buttons: ButtonsFeed
+    tap: TapFeed
+    recorder: HubRecorder
+
+
+METHODS: Methods[Caller] = Methods()
+
+
+@METHODS.add("status", Role.WATCH)
+def status(caller: Caller, params: NoParams) -> HubStatus:
+    """Return who is connected, who holds the lease and the board, and what has passed.
+
+    Notifications come from the first request of a program on: call this first, and you miss no change. Those of
+    programs that join and leave come only after this was called.
+    """
+    caller.control.wants_programs = True
+    return caller.control.hub.status()
+
+
+@METHODS.add("rename", Role.WATCH)
+def rename(caller: Caller, params: Rename) -> Done:
+    """Change what this program is called, as its greeting did. Lease and hold stay as they are."""
+    caller.control.who = params.who
+    caller.control.hub.rename(caller.control.session, params.who)
+    return Done()
+
+
+@METHODS.add("board.state", Role.WATCH)
+def board_state(caller: Caller, params: NoParams) -> BoardState:
+    """Return who holds the lease and the board, and whether the board is connected."""
+    hub = caller.control.hub
+    return BoardState(hub.state, hub.lease, hub.held_by, hub.another)
+
+
+# --- the lease and the hold -------------------------------------------------------------------------------------------
+
+
+@METHODS.add("lease.take", Role.RUN)
+def lease_take(caller: Caller, params: LeaseTake) -> LeaseNow:
+    """Take the lease, without which nothing moves; a motion takes a free one by itself.
+
+    MotionRefused names the program that holds it. The lease ends when the program leaves, gives it back, or some
+    seconds after the end of its last motion. With `dead_man`, here or in the greeting, the program must call
+    `lease.beat` more often than that, or the hub stops the board. This counts as a beat, a motion does not: it may have
+    waited long after its program fell silent.
+    """
+    return LeaseNow(caller.control.take_lease(force=params.force, dead_man=params.dead_man, is_beat=True))
+
+
+@METHODS.add("lease.give", Role.WATCH)
+def lease_give(caller: Caller, params: NoParams) -> LeaseNow:
+    """Give the lease back; programs from which it was taken over may have it again. A motion ends by itself."""
+    caller.control.prepared = None
+    caller.control.hub.give_lease(caller.control.session)
+    return LeaseNow(caller.control.hub.lease)
+
+
+@METHODS.add("lease.beat", Role.WATCH)
+def lease_beat(caller: Caller, params: NoParams) -> Done:
+    """Say that the program still watches over the motion, if it took the lease with `dead_man`."""
+    caller.control.hub.beat(caller.control.session)
+    return Done()
+
+
+@METHODS.add("lease.ask", Role.WATCH)
+def lease_ask(caller: Caller, params: NoParams) -> LeaseNow:
+    """Ask the holder for the lease: it gets a notification, and decides."""
+    caller.control.hub.ask_for_lease(caller.control.session)
+    return LeaseNow(caller.control.hub.lease)
+
+
+@METHODS.add("board.hold", Role.EDIT, in_order=True)
+async def board_hold(caller: Caller, params: Hold) -> HoldNow:
+    """Hold the board alone: everybody else waits, but for stops. If another program holds it, wait for that.
+
+    It ends with `board.release`, or when the program leaves.
+    """
+    await caller.control.hold(params.reason)
+    return HoldNow(caller.control.hub.held_by)
+
+
+@METHODS.add("board.release", Role.EDIT, in_order=True)
+async def board_release(caller: Caller, params: NoParams) -> HoldNow:
+    """Share the board again."""
+    caller.control.hub.release_hold(caller.control.session)
+    return HoldNow(caller.control.hub.held_by)
+
+
+@METHODS.add("limits.tighten", Role.WATCH)
+def limits_tighten(caller: Caller, params: Tighten) -> Done:
+    """Limit what this program moves, beside the limits of the board, until it leaves. Nothing can loosen them.
+
+    Call it first: it is refused once the program has moved or changed something or read a record, and on a connection
+    that belongs to the `session` of a program with frames.
+    """
+    angles = dict(params.angles)
+    pair = angles.pop("all", None)
+    if wrong := [key for key in angles if not (key.isascii() and key.isdecimal())]:
+        raise ValueError(f'angles: {quote(wrong[0])} must be a servo id, or "all"')
+    by_servo = {int(key): value for key, value in angles.items()}
+    for found in ([pair] if pair else []) + ([by_servo] if by_servo else []):
+        caller.control.tighten(MotionLimits(found, source=params.source))
+    if params.speed_cap is not None:
+        caller.control.tighten(MotionLimits(speed_cap=params.speed_cap, source=params.source))
+    return Done()
+
+
+# --- servos -----------------------------------------------------------------------------------------------------------
+
+
+@METHODS.add("stop", Role.WATCH)
+def stop(caller: Caller, params: NoParams) -> Coroutine[Any, Any, Done]:
+    """Stop all servos where they are and hold them, before everything else, whoever has the lease.
+
+    Confirmed by reading the servos: OutcomeUnknown says that not all of them report that they are stopped.
+    """
+    stopping = caller.control.hub.begin_stop(caller.control.who, caller.control.session)
+
+    async def confirmed() -> Done:
+        await asyncio.shield(stopping)
+        return Done()
+
+    return confirmed()
+
+
+@METHODS.add("servos.list", Role.WATCH)
+async def servos_list(caller: Caller, params: NoParams) -> ServoList:
+    """Return the state of all servos."""
+    servos = await caller.control.read(Board.servos, caller.control.readings)
+    return ServoList(servos_now(servos))
+
+
+@METHODS.add("servos.parameters", Role.WATCH)
+async def servos_parameters(caller: Caller, params: NoParams) -> ServoParameters:
+    """Return caption and angle correction of each servo, as stored on the board."""
+    return ServoParameters(await caller.control.read(Board.servo_parameters, caller.control.readings))
+
+
+@METHODS.add("battery", Role.WATCH)
+async def battery(caller: Caller, params: NoParams) -> Battery:
+    """Return the charge of the battery. RequestTimeout if the board does not know it."""
+    return Battery(await caller.control.read(Board.battery, caller.control.readings))
+
+
+@METHODS.add("servos.watch", Role.WATCH)
+async def servos_watch(caller: Caller, params: ServosWatch) -> Watching:
+    """Send the notification `servos` from now on. All programs share one poll of the board.
+
+    A program that does not acknowledge gets two notifications, and then the latest state when it does.
+    """
+    await caller.servos.watch(params.hz, changed_only=params.changed_only)
+    return Watching(params.hz)
+
+
+@METHODS.add("servos.ack", Role.WATCH)
+def servos_ack(caller: Caller, params: ServosAck) -> Done:
+    """Acknowledge notifications `servos`. It needs no response: send it without `id`."""
+    caller.servos.acknowledge(params.number)
+    return Done()
+
+
+@METHODS.add("servos.unwatch", Role.WATCH)
+async def servos_unwatch(caller: Caller, params: NoParams) -> Done:
+    """Send no more notifications `servos`."""
+    await caller.servos.close()
+    return Done()
+
+
+@METHODS.add("buttons.subscribe", Role.WATCH)
+async def buttons_subscribe(caller: Caller, params: NoParams) -> Done:
+    """Send the notification `button` for each button event from now on."""
+    await caller.buttons.subscribe()
+    return Done()
+
+
+@METHODS.add("buttons.unsubscribe", Role.WATCH)
+async def buttons_unsubscribe(caller: Caller, params: NoParams) -> Done:
+    """Send no more notifications `button`."""
+    await caller.buttons.close()
+    return Done()
+
+
+@METHODS.add("move", Role.MOVE, in_order=True)
+async def move(caller: Caller, params: Move) -> Moved:
+    """Move servos together, within the limits of the board. Motions of one program are carried out in their order.
+
+    MotionRefused says why nothing moved: a limit, another program that holds the lease, or a stop that came, or `until`
+    that passed, while another program held the board alone.
+    """
+    board = await caller.control.board_to_move(params.until)
+    seconds = await board.move(
+        params.targets, duration=params.duration, speed=params.speed, wait=params.wait, dry_run=params.dry_run
+    )
+    return Moved(seconds)
+
+
+@METHODS.add("move.end", Role.MOVE, is_urgent=True)
+async def move_end(caller: Caller, params: MoveEnd) -> Done:
+    """Stop servos where they are, at once: the program lets go of what it moves. They hold, and obey the next movement.
+
+    They are started again when they have stopped, but not after a `stop` of all servos. Movements of this program that
+    are not sent yet are dropped. OutcomeUnknown says that servos did not report that they are stopped, so that all are
+    stopped at once; MotionRefused, that another program has the lease, and nothing was stopped.
+    """
+    await caller.control.end_move((ALL_SERVOS,) if params.servos is None else params.servos)
+    return Done()
+
+
+@METHODS.add("release", Role.MOVE, in_order=True)
+async def release(caller: Caller, params: Release) -> Done:
+    """Stop and release a servo, or all. It goes limp, and a raised limb falls."""
+    board = await caller.control.board_to_move(params.until)
+    if params.servo == "all":
+        await board.release()
+    else:
+        await board.release(params.servo)
+    return Done()
+
+
+@METHODS.add("servo.set", Role.MOVE, in_order=True)
+async def servo_set(caller: Caller, params: ServoSet) -> Done:
+    """Start a servo or stop it, hold its angle or release it: after a stop, start it before it moves again."""
+    is_stop, control = params.hold and not params.start, caller.control
+    board = await (control.board_to_stop(params.servo) if is_stop else control.board_to_move(params.until))
+    await board.set_servo(params.servo, start=params.start, hold=params.hold)
+    return Done()
+
+
+@METHODS.add("run", Role.RUN, in_order=True)
+async def run(caller: Caller, params: Run) -> Ran:
+    """Run a stored action or macro. With `wait`, motions of this program that come after it wait too; a stop does not.
+
+    MotionRefused is as for `move`; NotFound says that there is no such record.
+    """
+    board = await caller.control.board_to_move(params.until)
+    if params.type == "action":
+        return Ran(await board.run_action(params.id, wait=params.wait, dry_run=params.dry_run))
+    await board.run_macro(params.id, wait=params.wait, dry_run=params.dry_run)
+    return Ran(None)

@@ -1,0 +1,76 @@
+"""Runs that are checked beforehand, so that nothing but sending is left to do when their moment has come."""
+
+from __future__ import annotations
+
+import asyncio
+
+from servolink.control.messages import Ran, RunPrepare, RunStart, RunStarted
+from servolink.control.roles import Role
+from servolink.errors import MotionRefused
+from servolink.hub.methods.context import PreparedRun
+from servolink.hub.methods.methods import METHODS, Caller
+from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.servos import ExecuteActionExRequest
+
+_LONGEST_LEAD = 1.0
+
+
+@METHODS.add("run.prepare", Role.RUN, in_order=True)
+async def run_prepare(caller: Caller, params: RunPrepare) -> Ran:
+    """Check a stored action or macro and all that it runs, and take the lease, so that `run.start` begins it at once.
+
+    Only the latest one is kept, and `lease.give` forgets it. Errors are those of `run` with `dry_run`, and of
+    `lease.take`.
+    """
+    control = caller.control
+    control.prepared, seconds = None, None
+    stops = control.hub.stops
+    board = await control.board_to_move(params.until)
+    connection = control.hub.board.connection
+    packet: ExecuteActionExRequest | ExecuteMacroRequest
+    if params.type == "action":
+        packet = ExecuteActionExRequest((await board.action(params.id)).action_id)
+        seconds = await board.run_action(packet.action_id, dry_run=True)
+    else:
+        packet = ExecuteMacroRequest((await board.macro(params.id)).macro_id)
+        await board.run_macro(packet.macro_id, dry_run=True)
+    control.take_lease()
+    lasts = await control.hub.motions.seconds_of(packet)
+    control.prepared = PreparedRun(packet, connection, stops, lasts)
+    return Ran(seconds)
+
+
+@METHODS.add("run.start", Role.RUN, is_urgent=True)
+async def run_start(caller: Caller, params: RunStart) -> RunStarted:
+    """Begin what `run.prepare` has prepared, once, and before all that waits; in a moment, if `at` says so.
+
+    Programs that begin at the same moment begin closer together than their messages come. With limits, the run is
+    compared again with the present pose, as by `run`, and takes as long. MotionRefused if nothing is prepared, if the
+    board was stopped or connected again since, or if another program has the lease.
+    """
+    control, clock = caller.control, asyncio.get_running_loop().time
+    if params.at is not None:
+        lead = params.at - clock()
+        if lead > _LONGEST_LEAD:
+            raise ValueError(f"at must be at most {_LONGEST_LEAD:g} s ahead, not {lead:g} s")
+        await asyncio.sleep(lead)
+    prepared, control.prepared = control.prepared, None
+    if prepared is None:
+        raise MotionRefused("nothing was moved: nothing is prepared; call run.prepare first")
+    if prepared.connection is not control.hub.board.connection:
+        raise MotionRefused("nothing was moved: the board was connected again since this was prepared")
+    if prepared.stops != control.hub.stops:
+        raise MotionRefused("nothing was moved: the board was stopped since this was prepared")
+    if control.holder is not None:
+        raise MotionRefused("nothing was moved: another program has the board alone")
+    board = await control.board()
+    packet = prepared.packet
+    if not board.limits:
+        sent = clock()
+        await control.hub.run(control.session, packet, prepared.stops, prepared.seconds)
+        return RunStarted(sent)
+    if isinstance(packet, ExecuteMacroRequest):
+        await board.run_macro(packet.macro_id)
+    else:
+        await board.run_action(packet.action_id)
+    return RunStarted(clock())

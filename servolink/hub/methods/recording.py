@@ -1,0 +1,99 @@
+"""The methods of the control interface for who records: a tap, and the hub's own recorder."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+from servolink.control.messages import (
+    Done,
+    NoParams,
+    RecorderMark,
+    RecorderStart,
+    RecordingEntry,
+    RecordingList,
+    RecordingNow,
+    Tapping,
+    TapStart,
+)
+from servolink.control.roles import Role
+from servolink.hub.methods.methods import METHODS, Caller
+
+
+@METHODS.add("tap.start", Role.WATCH)
+def tap_start(caller: Caller, params: TapStart) -> Tapping:
+    """Send the notification `tap` from now on, for everything that passes: bytes, requests, events and problems.
+
+    Nothing is sent to the board for it. A program that does not read loses messages, is told how many, and delays
+    nobody.
+    """
+    hub = caller.control.hub
+    caller.tap.start(wire_only=params.wire_only)
+    codec = hub.board.codec
+    return Tapping(caller.tap.now(), codec.byte_order, codec.caption_encoding, hub.state)
+
+
+@METHODS.add("tap.stop", Role.WATCH)
+def tap_stop(caller: Caller, params: NoParams) -> Done:
+    """Send what is left of the notifications `tap`, and no more."""
+    caller.tap.stop()
+    return Done()
+
+
+# --- the hub's own recorder -------------------------------------------------------------------------------------------
+
+
+@METHODS.add("recorder.start", Role.RUN)
+async def recorder_start(caller: Caller, params: RecorderStart) -> RecordingNow:
+    """Record everything that passes to a new file in a folder of the hub's user.
+
+    It goes on when the program leaves, until anybody stops it, the hub ends, it has 1 GiB, or the disk is nearly full.
+    RecordingError if something is being recorded already.
+    """
+    await caller.recorder.start(caller.control.who, hz=params.hz, wire_only=params.wire_only)
+    return _now(caller)
+
+
+@METHODS.add("recorder.stop", Role.RUN)
+async def recorder_stop(caller: Caller, params: NoParams) -> RecordingNow:
+    """End the recording, and return what it was. RecordingError if nothing is being recorded."""
+    await caller.recorder.stop(caller.control.who)
+    return _now(caller)
+
+
+@METHODS.add("recorder.mark", Role.RUN)
+def recorder_mark(caller: Caller, params: RecorderMark) -> Done:
+    """Put a mark into the recording, to find the moment again. RecordingError if nothing is being recorded."""
+    caller.recorder.mark(params.text, caller.control.who)
+    return Done()
+
+
+@METHODS.add("recorder.status", Role.WATCH)
+def recorder_status(caller: Caller, params: NoParams) -> RecordingNow:
+    """Return the state of the recording, or of the latest one."""
+    return _now(caller)
+
+
+@METHODS.add("recorder.list", Role.WATCH)
+async def recorder_list(caller: Caller, params: NoParams) -> RecordingList:
+    """Return the recordings in the folder."""
+    recorder = caller.recorder
+    found = await asyncio.to_thread(recorder.stored)
+    entries = tuple(RecordingEntry(each.name, each.size, each.ended) for each in found)
+    return RecordingList(str(recorder.folder()), entries)
+
+
+def _now(caller: Caller) -> RecordingNow:
+    status = caller.recorder.status
+    if status is None:
+        return RecordingNow(is_recording=False)
+    return RecordingNow(
+        caller.recorder.is_recording,
+        Path(status.path).name,
+        status.path,
+        round(status.seconds, 3),
+        status.size,
+        status.messages,
+        status.dropped,
+        status.problem,
+    )

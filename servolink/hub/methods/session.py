@@ -1,0 +1,162 @@
+"""ControlSession: the control interface for one program, whatever carries its messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from msgspec import Struct
+
+from servolink.control.greeting import Greeting
+from servolink.control.notifications import (
+    ConnectionNow,
+    HoldNotice,
+    LeaseNotice,
+    ProblemNotice,
+    ProgramNotice,
+    RecordingNotice,
+    RefusedNotice,
+    StoppedNotice,
+)
+from servolink.control.peer import Peer
+from servolink.control.status import HoldStatus
+from servolink.hub.engine.recording import HubRecorder
+from servolink.hub.hub import Hub
+from servolink.hub.methods import prepared, recording, stored  # add their methods
+from servolink.hub.methods.context import Control, Readings
+from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed
+from servolink.hub.methods.methods import METHODS, Caller
+from servolink.hub.methods.tap_feed import TapFeed
+from servolink.hub.notices import (
+    ConnectionChanged,
+    HoldChanged,
+    LeaseChanged,
+    Notice,
+    Problem,
+    ProgramJoined,
+    ProgramLeft,
+    ProgramRenamed,
+    RecordingChanged,
+    Refused,
+    Stopped,
+)
+
+__all__ = ["METHODS", "ControlSession", "prepared", "recording", "stored"]
+
+
+class ControlInterface:
+    """The control interface of one hub, for any door."""
+
+    def __init__(self, hub: Hub) -> None:
+        """Connect to the board when that is first needed."""
+        self._readings = Readings(hub)
+        self.recorder = HubRecorder(hub, self._readings.board)
+        """The recording that programs start and stop."""
+
+    def open_channel(
+        self, hub: Hub, greeting: Greeting, session: str, send: Callable[[bytes], None], abort: Callable[[str], None]
+    ) -> ControlSession:
+        """Begin to serve a program, as `servolink.hub.doors` wants it."""
+        return ControlSession(hub, self._readings, self.recorder, greeting, session, send, abort)
+
+    async def close(self) -> None:
+        """End the recording, and read the board no longer. Sessions are closed by their doors, before that."""
+        await self.recorder.close()
+        await self._readings.close()
+
+
+class ControlSession:
+    """Takes the messages of one program and sends it responses and notifications."""
+
+    def __init__(
+        self,
+        hub: Hub,
+        readings: Readings,
+        recorder: HubRecorder,
+        greeting: Greeting,
+        session: str,
+        send: Callable[[bytes], None],
+        abort: Callable[[str], None],
+    ) -> None:
+        """Call `send` with each message, and `abort`, with the reason, if the program must be disconnected.
+
+        If `greeting` names a session, this is the control interface of a program that has a board already.
+        """
+        self.control = Control(hub, readings, greeting, session)
+        self._hub = hub
+        self._servos = ServosFeed(self.control.readings, self._notify, lambda: self._peer.is_paused)
+        self._buttons = ButtonsFeed(self.control.readings, self._notify)
+        self._tap = TapFeed(hub, self._notify, lambda: self._peer.is_paused)
+        caller = Caller(self.control, self._servos, self._buttons, self._tap, recorder)
+        self._peer: Peer[Caller] = Peer(METHODS, caller, send, abort, role=self.control.role)
+        self._end_listening: Callable[[], None] | None = None
+        self._told_dropped = 0
+
+    def receive(self, message: bytes | str) -> None:
+        """Take one message; never raises. An empty one is ignored."""
+        if not message.strip():
+            return
+        if self._end_listening is None:
+            self._end_listening = self._hub.listen(self._hear)
+        self.control.received()
+        self._peer.receive(message)
+
+    def pause(self) -> None:
+        """Send as little as possible: the program does not read."""
+        self._peer.pause()
+
+    def resume(self) -> None:
+        """Send again."""
+        self._peer.resume()
+        self._servos.resume()
+        if self._peer.dropped > self._told_dropped:
+            count, self._told_dropped = self._peer.dropped - self._told_dropped, self._peer.dropped
+            self._notify("problem", ProblemNotice(f"this program reads too slowly: {count} notifications were dropped"))
+
+    async def close(self) -> None:
+        """Leave the hub; an import that is under way is interrupted."""
+        if self._end_listening is not None:
+            self._end_listening()
+        self._tap.stop()
+        await self._peer.close()
+        await self._servos.close()
+        await self._buttons.close()
+        await self.control.close()
+
+    def _notify(self, name: str, params: Struct) -> None:
+        self._peer.notify(name, params)
+
+    def _hear(self, notice: Notice) -> None:
+        """Pass on a notice of the hub."""
+        self.control.heard(notice)
+        match notice:
+            case ProgramJoined() | ProgramLeft() | ProgramRenamed():
+                if self.control.wants_programs:
+                    self._notify("program", _program_notice(notice))
+            case ConnectionChanged():
+                self._notify("connection", ConnectionNow(notice.state, notice.another))
+            case LeaseChanged():
+                by = None if notice.by is None else self._name_of(notice.by)
+                self._notify("lease", LeaseNotice(notice.event, by, notice.holder))
+            case HoldChanged(session, who, reason):
+                hold = None if session is None or who is None else HoldStatus(session, who, reason)
+                self._notify("hold", HoldNotice(hold))
+            case Stopped() if notice.are_all and notice.session != self.control.session:
+                self._notify("stopped", StoppedNotice(self._name_of(notice.session)))
+            case Refused() if notice.session == self.control.session:
+                self._notify("refused", RefusedNotice(notice.packet, notice.reason))
+            case RecordingChanged():
+                self._notify("recording", RecordingNotice(notice.event, notice.who, notice.name, notice.text))
+            case Problem():
+                self._notify("problem", ProblemNotice(notice.text))
+            case _:  # refused to another program, or a button event, which `ButtonsFeed` brings
+                pass
+
+    def _name_of(self, session: str) -> str | None:
+        program = self._hub.programs.get(session)
+        return None if program is None else program.who
+
+
+def _program_notice(notice: ProgramJoined | ProgramLeft | ProgramRenamed) -> ProgramNotice:
+    if isinstance(notice, ProgramJoined):
+        return ProgramNotice("joined", notice.session, notice.who, notice.door, notice.role)
+    return ProgramNotice("left" if isinstance(notice, ProgramLeft) else "renamed", notice.session, notice.who)

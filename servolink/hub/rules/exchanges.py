@@ -1,0 +1,217 @@
+"""Exchanges: the requests of all programs, and the order in which they are sent to the board."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from itertools import islice
+from typing import NamedTuple, Protocol
+
+from msgspec import Struct
+
+from servolink.control.roles import Role
+from servolink.hub.rules.session_state import SessionState
+from servolink.protocol.codec import Codec
+from servolink.protocol.packet import Packet, Query
+
+_MOST_EQUAL = 16  # queries of one program that are answered at once: a response can have 64 KiB
+_FARTHEST_EQUAL = 64  # requests of it among which they are looked for, each time that one is sent
+
+
+class ProgramCounters(Struct):
+    """What has passed between a program and the hub."""
+
+    requests: int = 0
+    """Frames of the program, of whatever kind."""
+    responses: int = 0
+    """Frames sent to it, button events included."""
+    unanswered: int = 0
+    """Requests that the board did not answer."""
+    refused: int = 0
+    """Requests that were not sent: without the role or the lease, beyond a limit, or after a stop."""
+    ignored: int = 0
+    """Intact frames that no board would answer: of a board, undecodable, or in mode 0."""
+
+
+class Bounds(NamedTuple):
+    """What the motions of a program are held to that it did not ask for just now."""
+
+    stops: int
+    """How many stops there had been when it asked."""
+    until: float = math.inf
+    """When they must have begun, on the clock of the event loop."""
+
+
+class Asker(Protocol):
+    """The program that asks, as far as those who answer it need it."""
+
+    session_id: str
+    who: str
+    role: Role
+    state: SessionState
+    counters: ProgramCounters
+    codec: Codec
+    queue: ProgramQueue
+    bounds: Bounds | None
+    servo_stops: int
+    has_left: bool
+
+    def finish_with(self, exchange: Exchange, frame: bytes | None) -> None:
+        """End one of its requests with the frame of a response, or with none."""
+
+    def finish(self, exchange: Exchange, response: Packet | None) -> None:
+        """End one of its requests with a response, or with none."""
+
+
+class Exchange(Struct, eq=False):
+    """One request of one program, until it is over: answered, sent if it has no response, or given up."""
+
+    program: Asker
+    packet: Packet
+    stops: int = 0
+    """How many stops there had been when it came; a motion is not sent after a later one."""
+    until: float = math.inf
+    """When it is too late to begin a motion, on the clock of the event loop."""
+    asked_at: float = 0.0
+    """When it came, on the clock of the event loop."""
+    size: int = 0
+    """The bytes that it counts for while it is not over."""
+    seconds: float | None = None
+    """How long the motion lasts, if that was computed beforehand."""
+    refused: str = ""
+    """Why it was not sent to the board; empty if it was, or will be."""
+    frame: bytes | None = None
+    """The response for the program; None while there is none, and if there will be none."""
+    is_silent: bool = False
+    """Its program is not to hear the response."""
+    is_over: bool = False
+    equal: tuple[Exchange, ...] | list[Exchange] = ()
+    """Queries that its response answers as well."""
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether a program is still there for which it is sent: the one that asked, or one that joined."""
+        return not all(each.program.has_left for each in (self, *self.equal))
+
+
+class ProgramQueue:
+    """The unsent requests of one program, in its order."""
+
+    __slots__ = ("blocked_by", "exchanges", "is_listed", "is_unread")
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self.exchanges: deque[Exchange] = deque()
+        self.blocked_by: Exchange | None = None
+        """The request that is being sent, which the next one must not overtake; None if there is none."""
+        self.is_unread = False
+        """Its program does not read the responses that it has: it gets no more until it does."""
+        self.is_listed = False
+        """Whether it is in the ring of a `RoundRobin`."""
+
+
+class RoundRobin:
+    """Takes the requests of programs in turn, one from each.
+
+    A program that floods waits in its own queue. Nothing here is asynchronous: whoever sends asks for the next one.
+    """
+
+    def __init__(self) -> None:
+        """Start without requests."""
+        self._ring: deque[ProgramQueue] = deque()  # those with unsent requests; the next one first
+        self.holder: ProgramQueue | None = None
+        """While a program holds the board alone, only its requests are taken."""
+
+    def __bool__(self) -> bool:
+        """Return whether there is a request that may be sent."""
+        return any(self._may_take(queue) for queue in self._ring)
+
+    def add(self, exchange: Exchange) -> None:
+        """Append a request to the queue of its program."""
+        queue = exchange.program.queue
+        queue.exchanges.append(exchange)
+        if not queue.is_listed:
+            queue.is_listed = True
+            self._ring.append(queue)
+
+    def take(self) -> Exchange | None:
+        """Return the next request that may be sent, None if there is none. Its program goes to the end."""
+        ring = self._ring
+        for _ in range(len(ring)):
+            queue = ring[0]
+            if self._may_take(queue):
+                exchange = queue.exchanges.popleft()
+                ring.popleft()
+                self._list_again(queue)
+                return exchange
+            ring.rotate(-1)
+        return None
+
+    def take_equal(self, taken: Exchange, means_same: Callable[[Exchange, Exchange], bool]) -> list[Exchange]:
+        """Return the unsent queries that the response to `taken`, a query, answers as well.
+
+        That is an equal query for which `means_same`, if it is the next request of its program; in the program of
+        `taken` itself, if there are only queries before it. Others may depend on what is sent before them.
+        """
+        packet, equal = taken.packet, list[Exchange]()
+        for queue in self._ring:
+            if not self._may_take(queue):
+                continue
+            waiting, is_own = queue.exchanges, queue is taken.program.queue
+            room = _MOST_EQUAL - is_own
+            while room and waiting and waiting[0].packet == packet and means_same(taken, waiting[0]):
+                equal.append(waiting.popleft())
+                room -= 1
+            if is_own:
+                equal += self._take_later(queue, packet, room)
+        if equal:
+            self._drop_empty()
+        return equal
+
+    def drop(self, queue: ProgramQueue) -> list[Exchange]:
+        """Remove all requests of a program and return them."""
+        dropped = list(queue.exchanges)
+        queue.exchanges.clear()
+        if self.holder is queue:
+            self.holder = None
+        self._drop_empty()
+        return dropped
+
+    def drop_where(self, unwanted: Callable[[Exchange], bool]) -> list[Exchange]:
+        """Remove the requests of all programs that are `unwanted` and return them."""
+        dropped = list[Exchange]()
+        for queue in self._ring:
+            found = [exchange for exchange in queue.exchanges if unwanted(exchange)]
+            if found:
+                queue.exchanges = deque(exchange for exchange in queue.exchanges if not unwanted(exchange))
+                dropped += found
+        self._drop_empty()
+        return dropped
+
+    def _may_take(self, queue: ProgramQueue) -> bool:
+        if queue.blocked_by is not None or queue.is_unread:
+            return False
+        return self.holder is None or queue is self.holder
+
+    def _take_later(self, queue: ProgramQueue, packet: Packet, most: int) -> list[Exchange]:
+        """Return the first queries equal to `packet` that stand behind other queries of the same program."""
+        queries = list[Exchange]()
+        for exchange in islice(queue.exchanges, _FARTHEST_EQUAL):
+            if not isinstance(exchange.packet, Query) or len(queries) == most:
+                break
+            if exchange.packet == packet:
+                queries.append(exchange)
+        for exchange in queries:
+            queue.exchanges.remove(exchange)
+        return queries
+
+    def _list_again(self, queue: ProgramQueue) -> None:
+        queue.is_listed = bool(queue.exchanges)
+        if queue.is_listed:
+            self._ring.append(queue)
+
+    def _drop_empty(self) -> None:
+        for queue in self._ring:
+            queue.is_listed = bool(queue.exchanges)
+        self._ring = deque(queue for queue in self._ring if queue.is_listed)

@@ -1,0 +1,173 @@
+"""MotionLease: the one program that may move the robot, and how long it may."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from servolink.control.status import LeaseEvent
+
+SECONDS_AFTER = 10.0
+"""How long a lease lasts after the computed end of its holder's last motion, unless the hub was told otherwise."""
+LEAST_DEAD_MAN, MOST_DEAD_MAN = 0.05, 60.0  # seconds
+
+
+class LeaseChange(NamedTuple):
+    """What happened to the lease, which the former and the new holder are told."""
+
+    event: LeaseEvent
+    before: str | None
+    """The session that held the lease, None if it was free."""
+    holder: str | None
+    """The session that holds it now, None if it is free."""
+    by: str | None = None
+    """The session that asked for it or took it, None if the time or a loss ended it."""
+    must_stop: bool = False
+    """Whether the board must be stopped at once: nobody watches over its motion any more."""
+
+
+class MotionLease:
+    """Says who may move the robot: one program at a time. A stop needs no lease and does not change the holder.
+
+    `now` is in seconds of any clock that does not jump. Each method that is passed `now` first does what was due by
+    then (see `advance`), and returns what has changed.
+    """
+
+    def __init__(self, seconds_after: float = SECONDS_AFTER) -> None:
+        """Start free. A lease ends `seconds_after` seconds after the end of its holder's last motion."""
+        if not 0 <= seconds_after < math.inf:
+            raise ValueError(f"seconds_after must be finite and at least 0, not {seconds_after}")
+        self.seconds_after = seconds_after
+        self.holder: str | None = None
+        """The session that holds the lease, None if it is free."""
+        self.since = 0.0
+        """When the present holder got it."""
+        self.dead_man: float | None = None
+        """The seconds without a beat after which the board is stopped, None if no beats are expected."""
+        self.is_end_unknown = False
+        """Whether a motion has no computed end, so that the servos must be read until they rest (see `rested`)."""
+        self._beat = 0.0
+        self._motion_ends = 0.0
+        self._barred: set[str] = set()  # from whom it was taken over, so that they do not take it back by moving on
+
+    def take(
+        self, session: str, now: float, *, dead_man: float | None = None, force: bool = False, is_beat: bool = True
+    ) -> list[LeaseChange]:
+        """Give the lease to `session` if it is free or already its own, or with `force` in any case.
+
+        A program from which it was taken over gets a free one only with `force`, until the lease is given back.
+
+        `holder` says whether it was granted. From now on the session must send a beat at least every `dead_man`
+        seconds. Taking counts as a motion that ends now, and with `is_beat` as a beat; not if it is done for a motion,
+        which may have waited long after its program fell silent. Raise ValueError for a `dead_man` outside 0.05..60.
+        """
+        if dead_man is not None and not LEAST_DEAD_MAN <= dead_man <= MOST_DEAD_MAN:
+            raise ValueError(f"dead_man must be {LEAST_DEAD_MAN:g}..{MOST_DEAD_MAN:g} s, not {dead_man:g}")
+        changes = self.advance(now)
+        before = self.holder
+        if not force and (before not in {None, session} or session in self._barred):
+            return changes
+        self._barred.discard(session)
+        if before == session:
+            self.dead_man = self.dead_man if dead_man is None else dead_man
+        else:
+            self.holder, self.since, self.dead_man = session, now, dead_man
+            self._motion_ends, self.is_end_unknown = now, False
+            is_beat = True
+            changes.append(LeaseChange("taken" if before is None else "taken over", before, session, session))
+            if before is not None:
+                self._barred.add(before)
+        if is_beat:
+            self._beat = now
+        self._motion_ends = max(self._motion_ends, now)
+        return changes
+
+    def give(self, session: str, now: float) -> list[LeaseChange]:
+        """Free the lease if `session` holds it, and let those take it again from whom it was taken over.
+
+        But nobody does the latter for themselves while another session holds it. A motion ends by itself.
+        """
+        changes = self.advance(now)
+        if self.holder in {None, session} or session not in self._barred:
+            self._barred.clear()
+        if self.holder == session:
+            changes.append(self._free("given back"))
+        return changes
+
+    def asked(self, session: str, now: float) -> list[LeaseChange]:
+        """Return that `session` asks the holder for the lease, unless it holds it itself or it is free."""
+        changes = self.advance(now)
+        if self.holder not in {None, session}:
+            changes.append(LeaseChange("asked for", self.holder, self.holder, session))
+        return changes
+
+    def moved(self, session: str, ends_at: float | None, now: float) -> list[LeaseChange]:
+        """Count a motion of the holder that ends at `ends_at`, None if that cannot be computed.
+
+        Motions of others do not count: they were sent before the lease was taken over.
+        """
+        changes = self.advance(now)
+        if self.holder == session:
+            if ends_at is None:
+                self.is_end_unknown = True
+            self._motion_ends = max(self._motion_ends, now, ends_at or now)
+        return changes
+
+    def beat(self, session: str, now: float) -> list[LeaseChange]:
+        """Count a sign of life of the holder. One that comes too late does not count."""
+        changes = self.advance(now)
+        if self.holder == session:
+            self._beat = now
+        return changes
+
+    def rested(self, now: float) -> list[LeaseChange]:
+        """Count motions of unknown end as over: all servos were read twice and rest."""
+        changes = self.advance(now)
+        self.is_end_unknown = False
+        self._motion_ends = max(self._motion_ends, now)
+        return changes
+
+    def stopped(self, now: float) -> list[LeaseChange]:
+        """Count all motions as over: the board was stopped."""
+        changes = self.advance(now)
+        self.is_end_unknown = False
+        self._motion_ends = now
+        return changes
+
+    def left(self, session: str, now: float) -> list[LeaseChange]:
+        """Free the lease if `session` holds it, which is gone. With a dead-man time the board must be stopped."""
+        changes = self.advance(now)
+        self._barred.discard(session)
+        if self.holder == session:
+            changes.append(self._free("left", must_stop=self.dead_man is not None))
+        return changes
+
+    def advance(self, now: float) -> list[LeaseChange]:
+        """Do what is due by `now`: free the lease of a holder whose beats stopped, or whose motion is long over."""
+        due = self.next_due()
+        if due is None or now < due:
+            return []
+        if due == self._beats_end:
+            return [self._free("beats stopped", must_stop=True)]
+        return [self._free("over")]
+
+    def is_barred(self, session: str) -> bool:
+        """Return whether the lease was taken over from `session` and was not given back since."""
+        return session in self._barred
+
+    def next_due(self) -> float | None:
+        """Return when `advance` has something to do, None if never."""
+        due = min(self._beats_end, self._lease_ends)
+        return None if due == math.inf else due
+
+    @property
+    def _beats_end(self) -> float:
+        return math.inf if self.holder is None or self.dead_man is None else self._beat + self.dead_man
+
+    @property
+    def _lease_ends(self) -> float:
+        return math.inf if self.holder is None or self.is_end_unknown else self._motion_ends + self.seconds_after
+
+    def _free(self, event: LeaseEvent, *, must_stop: bool = False) -> LeaseChange:
+        before, self.holder, self.dead_man = self.holder, None, None
+        return LeaseChange(event, before, None, must_stop=must_stop)
