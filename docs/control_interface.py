@@ -153,7 +153,7 @@ def _types() -> list[type]:
         for struct in _structs(types.type_info(waiting.pop())):
             for field in struct.fields:
                 waiting += [inner.cls for inner in _structs(field.type) if inner.cls.__name__ not in found]
-            if struct.cls.__module__.startswith("servolink.hub.") and struct.cls not in used_once:
+            if struct.cls.__module__.startswith("servolink.control.") and struct.cls not in used_once:
                 found[struct.cls.__name__] = struct.cls
     return [found[name] for name in sorted(found)]
 
@@ -238,7 +238,7 @@ def _text(info: Any) -> str:
         case types.DictType():
             return f"object of {_text(info.value_type)}s"
         case types.StructType():
-            name, is_own = info.cls.__name__, info.cls.__module__.startswith("servolink.hub.")
+            name, is_own = info.cls.__name__, info.cls.__module__.startswith("servolink.control.")
             return f"[{name}]({f'#{name.lower()}' if is_own else 'project-file.md'})"
         case _:
             return _WORDS.get(type(info), "anything")
