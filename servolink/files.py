@@ -6,7 +6,6 @@ import errno
 import os
 import re
 import stat
-import sys
 import time
 import warnings
 from collections.abc import Iterator
@@ -123,13 +122,6 @@ def user_folder(kind: Literal["config", "data", "runtime"]) -> Path:
             return find("servolink", appauthor=False)
         except RuntimeError as error:
             raise OSError(errno.ENOENT, f"{error}; set HOME") from error
-
-
-def is_ours(status: os.stat_result) -> bool:
-    """Return whether this is the status of a folder into which only this user can put files: no link, nobody else's."""
-    if sys.platform == "win32":
-        return stat.S_ISDIR(status.st_mode)  # it lies in the user's profile
-    return stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid() and not status.st_mode & 0o022
 
 
 def _refuse_irregular(path: Path, status: os.stat_result) -> None:

@@ -7,7 +7,6 @@ import errno
 import logging
 import os
 import socket
-import sys
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Iterator, Sequence
 from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
 from io import FileIO
@@ -17,6 +16,8 @@ from typing import Any, TypeAlias
 from servolink.errors import OpenError, TransportError, TransportUnavailable
 from servolink.escaping import escape, quote
 from servolink.files import reason
+from servolink.platforms.process import most_open_files
+from servolink.platforms.pseudo_terminals import open_pair
 from servolink.tasks import Tasks
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
@@ -236,12 +237,8 @@ def most_connections() -> int:
 
     Whoever may connect could take all of them otherwise, and nobody could stop the board any more.
     """
-    if sys.platform == "win32":
-        return _MOST_CONNECTIONS
-    import resource
-
-    most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    return _MOST_CONNECTIONS if most == resource.RLIM_INFINITY else min(max(most // 4, 1), _MOST_CONNECTIONS)
+    files = most_open_files()
+    return _MOST_CONNECTIONS if files is None else min(max(files // 4, 1), _MOST_CONNECTIONS)
 
 
 def place_of(listening: Sequence[socket.socket]) -> str:
@@ -333,9 +330,6 @@ async def _converse(connection: socket.socket, converse: Converse) -> None:
 
 _TERMINALS = "/dev/"
 
-AVAILABLE = sys.platform != "win32"
-"""Whether this system has pseudo-terminals."""
-
 
 @asynccontextmanager
 async def serve_terminal(connect: Connect) -> AsyncIterator[str]:
@@ -343,19 +337,13 @@ async def serve_terminal(connect: Connect) -> AsyncIterator[str]:
 
     Like a board on a serial line it does not notice when hosts come and go. Raise TransportUnavailable on Windows.
     """
-    if sys.platform == "win32":
-        raise TransportUnavailable("pseudo-terminals do not exist on Windows; serve the board over TCP")
-    import tty
-
-    ours, theirs = os.openpty()
+    ours, theirs, name = open_pair()
     with ExitStack() as line:
         # Their end is held open as long as ours: without it the line goes down, and is no longer raw, when a host
         # closes it.
         line.callback(os.close, theirs)
         source = line.enter_context(open(ours, "rb", buffering=0))
         sink = line.enter_context(open(os.dup(ours), "wb", buffering=0))
-        tty.setraw(theirs)
-        name = os.ttyname(theirs)
         reader, writer = await _streams(source, sink, line)
         serving = asyncio.ensure_future(bridge(reader, writer, connect, patient=True))
         serving.add_done_callback(lambda _: line.close())

@@ -23,7 +23,7 @@ from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.terminal import cleanup
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
-from servolink.listeners import AVAILABLE
+from servolink.platforms.pseudo_terminals import AVAILABLE
 from servolink.project.project_file import load_project, save_project
 from servolink.project.transfer.results import Progress
 from servolink.protocol.records import (

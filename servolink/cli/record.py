@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import signal
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -14,8 +12,9 @@ from servolink.cli.arguments import alarm, new_file, number
 from servolink.cli.main import FAILED, OK, fail, usage_error
 from servolink.cli.output import counted, print_error, print_json, print_text
 from servolink.cli.session import ENDLESS, Interruption, choose_board, run_interruptible
-from servolink.cli.terminal import handled, single_keys
+from servolink.cli.terminal import single_keys
 from servolink.errors import RecordingError
+from servolink.platforms.signals import SAVING, handled
 
 if TYPE_CHECKING:  # and imported late: `--help` needs none of it
     from servolink.cli.record_view import RecordView
@@ -157,10 +156,7 @@ async def _until_the_end(recorder: Recorder, view: RecordView, seconds: float | 
 @contextmanager
 def _saving_for_a_signal(recorder: Recorder) -> Iterator[None]:
     """Write what a ring has kept for each SIGUSR1, in this context."""
-    if recorder.wanted.ring is None or sys.platform == "win32":
-        yield
-        return
-    with handled(lambda: recorder.save("asked for by a signal"), (signal.SIGUSR1,)):
+    with handled(lambda: recorder.save("asked for by a signal"), () if recorder.wanted.ring is None else SAVING):
         yield
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 from servolink.cli.arguments import listening, not_empty, number
 from servolink.cli.main import OK, usage_error
 from servolink.cli.session import Interruption, run_interruptible
-from servolink.listeners import AVAILABLE, host_and_port, serve_network, serve_terminal
+from servolink.listeners import host_and_port, serve_network, serve_terminal
+from servolink.platforms.pseudo_terminals import AVAILABLE
 from servolink.protocol.frame import MAGIC
 from servolink.recorder.conversation import read_conversation
 from servolink.recorder.reading import Recording

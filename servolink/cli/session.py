@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from servolink.cli.main import INTERRUPTED, NO_BOARD, OK, fail, usage_error
 from servolink.cli.output import Table, console, lost_output, print_error, show_table
-from servolink.cli.terminal import can_ask, end_process, handled
+from servolink.cli.terminal import can_ask, end_process
 from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown, RequestTimeout, ServolinkError
+from servolink.platforms.signals import handled
 
 if TYPE_CHECKING:  # and imported late: `--help` of a command needs none of it
     from servolink.client.board import Board

@@ -15,8 +15,9 @@ from servolink.cli.arguments import listening, new_file, not_empty, whole_number
 from servolink.cli.main import NO_BOARD, OK, fail, usage_error
 from servolink.cli.output import Table, print_error, print_json, print_table, print_text
 from servolink.cli.spy_lines import Lines
-from servolink.cli.terminal import end_process, handled
-from servolink.errors import ConnectionLost, TransportUnavailable
+from servolink.cli.terminal import end_process
+from servolink.errors import ConnectionLost
+from servolink.platforms.signals import handled
 
 if TYPE_CHECKING:
     from servolink.recorder.channels import Direction
@@ -125,7 +126,7 @@ async def _board(args: argparse.Namespace) -> StreamTransport:
 @asynccontextmanager
 async def _program_side(args: argparse.Namespace, relay: Relay, board: StreamTransport) -> AsyncIterator[str]:
     """Make the place where the program connects; yield its URL."""
-    from servolink.listeners import AVAILABLE, host_and_port, linked_terminal
+    from servolink.listeners import host_and_port, linked_terminal
     from servolink.spy.network import NetworkSide, serve_program
 
     def told(is_there: bool) -> None:  # noqa: FBT001 - a callback
@@ -137,8 +138,6 @@ async def _program_side(args: argparse.Namespace, relay: Relay, board: StreamTra
         async with serve_program(network, *host_and_port(args.tcp)) as url:
             yield url
         return
-    if not AVAILABLE:
-        raise TransportUnavailable("pseudo-terminals do not exist on Windows; serve the program with --tcp")
     from servolink.spy.terminal import TerminalSide
 
     terminal = TerminalSide(relay, board.baudrate or 115_200, lambda baudrate: _follow(args, board, baudrate), told)

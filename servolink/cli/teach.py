@@ -21,10 +21,10 @@ from servolink.cli.servos import are, listed, reported
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.teach_play import play_lesson
 from servolink.cli.teach_session import CaptureSession, ReleasedServos
-from servolink.cli.terminal import handled
 from servolink.client.board import Board
 from servolink.client.names import button_id
 from servolink.errors import ConnectionLost, ProjectError, ServolinkError
+from servolink.platforms.signals import handled
 from servolink.project.build import build_project, extend_project
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, save_project

@@ -17,11 +17,12 @@ from servolink.cli.arguments import listening, whole_number
 from servolink.cli.live import can_draw
 from servolink.cli.main import OK, usage_error
 from servolink.cli.output import print_error
-from servolink.cli.terminal import not_ignored, single_keys
+from servolink.cli.terminal import single_keys
 from servolink.discovery.announcements import announced
 from servolink.errors import TransportUnavailable
 from servolink.files import MIB, read_file, reason
-from servolink.listeners import AVAILABLE
+from servolink.platforms.pseudo_terminals import AVAILABLE
+from servolink.platforms.signals import not_ignored
 from servolink.protocol.codec import Codec
 from servolink.transports.device_info import DeviceInfo
 from servolink.transports.faults import Faults

@@ -5,10 +5,8 @@ The lock ends with the process, however that ends: a file that can be locked is 
 
 from __future__ import annotations
 
-import errno
 import json
 import os
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
@@ -17,12 +15,12 @@ from typing import BinaryIO
 
 import msgspec
 
-from servolink.files import is_ours, open_file, user_folder
-from servolink.locks import lock
+from servolink.files import open_file, user_folder
+from servolink.platforms.locks import lock, remove_locked
+from servolink.platforms.private_files import is_ours, private_folder
 from servolink.transports.device_info import DeviceInfo
 
 _SUFFIX = ".board"
-_PRIVATE = 0o700
 _MOST_BYTES = 65536
 
 
@@ -38,15 +36,6 @@ def announced(board: DeviceInfo) -> Iterator[None]:
 def candidates() -> list[DeviceInfo]:
     """Return the virtual boards that are being served by this user on this machine."""
     return read_all(_SUFFIX)
-
-
-def private_folder() -> Path:
-    """Return the folder of announcements, made if there is none. Raise OSError if others can write to it."""
-    folder = user_folder("runtime")
-    folder.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
-    if not is_ours(folder.lstat()):  # another user's folder, or a link, could make us write anywhere
-        raise PermissionError(errno.EPERM, "belongs to another user, or others can write to it", str(folder))
-    return folder
 
 
 def read_all(suffix: str) -> list[DeviceInfo]:
@@ -83,12 +72,9 @@ def _read(path: Path) -> DeviceInfo | None:
         with open_file(path, writable=True) as file:  # some file systems lock no file that is only read
             content = file.read(_MOST_BYTES)
             left_over = bool(content) and lock(file, wait=False)  # an empty file is about to be written
-            if left_over and sys.platform != "win32":  # while it is locked, or it may be another program's by then
-                path.unlink(missing_ok=True)
-        if left_over:
-            if sys.platform == "win32":  # where an open file cannot be removed
-                path.unlink(missing_ok=True)
-            return None
+            if left_over:
+                remove_locked(path, file)
+                return None
         return msgspec.json.decode(content, type=DeviceInfo)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError):
         return None

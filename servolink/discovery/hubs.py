@@ -12,12 +12,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Self
 
-from servolink.discovery.announcements import private_folder, read_all, write
+from servolink.discovery.announcements import read_all, write
 from servolink.discovery.search import identity_of, is_same_place
 from servolink.errors import OpenError
 from servolink.escaping import quote
 from servolink.files import is_name, reason
-from servolink.locks import open_locked
+from servolink.platforms.locks import open_locked, remove_locked
+from servolink.platforms.private_files import private_folder
 from servolink.transports.device_info import ANY_DEVICE, DeviceInfo
 
 _SUFFIX = ".hub"
@@ -41,8 +42,8 @@ class HubClaim:
 
     def __exit__(self, *_: object) -> None:
         """Give the name back."""
-        with self._file, suppress(OSError):  # Windows removes no open file; one without a lock counts as left over
-            _file_of(self.name, self.folder).unlink()
+        with suppress(OSError):  # without a lock it counts as left over
+            remove_locked(_file_of(self.name, self.folder), self._file)
 
     @property
     def url(self) -> str:

@@ -13,7 +13,7 @@ import msgspec
 from servolink.discovery.search import is_same_place, only, search
 from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable
 from servolink.files import MIB, is_name, read_file, reason, user_folder, write_atomically
-from servolink.locks import lock
+from servolink.platforms.locks import lock
 from servolink.profiles.store import profile_names
 from servolink.profiles.toml_text import toml_value
 from servolink.transports.address import Address, refusal

@@ -11,12 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from servolink.escaping import escape
+from servolink.platforms import process
 from servolink.transports.address import Address
 from servolink.transports.device_info import PortIdentity, is_accessible
-
-if sys.platform != "win32":
-    import grp
-    import pwd
 
 _USB_DEVICES = "/sys/bus/usb/devices"
 
@@ -60,23 +57,16 @@ class SystemFacts:
     @property
     def user(self) -> str:
         """The name of the user this process runs as; empty where users have no numbers."""
-        return "" if sys.platform == "win32" else _user_name(os.geteuid())
+        return process.own_name()
 
     @property
     def groups(self) -> frozenset[str]:
         """The groups this process is in."""
-        if sys.platform == "win32":
-            return frozenset()
-        return frozenset(_group_name(number) for number in {os.getegid(), *os.getgroups()})
+        return process.own_groups()
 
     def members(self, group: str) -> list[str] | None:
         """Return the members of `group`, counted from their next login on; None if there is no such group."""
-        if sys.platform == "win32":
-            return None
-        try:
-            return grp.getgrnam(group).gr_mem
-        except KeyError:
-            return None
+        return process.members(group)
 
     def text(self, path: str) -> str:
         """Return the text of a file without surrounding space; empty if it cannot be read."""
@@ -115,8 +105,8 @@ class SystemFacts:
         except (OSError, ValueError):
             return None
         return Node(
-            owner=_user_name(status.st_uid),
-            group=_group_name(status.st_gid),
+            owner=process.user_name(status.st_uid),
+            group=process.group_name(status.st_gid),
             mode=stat.S_IMODE(status.st_mode),
             is_accessible=is_accessible(str(self._here(path))),
         )
@@ -148,26 +138,6 @@ class SystemFacts:
 
     def _here(self, path: str) -> Path:
         return self.root / path.lstrip("/")
-
-
-def _user_name(number: int) -> str:
-    """Return the name of a user; the number if there is none."""
-    if sys.platform == "win32":
-        return str(number)
-    try:
-        return pwd.getpwuid(number).pw_name
-    except KeyError:
-        return str(number)
-
-
-def _group_name(number: int) -> str:
-    """Return the name of a group; the number if there is none."""
-    if sys.platform == "win32":
-        return str(number)
-    try:
-        return grp.getgrgid(number).gr_name
-    except KeyError:
-        return str(number)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from msgspec import Struct
 
 from servolink.errors import OpenError
 from servolink.files import reason, user_folder, write_atomically
-from servolink.locks import lock
+from servolink.platforms.locks import lock
 
 MOST_KEPT = 4096
 """Commands that are remembered; the oldest are forgotten first."""

@@ -12,7 +12,7 @@ from typing import Protocol
 
 from servolink.errors import RecordingError
 from servolink.files import open_file, reason
-from servolink.locks import lock
+from servolink.platforms.locks import lock
 
 
 class Disk(Protocol):

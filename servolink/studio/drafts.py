@@ -21,7 +21,7 @@ from servolink.errors import EncodeError, ProjectError
 from servolink.escaping import escape
 from servolink.files import is_name, read_file, reason, user_folder, write_atomically
 from servolink.json_text import MAX_SIZE
-from servolink.locks import lock
+from servolink.platforms.locks import lock
 from servolink.protocol.json_errors import convert
 from servolink.protocol.json_form import json_type
 from servolink.protocol.record_types import STORED_TYPES

@@ -14,14 +14,13 @@ from queue import Empty, SimpleQueue
 from typing import Any, Generic, ParamSpec, TypeVar
 
 from servolink.errors import ServolinkError
+from servolink.platforms.signals import WAIT
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 _CANCEL_LIMIT = 0.5  # seconds that Ctrl-C gives a call to end
 _EXIT_LIMIT = 3.0  # seconds that the end of the program gives all boards to close
-# On Windows, Ctrl-C does not end the wait for another thread, so waiting is done in short pieces there.
-_WAIT = 0.1 if sys.platform == "win32" else None
 
 
 class _Call(Generic[T]):
@@ -50,7 +49,7 @@ class _Call(Generic[T]):
         """Wait until the call has ended. Runs in the thread that makes the call."""
         while True:
             with suppress(Empty):
-                return self._ended.get(timeout=_WAIT)
+                return self._ended.get(timeout=WAIT)
 
     def wait_after_cancel(self) -> None:
         """Wait until a cancelled call has ended, but not for long."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import errno
 import os
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from servolink.errors import OpenError
+from servolink.platforms.locks import claim_device
 from servolink.transports.address import Address
 from servolink.transports.device_info import UDEV_CURE, PortIdentity, choose_only
 from servolink.transports.hid_devices import (
@@ -136,31 +136,22 @@ def _gone(reason: str) -> ConnectionResetError:
     return ConnectionResetError(f"the device is gone: {reason}; is it unplugged or switched off?")
 
 
-if sys.platform == "linux":
-    import fcntl
+def _claim(url: str, path: str, undo: ExitStack) -> None:
+    """Keep other servolinks from the device. Raise OpenError."""
+    try:
+        undo.enter_context(claim_device(path))
+    except OSError as error:
+        raise OpenError(f"{url}: {_reason(error, path)}") from error
 
-    def _claim(url: str, path: str, undo: ExitStack) -> None:
-        """Keep other servolinks out: Linux admits every program, and gives each every report."""
-        try:
-            claim = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NONBLOCK)
-            undo.callback(os.close, claim)
-            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise OpenError(f"{url}: {_reason(error, path)}") from error
 
-    def _reason(error: OSError, path: str) -> str:
-        if error.errno == errno.EWOULDBLOCK:
-            return f"{path} is in use by another servolink; close that"
-        if error.errno in {errno.EACCES, errno.EPERM}:
-            return f"no permission for {path}; {UDEV_CURE}"
-        if error.errno in {errno.ENOENT, errno.ENODEV, errno.ENXIO}:
-            return f"{path} has just vanished; plug the board in again"
-        return f"cannot open {path}: {error}"
-
-else:
-
-    def _claim(url: str, path: str, undo: ExitStack) -> None:
-        """Do nothing: the system admits only one program."""
+def _reason(error: OSError, path: str) -> str:
+    if error.errno == errno.EWOULDBLOCK:
+        return f"{path} is in use by another servolink; close that"
+    if error.errno in {errno.EACCES, errno.EPERM}:
+        return f"no permission for {path}; {UDEV_CURE}"
+    if error.errno in {errno.ENOENT, errno.ENODEV, errno.ENXIO}:
+        return f"{path} has just vanished; plug the board in again"
+    return f"cannot open {path}: {error}"
 
 
 def cut(frame: bytes, report_id: int, size: int) -> Iterator[bytes]:

@@ -7,7 +7,6 @@ protected by the frames' checksums, and readable with `servolink decode`.
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -18,7 +17,7 @@ from msgspec import Meta, Struct
 
 from servolink.errors import PacketError, ServolinkError
 from servolink.files import MIB, read_file, reason, write_atomically
-from servolink.locks import open_locked
+from servolink.platforms.locks import open_locked, remove_locked
 from servolink.protocol import editing, joystick
 from servolink.protocol.frame import HEADER_SIZE, ByteOrder, encode_frame
 from servolink.protocol.packet import Packet
@@ -74,11 +73,8 @@ class StateFile:
 
     def __exit__(self, *_: object) -> None:
         """Leave the file to others."""
-        with self._lock, suppress(OSError):
-            self._lock_path.unlink()
-        if sys.platform == "win32":  # where an open file cannot be removed
-            with suppress(OSError):
-                self._lock_path.unlink()
+        with suppress(OSError):
+            remove_locked(self._lock_path, self._lock)
 
     @property
     def is_outdated(self) -> bool:

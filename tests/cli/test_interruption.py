@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.cli.terminal import ENDING
+from servolink.platforms.signals import ENDING
 from servolink.project.build import build_project
 from servolink.project.project_file import save_project
 from servolink.protocol.records import Action

@@ -14,14 +14,14 @@ from typing import BinaryIO
 
 import pytest
 
-from servolink import locks
 from servolink.discovery import hubs, search
 from servolink.discovery.announcements import announced
 from servolink.discovery.hubs import claim_hub, hub_of
 from servolink.discovery.names import Alias, resolve_board, resolve_url, save_alias
 from servolink.discovery.search import boards, only
 from servolink.errors import OpenError
-from servolink.locks import lock
+from servolink.platforms import locks
+from servolink.platforms.locks import lock
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from tests.virtual_time import run
 

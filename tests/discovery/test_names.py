@@ -31,7 +31,7 @@ from servolink.discovery.names import (
 )
 from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable
 from servolink.files import is_name
-from servolink.locks import lock
+from servolink.platforms.locks import lock
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]))

@@ -18,11 +18,13 @@ from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.control import share
 from servolink.control.greeting import MOST_GREETING, Greeting
-from servolink.control.share import hub_folder, socket_path, this_program
+from servolink.control.share import this_program
 from servolink.errors import OpenError
 from servolink.hub.doors import lines, socket_door
 from servolink.hub.hub import Hub
 from servolink.hub.methods.session import ControlInterface
+from servolink.platforms import local_sockets
+from servolink.platforms.local_sockets import socket_folder, socket_path
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, QueryActionRequest, QueryActionResponse
 from servolink.protocol.records import Step
@@ -136,7 +138,7 @@ def test_a_greeting_may_come_in_pieces_and_with_the_first_frames() -> None:
 def test_what_a_hub_says_is_not_believed(answer: bytes, why: str, folder: Path) -> None:
     async def main() -> None:
         folder.mkdir(mode=0o700)
-        with hub_folder() as short, socket.socket(socket.AF_UNIX) as listening:
+        with socket_folder() as short, socket.socket(socket.AF_UNIX) as listening:
             listening.bind(socket_path(short, "rex"))
             listening.listen()
             listening.settimeout(0)
@@ -155,7 +157,7 @@ def test_what_a_hub_says_is_not_believed(answer: bytes, why: str, folder: Path) 
 def test_a_cancelled_greeting_leaves_nothing(folder: Path) -> None:
     async def main() -> None:
         folder.mkdir(mode=0o700)
-        with hub_folder() as short, socket.socket(socket.AF_UNIX) as listening:
+        with socket_folder() as short, socket.socket(socket.AF_UNIX) as listening:
             listening.bind(socket_path(short, "rex"))
             listening.listen()
             listening.settimeout(0)
@@ -176,7 +178,7 @@ def test_a_hub_that_says_nothing_is_given_up(folder: Path, monkeypatch: pytest.M
 
     async def main() -> None:
         folder.mkdir(mode=0o700)
-        with hub_folder() as short, socket.socket(socket.AF_UNIX) as listening:
+        with socket_folder() as short, socket.socket(socket.AF_UNIX) as listening:
             listening.bind(socket_path(short, "rex"))
             listening.listen(0)
             for _ in range(3):  # the last one does not even get into the queue
@@ -316,7 +318,7 @@ def test_requests_of_a_flood_are_all_answered_in_order() -> None:
 
 def test_without_unix_sockets_a_token_opens_the_door(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on Windows, as far as another system can try it."""
-    monkeypatch.setattr(share, "HAS_UNIX_SOCKETS", False)
+    monkeypatch.setattr(local_sockets, "has_unix_sockets", lambda: False)
 
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with sharing(hub) as url, connect(url) as board:

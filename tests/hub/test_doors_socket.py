@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 
 from servolink.client.connect import connect
-from servolink.control import share
-from servolink.control.share import hub_folder, socket_path
 from servolink.errors import ConnectionLost, OpenError, RequestTimeout
 from servolink.hub.hub import Hub
+from servolink.platforms import local_sockets
+from servolink.platforms.local_sockets import socket_folder, socket_path
 from servolink.profiles.profile import BoardProfile, BoardSettings, SafetyLimits
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionRequest
@@ -154,7 +154,7 @@ def test_another_user_is_disconnected_at_both_ends(
 
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with sharing(hub):
-            monkeypatch.setattr(share, "is_allowed", lambda _: False)
+            monkeypatch.setattr(local_sockets, "is_allowed", lambda _: False)
             with RawLine(raw_socket()) as line:
                 assert await line.until_end() == b""
             with pytest.raises(OpenError, match="what listens there belongs to another user"):
@@ -169,12 +169,12 @@ def test_another_user_is_disconnected_at_both_ends(
 def test_who_is_at_the_other_end_is_asked_of_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
     one, other = socket.socketpair()
     with one, other:
-        assert share.is_allowed(one)
-        monkeypatch.setattr(share, "_ROOT", -1)
+        assert local_sockets.is_allowed(one)
+        monkeypatch.setattr(local_sockets, "_ROOT", -1)
         monkeypatch.setattr(os, "geteuid", lambda: 4711)
-        assert not share.is_allowed(one)
+        assert not local_sockets.is_allowed(one)
         monkeypatch.delattr(socket, "SO_PEERCRED")  # as on macOS, where the folder alone keeps others out
-        assert share.is_allowed(one)
+        assert local_sockets.is_allowed(one)
 
 
 def _as_link(folder: Path, other: Path) -> None:
@@ -228,7 +228,7 @@ def test_a_long_folder_is_no_obstacle(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_the_socket_of_a_hub_that_was_killed_is_taken_over(folder: Path) -> None:
     folder.mkdir(mode=0o700)
     left_over = socket.socket(socket.AF_UNIX)
-    with hub_folder() as short:
+    with socket_folder() as short:
         left_over.bind(socket_path(short, "rex"))
     left_over.close()
 

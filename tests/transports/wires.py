@@ -20,8 +20,8 @@ from typing import Any, ParamSpec, Self
 import msgspec
 
 from servolink.control.greeting import Greeting, Welcome
-from servolink.control.share import hub_folder, socket_path
 from servolink.files import user_folder
+from servolink.platforms.local_sockets import socket_folder, socket_path
 from servolink.transports.base import Transport
 from servolink.transports.device_info import PortIdentity
 from servolink.transports.faults import Faults, FaultyTransport
@@ -240,7 +240,7 @@ class ShareWire(TcpWire):
         self._accepted = asyncio.Event()
         listener = socket.socket(socket.AF_UNIX)
         user_folder("runtime").mkdir(mode=0o700, exist_ok=True)
-        with hub_folder() as folder:
+        with socket_folder() as folder:
             self._path = os.path.realpath(folder) + f"/{self._name}.sock"
             listener.bind(socket_path(folder, self._name))
         listener.listen()

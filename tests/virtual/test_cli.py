@@ -15,7 +15,7 @@ import pytest
 
 from servolink.__main__ import main as servolink
 from servolink.cli import virtual
-from servolink.cli.terminal import ENDING, handled
+from servolink.platforms.signals import ENDING, handled
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (
     AddMacroRequest,

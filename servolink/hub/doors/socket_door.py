@@ -1,41 +1,32 @@
 """The door for programs with servolink: `share://NAME`, a Unix socket that only this user can open.
 
-See `servolink.control.share` for the greeting, and for the way in where there are no Unix sockets.
+See `servolink.control.greeting` for the greeting, `servolink.platforms.local_sockets` for systems without such sockets.
 """
 
 from __future__ import annotations
 
 import asyncio
-import os
 import secrets
-import socket
-import stat
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from hmac import compare_digest
-from pathlib import Path
 from typing import Protocol, TypeAlias
 
 import msgspec
 from msgspec import Raw, Struct
 
-from servolink.control import share
 from servolink.control.greeting import GREETING_LIMIT, MOST_GREETING, VERSION, Greeting, Refusal, Welcome
 from servolink.control.roles import Role
-from servolink.control.share import LoopbackDoor
 from servolink.discovery.hubs import HubClaim
 from servolink.errors import OpenError
-from servolink.files import reason, write_atomically
+from servolink.files import reason
 from servolink.hub.doors.lines import Line, serve_lines
 from servolink.hub.hub import Hub
+from servolink.platforms import local_sockets
 from servolink.protocol.codec import Codec
 
 MOST_MESSAGE = 1024 * 1024
 """Bytes of one message of JSON-RPC, at most."""
-
-_BACKLOG = 1024
-_OURS_ALONE = 0o600
-_TOKEN_BYTES = 32
 
 
 class Channel(Protocol):
@@ -61,45 +52,16 @@ OpenChannel: TypeAlias = Callable[[Hub, Greeting, str, Callable[[bytes], None], 
 @asynccontextmanager
 async def socket_door(hub: Hub, claim: HubClaim, open_channel: OpenChannel | None = None) -> AsyncIterator[str]:
     """Serve programs at the address of the claimed name within this context; yield the URL. Raise OpenError."""
-    token = "" if share.HAS_UNIX_SOCKETS else secrets.token_urlsafe(_TOKEN_BYTES)
     try:
-        listening, path = _listen(claim, token)
+        door = local_sockets.listen(claim.name)
     except OSError as error:
         raise OpenError(f"{claim.url}: no program could connect: {reason(error)}") from error
     try:
-        async with serve_lines([listening], lambda: SocketLine(hub, open_channel, token)):
+        async with serve_lines([door.listening], lambda: SocketLine(hub, open_channel, door.token)):
             yield claim.url
     finally:
         with suppress(OSError):
-            path.unlink()
-
-
-def _listen(claim: HubClaim, token: str) -> tuple[socket.socket, Path]:
-    """Return a socket that listens, and the file by which it is found. Raise OSError."""
-    if not share.HAS_UNIX_SOCKETS:
-        listening = socket.create_server(("127.0.0.1", 0), backlog=_BACKLOG)
-        path = share.loopback_path(claim.folder, claim.name)
-        door = LoopbackDoor(listening.getsockname()[1], token)
-        write_atomically(path, msgspec.json.encode(door), private=True)
-    else:
-        with share.hub_folder() as folder:
-            place = share.socket_path(folder, claim.name)
-            _remove_stale(place)
-            listening = socket.socket(socket.AF_UNIX)
-            listening.bind(place)
-            Path(place).chmod(_OURS_ALONE)
-            listening.listen(_BACKLOG)
-        path = claim.folder / share.socket_name(claim.name)
-    listening.settimeout(0)
-    return listening, path
-
-
-def _remove_stale(place: str) -> None:
-    """Remove the socket of a hub of this name that was killed: no other can run while its name is claimed."""
-    with suppress(FileNotFoundError):
-        if not stat.S_ISSOCK(os.lstat(place).st_mode):
-            raise FileExistsError(f"{Path(place).name} is there and is not a socket; remove it")
-        Path(place).unlink()
+            door.path.unlink()
 
 
 class SocketLine(Line):
@@ -218,7 +180,7 @@ class SocketLine(Line):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Disconnect another user, who cannot have come through the folder: it belongs to this one alone."""
         super().connection_made(transport)
-        if share.HAS_UNIX_SOCKETS and not share.is_allowed(transport.get_extra_info("socket")):
+        if not local_sockets.is_allowed(transport.get_extra_info("socket")):
             self.abort("it belongs to another user")
 
     def connection_lost(self, exc: Exception | None) -> None:

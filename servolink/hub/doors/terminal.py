@@ -7,23 +7,19 @@ that its predecessor left unread.
 from __future__ import annotations
 
 import asyncio
-import errno
-import os
-import sys
 from collections.abc import AsyncIterator
-from contextlib import ExitStack, asynccontextmanager, suppress
+from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
 from urllib.parse import quote
 
-from servolink.errors import TransportUnavailable
 from servolink.hub.doors.lines import HIGH, LOW, MOST_UNREAD
 from servolink.hub.engine.program import Program
 from servolink.hub.hub import Hub
 from servolink.listeners import RareWarning, linked_terminal
 from servolink.motion.angles import AngleUnit
+from servolink.platforms.pseudo_terminals import PseudoTerminal
 from servolink.protocol.codec import Codec
 
-_CHUNK = 4096
 _LOOK = 0.05  # seconds between looks for a program that has opened the terminal, of which the system tells nobody
 
 
@@ -36,8 +32,6 @@ async def pty_door(
     `link` is where a symbolic link to it is made, so that its name stays the same; one that a hub left there is
     replaced. Raise OpenError if the link cannot be made, TransportUnavailable on Windows.
     """
-    if sys.platform == "win32":
-        raise TransportUnavailable("pseudo-terminals do not exist on Windows; share the board over TCP")
     with ExitStack() as stack:
         terminal = Terminal(hub, codec, unit)
         stack.callback(terminal.close)
@@ -60,11 +54,9 @@ class Terminal:
         self._program: Program | None = None
         self._unread = bytearray()
         self._timer: asyncio.TimerHandle | None = None
-        self._ours, theirs = os.openpty()
-        os.set_blocking(self._ours, False)
-        self.name = os.ttyname(theirs)
+        self._terminal = PseudoTerminal()
+        self.name = self._terminal.name
         """Where programs open it."""
-        os.close(theirs)  # so that the system says when the last program has closed it
         self._hang_up()
 
     def close(self) -> None:
@@ -72,13 +64,13 @@ class Terminal:
         self._leave()
         if self._timer is not None:
             self._timer.cancel()
-        os.close(self._ours)
+        self._terminal.close()
 
     # --- coming and going ---------------------------------------------------------------------------------------
 
     def _look(self) -> None:
         """Begin a session if a program has opened the terminal."""
-        data = self._read()
+        data = self._terminal.read()
         if data is None:
             self._timer = self._loop.call_later(_LOOK, self._look)
             return
@@ -86,28 +78,19 @@ class Terminal:
         program = self._program = self._hub.join(
             self._send, who=f"serial port {self.name}", door="pty", codec=self._codec, unit=self._unit
         )
-        program.on_room = lambda: self._loop.add_reader(self._ours, self._readable)
-        self._loop.add_reader(self._ours, self._readable)
+        program.on_room = lambda: self._terminal.on_readable(self._readable)
+        self._terminal.on_readable(self._readable)
         self._receive(program, data)
 
     def _hang_up(self) -> None:
         """End the session, and make the terminal as new."""
-        import termios
-        import tty
-
         self._leave()
-        with suppress(OSError, termios.error):
-            theirs = os.open(self.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-            try:
-                termios.tcflush(theirs, termios.TCIFLUSH)  # what the last program did not read
-                tty.setraw(theirs, termios.TCSANOW)
-            finally:
-                os.close(theirs)
+        self._terminal.renew()
         self._timer = self._loop.call_later(_LOOK, self._look)
 
     def _leave(self) -> None:
-        self._loop.remove_reader(self._ours)
-        self._loop.remove_writer(self._ours)
+        self._terminal.on_readable(None)
+        self._terminal.on_writable(None)
         self._unread.clear()
         if self._program is not None:
             self._program.leave()
@@ -115,26 +98,8 @@ class Terminal:
 
     # --- bytes --------------------------------------------------------------------------------------------------
 
-    def _read(self) -> bytes | None:
-        """Return what a program has written, which may be nothing; None if the terminal is closed."""
-        try:
-            return os.read(self._ours, _CHUNK)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            if error.errno != errno.EIO:
-                raise
-            return None
-
-    def _is_closed(self) -> bool:
-        import select
-
-        poll = select.poll()
-        poll.register(self._ours, 0)
-        return any(event & select.POLLHUP for _, event in poll.poll(0))
-
     def _readable(self) -> None:
-        data = self._read()
+        data = self._terminal.read()
         if data is None or self._program is None:
             self._hang_up()
         else:
@@ -143,7 +108,7 @@ class Terminal:
     def _receive(self, program: Program, data: bytes) -> None:
         program.receive(data)
         if program.is_full:
-            self._loop.remove_reader(self._ours)
+            self._terminal.on_readable(None)
 
     def _send(self, frames: bytes) -> None:
         if len(self._unread) + len(frames) > MOST_UNREAD:
@@ -158,17 +123,14 @@ class Terminal:
     def _flush(self) -> None:
         if self._program is None:
             return
-        try:
-            del self._unread[: os.write(self._ours, self._unread)]
-        except BlockingIOError:
-            if self._is_closed():  # found out here only if the program is not read, as it is full
-                self._hang_up()
-                return
-        except OSError:  # closed; the next reading finds out
-            self._unread.clear()
+        written = self._terminal.write(self._unread)
+        if not written and self._terminal.is_closed():  # found out here only if the program is not read, as it is full
+            self._hang_up()
+            return
+        del self._unread[:written]
         if self._program.queue.is_unread and len(self._unread) < LOW:
             self._program.resume()
         if self._unread:
-            self._loop.add_writer(self._ours, self._flush)
+            self._terminal.on_writable(self._flush)
         else:
-            self._loop.remove_writer(self._ours)
+            self._terminal.on_writable(None)

@@ -1,11 +1,12 @@
-"""Files that one program has for itself. A lock ends with the process, however that ends."""
+"""Files and devices of which one program has exclusive use. A lock ends with the process, however that ends."""
 
 from __future__ import annotations
 
 import os
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO, BinaryIO
 
 _FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 _PRIVATE = 0o600
@@ -54,6 +55,41 @@ def open_locked(path: Path) -> BinaryIO | None:
         file.close()
         if not is_locked:
             return None
+
+
+def remove_locked(path: Path, file: IO[bytes]) -> None:
+    """Remove the locked file at `path`, and close it. Raise OSError if it cannot be removed.
+
+    The lock is held meanwhile, or the file could be another program's by then. Windows removes no open file, nor one
+    that another program has opened since.
+    """
+    try:
+        if sys.platform == "win32":
+            file.close()
+        path.unlink(missing_ok=True)
+    finally:
+        file.close()
+
+
+def claim_device(path: str) -> AbstractContextManager[object]:
+    """Keep other servolinks from a device file until the context ends, where the system admits every program to it.
+
+    Raise OSError if the device cannot be opened, BlockingIOError if another servolink has it.
+    """
+    if sys.platform != "linux":
+        return nullcontext()
+    else:
+        file = open(path, "r+b", buffering=0, opener=_open_without_waiting)  # noqa: SIM115 - the caller closes it
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BaseException:
+            file.close()
+            raise
+        return file
+
+
+def _open_without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _is_at(path: Path, file: BinaryIO) -> bool:

@@ -1,0 +1,134 @@
+"""The keyboard: single keys without echo, and lines, while an event loop goes on."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+from collections.abc import Callable
+
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import termios
+    import tty
+
+_LOOK = 0.02  # seconds between looks at the keys of a Windows console, for which no event loop can wait
+_MOST_KEYS = 64  # at one look
+_ARROWS = {"H": "\x1b[A", "P": "\x1b[B", "M": "\x1b[C", "K": "\x1b[D", "t": "\x1b[1;2C", "s": "\x1b[1;2D"}
+"""Second halves of arrow keys in a Windows console, as a terminal types them. Ctrl with an arrow stands for Shift with
+it, of which the console says nothing."""
+_INTERRUPT = "\x03"
+
+
+async def read_line() -> str:
+    """Return a line that is typed at standard input, which is a terminal; empty if it has no end."""
+    if sys.platform == "win32":
+        return await asyncio.to_thread(sys.stdin.readline)
+    else:
+        # Not in a thread: nothing interrupts its read, and the process waits for the thread before it exits.
+        loop, terminal = asyncio.get_running_loop(), sys.stdin.fileno()
+        typed = asyncio.Event()
+        loop.add_reader(terminal, typed.set)
+        try:
+            await typed.wait()
+        finally:
+            loop.remove_reader(terminal)
+        try:
+            return os.read(terminal, 4096).decode(errors="replace")  # a terminal returns one line
+        except OSError:  # it is gone
+            return ""
+
+
+if sys.platform == "win32":
+
+    def begin_keys(typed: Callable[[str], None]) -> Callable[[], None] | None:
+        """Call `typed` with keys as they are pressed, without echo; with nothing once when the keyboard is gone.
+
+        Return what ends this; None if there is no keyboard to read.
+        """
+        if sys.stdin is None or not sys.stdin.isatty():
+            return None
+        loop = asyncio.get_running_loop()
+        timer: asyncio.TimerHandle
+
+        def look() -> None:
+            nonlocal timer
+            try:
+                text = _pressed()
+            except OSError:  # the console is gone
+                typed("")
+                return
+            timer = loop.call_later(_LOOK, look)
+            if text:
+                typed(text)
+
+        def end() -> None:
+            timer.cancel()
+
+        timer = loop.call_later(0, look)
+        return end
+
+    def _pressed() -> str:
+        """Return the keys that were pressed since the last look, as a terminal would type them."""
+        keys = ""
+        for _ in range(_MOST_KEYS):
+            if not msvcrt.kbhit():
+                break
+            key = msvcrt.getwch()
+            if key in {"\x00", "\xe0"} and msvcrt.kbhit():  # or else it is the letter à
+                key = _ARROWS.get(msvcrt.getwch(), "")
+            elif key == _INTERRUPT:  # pressed in the moment of reading, or it would be a signal
+                signal.raise_signal(signal.SIGINT)
+                key = ""
+            keys += key
+        return keys
+
+else:
+
+    def begin_keys(typed: Callable[[str], None]) -> Callable[[], None] | None:
+        """Call `typed` with keys as they are pressed, without echo; with nothing once when the keyboard is gone.
+
+        Return what ends this; None if there is no keyboard to read.
+        """
+        terminal = _own_terminal()
+        if terminal is None:
+            return None
+        loop = asyncio.get_running_loop()
+
+        def read() -> None:
+            try:
+                data = os.read(terminal, 1024)
+            except OSError:
+                data = b""
+            if not data:  # the terminal is gone
+                loop.remove_reader(terminal)
+            typed(data.decode(errors="replace"))
+
+        before = termios.tcgetattr(terminal)
+
+        def end() -> None:
+            try:
+                termios.tcsetattr(terminal, termios.TCSANOW, before)
+            except termios.error:
+                pass  # it may be gone
+            finally:
+                loop.remove_reader(terminal)
+
+        tty.setcbreak(terminal)
+        loop.add_reader(terminal, read)
+        return end
+
+    def _own_terminal() -> int | None:
+        """Return standard input if it is a terminal with this process in its foreground.
+
+        A background process that reads from a terminal is stopped.
+        """
+        if sys.stdin is None:
+            return None
+        try:
+            descriptor = sys.stdin.fileno()
+            return descriptor if os.tcgetpgrp(descriptor) == os.getpgrp() else None
+        except OSError:  # no terminal, or not ours
+            return None

@@ -1,0 +1,189 @@
+"""Sockets by which programs of one user meet on one machine: each is found by its name in a folder of that user.
+
+They are Unix sockets. Windows has none in Python: there a program listens on a port of the loopback interface, and its
+private file names the port and a token that whoever connects has to show.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+import secrets
+import socket
+import stat
+import struct
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from servolink.files import read_file, user_folder, write_atomically
+from servolink.platforms.private_files import refuse_foreign
+
+_BACKLOG = 1024
+_FULL_PAUSE = 0.01  # seconds between attempts while too many programs wait to be accepted
+_SEND_BUFFER = 32768  # requests are short; see TCP
+_LONGEST_PATH = 103  # bytes in the address of a Unix socket on macOS; Linux takes four more
+_LONGEST_DOOR = 4096
+_PRIVATE = 0o600
+_TOKEN_BYTES = 32
+_ROOT = 0
+
+
+@dataclass(frozen=True, slots=True)
+class LocalSocket:
+    """Socket that listens."""
+
+    listening: socket.socket
+    path: Path
+    """File by which it is found, to be removed at the end."""
+    token: str
+    """Secret that programs have to show; empty where the system keeps other users out."""
+
+
+class _Door(Struct):
+    """The private file of a program that listens on a port."""
+
+    port: int
+    token: str
+
+
+def has_unix_sockets() -> bool:
+    """Return whether the system has Unix sockets, and says to whom they belong."""
+    if sys.platform == "win32":
+        return False
+    else:
+        try:
+            socket.socket(socket.AF_UNIX).close()
+        except OSError as error:
+            return error.errno != errno.EAFNOSUPPORT
+        return True
+
+
+def listen(name: str) -> LocalSocket:
+    """Listen as `name` in this user's private folder, which must be there. Raise OSError.
+
+    What another program of this name has left is replaced: the caller has seen to it that none is running.
+    """
+    folder = user_folder("runtime")
+    if sys.platform == "win32" or not has_unix_sockets():
+        listening, token = socket.create_server(("127.0.0.1", 0), backlog=_BACKLOG), secrets.token_urlsafe(_TOKEN_BYTES)
+        path = _door_path(folder, name)
+        door = _Door(listening.getsockname()[1], token)
+        write_atomically(path, msgspec.json.encode(door), private=True)
+    else:
+        with socket_folder() as short:
+            place = socket_path(short, name)
+            _remove_stale(place)
+            listening, token = socket.socket(socket.AF_UNIX), ""
+            listening.bind(place)
+            Path(place).chmod(_PRIVATE)
+            listening.listen(_BACKLOG)
+        path = folder / _socket_name(name)
+    listening.settimeout(0)
+    return LocalSocket(listening, path, token)
+
+
+async def connect(name: str) -> tuple[socket.socket, str]:
+    """Connect to the program that listens as `name`; return the socket, and the token to show.
+
+    Raise OSError or ValueError; FileNotFoundError and ConnectionRefusedError if none is running.
+    """
+    folder = user_folder("runtime")
+    if sys.platform == "win32" or not has_unix_sockets():
+        refuse_foreign(folder, folder.lstat())
+        door = msgspec.json.decode(read_file(_door_path(folder, name), _LONGEST_DOOR), type=_Door)
+        return await _connected(socket.AF_INET, ("127.0.0.1", door.port)), door.token
+    else:
+        with socket_folder() as short:
+            path = socket_path(short, name)
+            status = os.lstat(path)
+            if not stat.S_ISSOCK(status.st_mode) or status.st_uid != os.geteuid():
+                raise PermissionError(errno.EPERM, f"{_socket_name(name)} in {folder} is not a socket of this user")
+            connection = await _connected(socket.AF_UNIX, path)
+        if not is_allowed(connection):
+            connection.close()
+            raise PermissionError(errno.EPERM, "what listens there belongs to another user")
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        return connection, ""
+
+
+def is_allowed(connection: socket.socket) -> bool:
+    """Return whether the other end of a Unix socket is this user or root; True where the system does not say."""
+    if sys.platform == "win32" or connection.family != socket.AF_UNIX or not hasattr(socket, "SO_PEERCRED"):
+        return True
+    else:
+        _, user, _ = struct.unpack(
+            "3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+        )
+        return user in {os.geteuid(), _ROOT}
+
+
+@contextmanager
+def socket_folder() -> Iterator[Path]:
+    """Yield a path to this user's folder for the time of this context. Raise OSError if others can write to it.
+
+    Where the system allows it the path leads to the folder that was looked at, whatever happens to its name meanwhile,
+    and is short: the address of a socket has room for about 100 bytes.
+    """
+    folder = user_folder("runtime")
+    if sys.platform == "win32":
+        yield folder
+    else:
+        number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        try:
+            refuse_foreign(folder, os.fstat(number))
+            short = Path(f"/proc/self/fd/{number}")
+            yield short if sys.platform == "linux" and short.exists() else folder
+        finally:
+            os.close(number)
+
+
+def _socket_name(name: str) -> str:
+    return f"{name}.sock"
+
+
+def socket_path(folder: Path, name: str) -> str:
+    """Return where `name` listens. Raise OSError if the system cannot take such a long path."""
+    path = str(folder / _socket_name(name))
+    if len(os.fsencode(path)) > _LONGEST_PATH:
+        raise OSError(
+            errno.ENAMETOOLONG, f"{path} is too long for a socket: use a shorter name, or set XDG_RUNTIME_DIR"
+        )
+    return path
+
+
+def _door_path(folder: Path, name: str) -> Path:
+    return folder / f"{name}.door"
+
+
+def _remove_stale(place: str) -> None:
+    """Remove the socket of a program that was killed."""
+    with suppress(FileNotFoundError):
+        if not stat.S_ISSOCK(os.lstat(place).st_mode):
+            raise FileExistsError(f"{Path(place).name} is there and is not a socket; remove it")
+        Path(place).unlink()
+
+
+async def _connected(family: int, place: str | tuple[str, int]) -> socket.socket:
+    connection = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        connection.settimeout(0)
+        while True:
+            try:
+                await asyncio.get_running_loop().sock_connect(connection, place)
+                connection.getpeername()  # asyncio takes a full queue of a Unix socket for success
+            except OSError as error:
+                if error.errno not in {errno.ENOTCONN, errno.EAGAIN}:
+                    raise
+                await asyncio.sleep(_FULL_PAUSE)
+            else:
+                return connection
+    except BaseException:
+        connection.close()
+        raise

@@ -1,0 +1,37 @@
+"""Files that no other user can read or replace."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+import sys
+from pathlib import Path
+
+from servolink.files import user_folder
+
+_PRIVATE = 0o700
+
+
+def private_folder() -> Path:
+    """Return this user's runtime folder, made if there is none. Raise OSError if others can write to it."""
+    folder = user_folder("runtime")
+    folder.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
+    refuse_foreign(folder, folder.lstat())  # another user's folder, or a link, could make us write anywhere
+    return folder
+
+
+def refuse_foreign(folder: Path, status: os.stat_result) -> None:
+    """Raise PermissionError unless this is the status of a folder of this user."""
+    if not is_ours(status):
+        raise PermissionError(
+            errno.EPERM, f"{folder} belongs to another user, or others can write to it; correct or remove it"
+        )
+
+
+def is_ours(status: os.stat_result) -> bool:
+    """Return whether this is the status of a folder into which only this user can put files: no link, nobody else's."""
+    if sys.platform == "win32":
+        return stat.S_ISDIR(status.st_mode)  # it lies in the user's profile
+    else:
+        return stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid() and not status.st_mode & 0o022

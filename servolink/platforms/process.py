@@ -1,0 +1,61 @@
+"""User, groups and limits of this process, and the names of other users."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import suppress
+
+if sys.platform != "win32":
+    import grp
+    import pwd
+    import resource
+
+
+def own_name() -> str:
+    """Return the name of the user of this process; empty where users have no numbers."""
+    if sys.platform == "win32":
+        return ""
+    else:
+        return user_name(os.geteuid())
+
+
+def own_groups() -> frozenset[str]:
+    """Return the groups of this process."""
+    if sys.platform == "win32":
+        return frozenset()
+    else:
+        return frozenset(group_name(number) for number in {os.getegid(), *os.getgroups()})
+
+
+def user_name(number: int) -> str:
+    """Return the name of a user; the number if there is none."""
+    if sys.platform != "win32":
+        with suppress(KeyError):
+            return pwd.getpwuid(number).pw_name
+    return str(number)
+
+
+def group_name(number: int) -> str:
+    """Return the name of a group; the number if there is none."""
+    if sys.platform != "win32":
+        with suppress(KeyError):
+            return grp.getgrgid(number).gr_name
+    return str(number)
+
+
+def members(group: str) -> list[str] | None:
+    """Return the members of `group`, counted from their next login on; None if there is no such group."""
+    if sys.platform != "win32":
+        with suppress(KeyError):
+            return grp.getgrnam(group).gr_mem
+    return None
+
+
+def most_open_files() -> int | None:
+    """Return how many files and connections this process may have open; None for no limit."""
+    if sys.platform == "win32":
+        return None
+    else:
+        most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+        return None if most == resource.RLIM_INFINITY else most
