@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncGenerator, Generator
+from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from servolink.client.board import Board
-from servolink.client.reconnect import FIRST_PAUSE, LONGEST_PAUSE
 from servolink.client.session import Session, set_mode
 from servolink.connection.connection import Connection
 from servolink.connection.hub_link import HubLink
@@ -20,6 +20,7 @@ from servolink.escaping import escape, quote
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import AngleLimits, SpeedCap, motion_limits
 from servolink.motion.movement import INTERVAL_UNIT
+from servolink.pauses import Pauses, Reconnecting
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport
@@ -361,16 +362,17 @@ async def reconnecting(url: str | None = None, **options: Any) -> AsyncGenerator
     each time until a board has answered.
     """
     _refuse_transport(url, "reconnecting")
-    pause = FIRST_PAUSE
-    while True:
-        try:
-            async with connect(url, **options) as board:
+    pauses = Pauses()
+    async for board in Reconnecting(connect(url, **options).open, pauses, _may_come_back):
+        with suppress(OpenError, ConnectionLost):  # unplugged in the body
+            try:
                 yield board
+            finally:
+                await board.close()
             if board.stats.round_trips:
-                pause = FIRST_PAUSE
-        except TransportUnavailable:
-            raise  # waiting does not help against a wrong address
-        except (OpenError, ConnectionLost):
-            pass  # not plugged in yet, or unplugged in the body
-        await asyncio.sleep(pause)
-        pause = min(2 * pause, LONGEST_PAUSE)
+                pauses.restart()
+
+
+def _may_come_back(error: Exception) -> bool:
+    """Return whether the board may be plugged in later; waiting does not help against a wrong address."""
+    return isinstance(error, (OpenError, ConnectionLost)) and not isinstance(error, TransportUnavailable)

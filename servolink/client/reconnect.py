@@ -10,12 +10,9 @@ from contextlib import suppress
 from servolink.connection.connection import Connection
 from servolink.control.status import ConnectionState
 from servolink.errors import NotFound, ServolinkError
+from servolink.pauses import Pauses, Reconnecting
 
 _logger = logging.getLogger(__name__)
-
-FIRST_PAUSE = 0.1
-"""Seconds from the loss of a connection to the first attempt; each further pause is twice as long."""
-LONGEST_PAUSE = 5.0
 
 
 class ConnectionStates:
@@ -59,11 +56,13 @@ class Reconnector:
     ) -> None:
         """Connect with `open_connection`; `resume` then restores the session, or raises if that is impossible.
 
-        `on_another` is called when another board answers, with who does, and with no text when it does no longer.
+        `on_another` is called with a description when another board answers, and with no text when that has ended.
         """
         self._open_connection = open_connection
         self._resume = resume
         self._on_another = on_another
+        self._pauses = Pauses()
+        self._wrong_board = ""
         self._task: asyncio.Task[None] | None = None
         self._stopped = False
 
@@ -81,31 +80,30 @@ class Reconnector:
             await asyncio.wait((self._task,))
 
     async def _until_connected(self) -> None:
-        pause, told = FIRST_PAUSE, ""
-        while True:
-            await asyncio.sleep(pause)
-            pause = min(2 * pause, LONGEST_PAUSE)
-            try:
-                await self._resume_on(await self._open_connection())
-            except NotFound as error:
-                # Another board: nobody would find out why this one never comes back.
-                if str(error) != told:
-                    told = str(error)
-                    _logger.warning("%s; the board that was lost is still waited for", error)
-                    self._on_another(told)
-            except ServolinkError as error:
-                # Not plugged in yet, or still busy: expected, so only a trace in the log.
-                _logger.debug("cannot reconnect yet, next attempt in %g s: %s", pause, error)
-                if told:
-                    told = ""
-                    self._on_another(told)
-            except Exception:
-                # A defect of ours or of a third-party transport. A board on a robot should come back all the same.
-                _logger.exception("unexpected error while reconnecting; next attempt in %g s", pause)
-            else:
-                return
+        self._pauses.restart()
+        self._wrong_board = ""
+        await self._pauses.wait()
+        await anext(Reconnecting(self._reopen, self._pauses, self._retry))
 
-    async def _resume_on(self, connection: Connection) -> None:
+    def _retry(self, error: Exception) -> bool:
+        if not isinstance(error, ServolinkError):
+            # A defect of ours or of a third-party transport. A board on a robot should come back all the same.
+            _logger.error(
+                "unexpected error while reconnecting; next attempt in %g s", self._pauses.next, exc_info=error
+            )
+            return True
+        # Not plugged in yet, or still busy: expected, so only a trace in the log.
+        _logger.debug("cannot reconnect yet, next attempt in %g s: %s", self._pauses.next, error)
+        wrong_board = str(error) if isinstance(error, NotFound) else ""
+        if wrong_board != self._wrong_board:
+            if wrong_board:  # nobody would find out why the lost board never comes back
+                _logger.warning("%s; still waiting for the board that was lost", wrong_board)
+            self._wrong_board = wrong_board
+            self._on_another(wrong_board)
+        return True
+
+    async def _reopen(self) -> None:
+        connection = await self._open_connection()
         try:
             await self._resume(connection)
         except BaseException:

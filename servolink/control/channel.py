@@ -120,6 +120,10 @@ class RpcChannel(asyncio.Protocol):
         if self.ended is None:
             self._send({"method": method, "params": params})
 
+    async def until_ended(self) -> None:
+        """Wait until the hub is gone."""
+        await asyncio.wait((self._lost,))
+
     async def close(self) -> None:
         """Disconnect from the hub; may be called again."""
         self.on_notification = self.on_end = None

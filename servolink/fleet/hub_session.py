@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Awaitable, Callable
-from typing import NoReturn
 
 import msgspec
 from msgspec import UNSET, Raw
@@ -14,9 +12,7 @@ from servolink.control.faults import ErrorObject
 from servolink.control.greeting import Greeting
 from servolink.errors import ConnectionLost, OpenError, ServolinkError
 from servolink.fleet.policy import BoardPolicy
-
-_FIRST_PAUSE = 0.1
-_LONGEST_PAUSE = 5.0
+from servolink.pauses import Pauses, Reconnecting
 
 
 class HubSession:
@@ -33,33 +29,25 @@ class HubSession:
         self._policy = policy
         self._greeting = Greeting(wants="rpc", who=who, role=policy.allow)
         self._channel: RpcChannel | None = None
+        self._was_connected = False
 
     @property
     def is_connected(self) -> bool:
         """Whether the hub is there."""
         return self._channel is not None
 
-    async def run(self) -> NoReturn:
+    async def run(self) -> None:
         """Connect, and again after each loss. Raise OpenError if the first attempt fails."""
-        was_connected, pause = False, _FIRST_PAUSE
-        while True:
+        pauses = Pauses()
+        async for channel in Reconnecting(self._open, pauses, self._may_come_back):
+            self._was_connected = True
+            pauses.restart()
             try:
-                ended = asyncio.Event()
-                channel, _ = await open_channel(self.name, self._greeting)
-                try:
-                    channel.on_end, channel.on_notification = ended.set, self.on_notification
-                    await self._begin(channel)
-                    was_connected, pause = True, _FIRST_PAUSE
-                    await ended.wait()
-                finally:
-                    self._channel = None
-                    await channel.close()
-                self.on_lost(f"the hub of {self.name} has ended; waiting for it")
-            except (OpenError, ConnectionLost):
-                if not was_connected:
-                    raise
-            await asyncio.sleep(pause)
-            pause = min(2 * pause, _LONGEST_PAUSE)
+                await channel.until_ended()
+            finally:
+                self._channel = None
+                await channel.close()
+            self.on_lost(f"the hub of {self.name} has ended; waiting for it")
 
     async def ask(self, method: str, params: object, on_progress: Callable[[Raw], None] | None = None) -> Reply:
         """Return what the hub answers. Raise ConnectionLost if it is gone."""
@@ -72,6 +60,17 @@ class HubSession:
         if self._channel is not None:
             self._channel.tell(method, **params)
 
+    async def _open(self) -> RpcChannel:
+        channel, _ = await open_channel(self.name, self._greeting)
+        channel.on_notification = self.on_notification
+        try:
+            await self._begin(channel)
+        except BaseException:
+            self._channel = None
+            await channel.close()
+            raise
+        return channel
+
     async def _begin(self, channel: RpcChannel) -> None:
         if (limits := self._policy.tightening()) is not None:
             reply = await channel.ask("limits.tighten", limits)
@@ -81,6 +80,9 @@ class HubSession:
         self._channel = channel
         if self.on_connect is not None:
             await self.on_connect()
+
+    def _may_come_back(self, error: Exception) -> bool:
+        return self._was_connected and isinstance(error, (OpenError, ConnectionLost))
 
 
 class HubError(ServolinkError):

@@ -19,7 +19,7 @@ from servolink import (
     reconnecting,
 )
 from servolink.client import connect as connecting
-from servolink.client.reconnect import LONGEST_PAUSE
+from servolink.pauses import LONGEST_PAUSE
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.client.reconnections import connected, until
