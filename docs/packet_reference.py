@@ -13,7 +13,8 @@ from msgspec import Meta, Struct
 from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.layout import layout
-from servolink.protocol.packet import Counted, Packet, Query, Response, Wire
+from servolink.protocol.packet import Counted, Effect, Packet, Query, Response, Wire
+from servolink.protocol.servos import SetServoParameterRequest
 
 PAGE = Path(__file__).parent / "reference/packets.md"
 
@@ -44,6 +45,7 @@ def _title(chapter: ModuleType) -> str:
 
 def _packet(declared: type[Packet]) -> str:
     facts = [f"Document {declared.section}", _direction(declared), f"content {_length(declared)}", _response(declared)]
+    facts.append(_effect(declared))
     lines = [f"### {declared.packet_id} {declared.__name__}", "", inspect.cleandoc(declared.__doc__ or ""), ""]
     lines += [" · ".join(fact for fact in facts if fact) + ".", ""]
     if rows := list(_rows(declared)):
@@ -55,6 +57,13 @@ def _packet(declared: type[Packet]) -> str:
 
 def _direction(declared: type[Packet]) -> str:
     return "board to host" if issubclass(declared, Response) else "host to board"
+
+
+def _effect(declared: type[Packet]) -> str:
+    """Return the effect on the servos, empty for none."""
+    if declared is SetServoParameterRequest:
+        return "moves, goes limp or stops, as its fields say"
+    return "" if declared.effect is Effect.NONE else declared.effect.value
 
 
 def _length(declared: type[Packet]) -> str:

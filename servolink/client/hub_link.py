@@ -12,12 +12,12 @@ from msgspec import Raw, Struct
 from servolink.connection.connection import Connection
 from servolink.control.channel import open_channel
 from servolink.control.greeting import ROLES, Greeting, RoleName, Welcome
-from servolink.control.roles import is_motion, needed_role_name
+from servolink.control.roles import needed_role_name
 from servolink.control.share import ShareTransport
 from servolink.control.status import ConnectionState
 from servolink.errors import ConnectionLost, Rejected
 from servolink.escaping import escape
-from servolink.protocol.packet import Packet
+from servolink.protocol.packet import Packet, is_motion
 
 _LIMIT = 5.0  # seconds for the hub to answer what it answers at once
 _logger = logging.getLogger(__name__)

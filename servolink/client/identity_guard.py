@@ -11,8 +11,8 @@ from servolink.errors import DecodeError, RequestTimeout, WrongBoard
 from servolink.escaping import escape
 from servolink.profiles.profile import BoardIdentityRecord, ProfileInUse
 from servolink.protocol.joystick import SubscribeButtonEventRequest
-from servolink.protocol.packet import Packet, Query
-from servolink.protocol.servos import QueryServoListRequest, SetAngleUnitRequest, SetServoParameterRequest
+from servolink.protocol.packet import Effect, Packet, Query
+from servolink.protocol.servos import QueryServoListRequest, SetAngleUnitRequest
 from servolink.protocol.settings import QueryMemorySizeRequest, SendDummyDataRequest, TransmissionModeSettingRequest
 from servolink.transports.device_info import ANY_DEVICE
 
@@ -40,8 +40,7 @@ class IdentityGuard:
 
     async def pass_packet(self, packet: Packet) -> None:
         """Return if `packet` may be sent: a stop and a release always. Raise WrongBoard if the board is another one."""
-        is_stop = isinstance(packet, SetServoParameterRequest) and not packet.is_start
-        if self._is_right or is_stop or isinstance(packet, _HARMLESS):
+        if self._is_right or packet.effect in {Effect.STOPS, Effect.GOES_LIMP} or isinstance(packet, _HARMLESS):
             return
         if difference := await self._check():
             raise WrongBoard(f"{difference}: {type(packet).__name__} was not sent. {self._remedy}", packet)

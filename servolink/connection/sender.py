@@ -16,15 +16,8 @@ from servolink.connection.scheduler import MOST_ASIDE, PendingDrain, RequestSche
 from servolink.connection.slots import FENCES_ONLY, Obstacle, Slots
 from servolink.errors import ConnectionLost, RequestError, ServolinkError
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddServoParameterRequest, ExecuteMacroRequest
-from servolink.protocol.packet import Packet, Query, Request, Response
-from servolink.protocol.servos import (
-    ExecuteActionExRequest,
-    ExecuteActionRequest,
-    QueryServoListRequest,
-    SetAngleUnitRequest,
-    SetServoParameterRequest,
-)
+from servolink.protocol.packet import Effect, Packet, Query, Request, Response, is_motion
+from servolink.protocol.servos import QueryServoListRequest, SetAngleUnitRequest
 from servolink.transports.base import Transport
 
 _RESERVE = QueryServoListRequest()  # a fence that every board answers, but not with a short response
@@ -33,12 +26,6 @@ _FENCE_AFTER = 3  # sendings without a response
 _SAME_FENCE = 3  # so often one is sent in a silence: perhaps the board does not support it
 _MARK_EVERY = 16  # slots: equal queries in a row show no gap, so a fence is sent between them
 _MARK_GOOD_LINE_EVERY = 128  # slots, if so many have been answered since one was lost
-_MOVING = (
-    ExecuteActionRequest,
-    ExecuteActionExRequest,
-    ExecuteMacroRequest,
-    AddServoParameterRequest,  # a servo turns to its new correction at once
-)
 _MOST_UNANSWERABLE = 4  # packets without a response, after which the board must show that it keeps up
 
 
@@ -405,8 +392,7 @@ class RequestSender:
         if call.stops == self.stops:
             return
         packet = call.packet
-        moves = isinstance(packet, _MOVING) or (isinstance(packet, SetServoParameterRequest) and packet.is_start == 1)
-        if moves:
+        if is_motion(packet) and packet.effect is not Effect.GOES_LIMP:
             raise RequestError(f"{type(packet).__name__} was not sent: a stop came first", packet)
 
     def raise_if_ended(self) -> None:

@@ -1,4 +1,4 @@
-"""Roles: which packets a program may send, and which of them need the motion lease."""
+"""Roles: which packets a program may send."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 from servolink.control.greeting import RoleName
 from servolink.protocol import editing, joystick, servos, settings
-from servolink.protocol.packet import Packet, Query
+from servolink.protocol.packet import Effect, Packet, Query, is_motion
 
 
 class Role(IntEnum):
@@ -40,33 +40,12 @@ _ROLES: dict[type[Packet], RoleName] = {
 }
 """The role that a packet needs, if it is neither a query nor a change of what is stored."""
 
-_MOTIONS = (
-    servos.SetServoParameterRequest,
-    servos.ExecuteActionRequest,
-    servos.ExecuteActionExRequest,
-    editing.ExecuteMacroRequest,
-    editing.AddServoParameterRequest,  # a servo turns to its new correction at once
-)
-
 
 def needed_role_name(packet: Packet) -> RoleName:
     """Return the lowest role that may send `packet`. What is not known here needs the highest."""
-    if isinstance(packet, Query) or is_stop(packet):
+    if isinstance(packet, Query) or packet.effect is Effect.STOPS:
         return "watch"
     return _ROLES.get(type(packet), "edit")
-
-
-def is_stop(packet: Packet) -> bool:
-    """Return whether `packet` stops and holds a servo or all of them, which anybody may do at any time (3.2.3)."""
-    return isinstance(packet, servos.SetServoParameterRequest) and (packet.is_start, packet.is_hold) == (0, 1)
-
-
-def is_motion(packet: Packet) -> bool:
-    """Return whether `packet` can make a servo turn, or drop what it holds, so that it needs the lease."""
-    return isinstance(packet, _MOTIONS) and not is_stop(packet)
-
-
-_STORED_MOTIONS = (servos.ExecuteActionExRequest, editing.ExecuteMacroRequest, editing.AddServoParameterRequest)
 
 
 def needed_role(packet: Packet) -> Role:
@@ -79,4 +58,6 @@ def carries_angles(packet: Packet) -> bool:
 
     That is so for angles sent and reported, and for everything stored that the board applies to its servos.
     """
-    return isinstance(packet, (servos.QueryServoRequest, servos.ExecuteActionRequest, *_STORED_MOTIONS))
+    if isinstance(packet, servos.SetServoParameterRequest):
+        return False
+    return is_motion(packet) or isinstance(packet, servos.QueryServoRequest)

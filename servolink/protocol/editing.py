@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar
 from servolink.protocol.packet import (
     I32,
     U16_COUNT,
+    Effect,
     Query,
     Request,
     Response,
@@ -58,6 +59,7 @@ class AddActionRequest(Action, Request[AddActionResponse], frozen=True, gc=False
 
     packet_id: ClassVar[int] = 30030
     section: ClassVar[str] = "3.3.3.1"
+    effect: ClassVar[Effect] = Effect.NONE
     changes: ClassVar[str] = "action_id"
 
 
@@ -73,6 +75,7 @@ class DeleteActionRequest(Request[DeleteActionResponse], frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 30040
     section: ClassVar[str] = "3.3.4.1"
+    effect: ClassVar[Effect] = Effect.NONE
     changes: ClassVar[str] = "action_id"
     action_id: I32
 
@@ -120,6 +123,7 @@ class AddMacroRequest(Macro, Request[AddMacroResponse], frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 30070
     section: ClassVar[str] = "3.3.7.1"
+    effect: ClassVar[Effect] = Effect.NONE
     changes: ClassVar[str] = "macro_id"
 
 
@@ -135,6 +139,7 @@ class DeleteMacroRequest(Request[DeleteMacroResponse], frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 30080
     section: ClassVar[str] = "3.3.8.1"
+    effect: ClassVar[Effect] = Effect.NONE
     changes: ClassVar[str] = "macro_id"
     macro_id: I32
 
@@ -151,6 +156,7 @@ class ExecuteMacroRequest(Request[ExecuteMacroResponse], frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 30090
     section: ClassVar[str] = "3.3.9.1"
+    effect: ClassVar[Effect] = Effect.MOVES
     alone: ClassVar[bool] = True
     macro_id: I32
 
@@ -182,6 +188,7 @@ class AddServoParameterRequest(Request[AddServoParameterResponse], frozen=True, 
 
     packet_id: ClassVar[int] = 30110
     section: ClassVar[str] = "3.3.11.1"
+    effect: ClassVar[Effect] = Effect.MAY_MOVE
     servos: Annotated[tuple[ServoParameter, ...], U16_COUNT] = ()
 
 
@@ -197,6 +204,7 @@ class WriteProjectIDRequest(Request[WriteProjectIDResponse], frozen=True, gc=Fal
 
     packet_id: ClassVar[int] = 30120
     section: ClassVar[str] = "3.3.12.1"
+    effect: ClassVar[Effect] = Effect.NONE
     repeatable: ClassVar[bool] = True
     project_id: I32
 

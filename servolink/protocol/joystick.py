@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from servolink.protocol.packet import I32, U8, U16_COUNT, U32, Flag, Query, Request, Response, Result
+from servolink.protocol.packet import I32, U8, U16_COUNT, U32, Effect, Flag, Query, Request, Response, Result
 from servolink.protocol.records import JoystickTable, JoystickTableEntry
 
 
@@ -53,6 +53,7 @@ class AddJoystickTableRequest(JoystickTable, Request[AddJoystickTableResponse], 
 
     packet_id: ClassVar[int] = 40030
     section: ClassVar[str] = "3.4.3.1"
+    effect: ClassVar[Effect] = Effect.NONE
     changes: ClassVar[str] = "table_id"
 
 
@@ -68,6 +69,7 @@ class DeleteJoystickTableRequest(Request[DeleteJoystickTableResponse], frozen=Tr
 
     packet_id: ClassVar[int] = 40040
     section: ClassVar[str] = "3.4.4.1"
+    effect: ClassVar[Effect] = Effect.NONE
     changes: ClassVar[str] = "table_id"
     table_id: I32
 
@@ -84,6 +86,7 @@ class SetActiveJoystickTableRequest(Request[SetActiveJoystickTableResponse], fro
 
     packet_id: ClassVar[int] = 40050
     section: ClassVar[str] = "3.4.5.1"
+    effect: ClassVar[Effect] = Effect.MAY_MOVE
     repeatable: ClassVar[bool] = True
     table_id: I32
 
@@ -115,6 +118,7 @@ class SubscribeButtonEventRequest(Request[SubscribeButtonEventResponse], frozen=
 
     packet_id: ClassVar[int] = 40070
     section: ClassVar[str] = "3.4.7.1"
+    effect: ClassVar[Effect] = Effect.NONE
     repeatable: ClassVar[bool] = True
     subscribe: Annotated[Flag, Meta(description="0 end, 1 start")]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import types
+from enum import Enum
 from operator import index
 from struct import Struct as Format
 from typing import Annotated, Any, ClassVar, Generic, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -134,6 +135,21 @@ def _all_metadata(hint: Any) -> list[Any]:
     return found
 
 
+class Effect(Enum):
+    """Effect of a packet on the servos of the robot."""
+
+    MOVES = "moves"
+    """Servos turn, or start to."""
+    MAY_MOVE = "may move"
+    """Servos may turn: at once, to a new correction, or later, by a button of an active joystick table."""
+    GOES_LIMP = "goes limp"
+    """Servos are released, and drop what they hold."""
+    STOPS = "stops"
+    """Servos stop and hold, which anybody may ask for at any time (3.2.3)."""
+    NONE = "none"
+    """No servo turns or gives way."""
+
+
 class Packet(Struct, frozen=True, gc=False):
     """One of the document's 60 packets; the fields of the class stand in their order on the wire."""
 
@@ -144,6 +160,8 @@ class Packet(Struct, frozen=True, gc=False):
     """Whether the host may send it again: doing it twice has the effect of doing it once."""
     alone: ClassVar[bool] = False
     """Whether no other packet may be under way beside it: their order decides what they do."""
+    effect: ClassVar[Effect] = Effect.NONE
+    """Effect on the servos; declared by each packet that the host sends, except queries."""
 
 
 class Response(Packet, frozen=True, gc=False):
@@ -182,3 +200,17 @@ class Query(Request[R_co], frozen=True, gc=False):
     """A request that changes nothing, so it may be repeated."""
 
     repeatable: ClassVar[bool] = True
+
+
+def is_motion(packet: Packet) -> bool:
+    """Return whether `packet` can make a servo turn, or drop what it holds, as soon as it is sent.
+
+    What is repeatable turns nothing by itself: an active joystick table waits for a button.
+    """
+    match packet.effect:
+        case Effect.MOVES | Effect.GOES_LIMP:
+            return True
+        case Effect.MAY_MOVE:
+            return not packet.repeatable
+        case _:
+            return False

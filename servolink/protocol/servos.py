@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta, Struct
 
-from servolink.protocol.packet import I16, I32, U8, U8_COUNT, Command, Flag, Query, Request, Response
+from servolink.protocol.packet import I16, I32, U8, U8_COUNT, Command, Effect, Flag, Query, Request, Response
 from servolink.protocol.records import Step
 
 ALL_SERVOS = 0xFF
@@ -83,6 +83,13 @@ class SetServoParameterRequest(Request[SetServoParameterResponse], frozen=True, 
     is_start: Annotated[Flag, Meta(description="0 stop, 1 may move")]
     is_hold: Annotated[Flag, Meta(description="0 release, 1 hold")]
 
+    @property
+    def effect(self) -> Effect:  # type: ignore[override]  # of each packet, where others have one of their class
+        """A servo that is started may turn to an old target; one that is neither started nor held goes limp."""
+        if self.is_start:
+            return Effect.MOVES
+        return Effect.STOPS if self.is_hold == 1 else Effect.GOES_LIMP
+
 
 class SetAngleUnitResponse(Response, frozen=True, gc=False):
     """The angle unit now in force (an echo, not success)."""
@@ -98,6 +105,7 @@ class SetAngleUnitRequest(Request[SetAngleUnitResponse], frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 20040
     section: ClassVar[str] = "3.2.4.1"
+    effect: ClassVar[Effect] = Effect.NONE
     echoed: ClassVar[str] = "servo_id"
     repeatable: ClassVar[bool] = True
     alone: ClassVar[bool] = True
@@ -110,6 +118,7 @@ class ExecuteActionRequest(Command, frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 20050
     section: ClassVar[str] = "3.2.5.1"
+    effect: ClassVar[Effect] = Effect.MOVES
     steps: Annotated[tuple[Step, ...], U8_COUNT] = ()
 
 
@@ -118,4 +127,5 @@ class ExecuteActionExRequest(Command, frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 20060
     section: ClassVar[str] = "3.2.6.1"
+    effect: ClassVar[Effect] = Effect.MOVES
     action_id: I32

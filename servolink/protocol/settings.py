@@ -6,7 +6,19 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from servolink.protocol.packet import U8, Command, Data, Flag, Natural16, Natural32, Query, Request, Response, Result
+from servolink.protocol.packet import (
+    U8,
+    Command,
+    Data,
+    Effect,
+    Flag,
+    Natural16,
+    Natural32,
+    Query,
+    Request,
+    Response,
+    Result,
+)
 
 
 class TransmissionModeSettingResponse(Response, frozen=True, gc=False):
@@ -22,6 +34,7 @@ class TransmissionModeSettingRequest(Request[TransmissionModeSettingResponse], f
 
     packet_id: ClassVar[int] = 10010
     section: ClassVar[str] = "3.1.1.1"
+    effect: ClassVar[Effect] = Effect.NONE
     repeatable: ClassVar[bool] = True
     alone: ClassVar[bool] = True
     mode: Annotated[Flag, Meta(description="0 old protocol, 1 new protocol")]
@@ -39,6 +52,7 @@ class ClearAllDataRequest(Request[ClearAllDataResponse], frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 10020
     section: ClassVar[str] = "3.1.2.1"
+    effect: ClassVar[Effect] = Effect.NONE
     alone: ClassVar[bool] = True
 
 
@@ -80,4 +94,5 @@ class SendDummyDataRequest(Command, frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 10050
     section: ClassVar[str] = "3.1.5.1"
+    effect: ClassVar[Effect] = Effect.NONE
     data: Annotated[Data, Meta(description="any bytes")] = b""

@@ -7,12 +7,11 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
-from servolink.control.roles import is_motion
 from servolink.hub.hub import Hub, share
 from servolink.hub.notices import LeaseChanged, Notice
 from servolink.profiles.profile import BoardProfile, SafetyLimits
 from servolink.project.model import Project
-from servolink.protocol.packet import Packet
+from servolink.protocol.packet import Packet, is_motion
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from servolink.protocol.servos import (
     ALL_SERVOS,

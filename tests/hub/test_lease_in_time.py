@@ -9,10 +9,11 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from servolink.control.roles import Role, is_motion, is_stop
+from servolink.control.roles import Role
 from servolink.hub.hub import Hub, share
 from servolink.hub.notices import LeaseChanged, Notice
 from servolink.hub.rules.lease import LeaseChange, MotionLease
+from servolink.protocol.packet import Effect, is_motion
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ALL_SERVOS,
@@ -172,7 +173,7 @@ class Leases(RuleBasedStateMachine):
 
     @invariant()
     def the_board_is_stopped_in_time(self) -> None:
-        stops = [at for at, packet in self.fake.sent if is_stop(packet)]
+        stops = [at for at, packet in self.fake.sent if packet.effect is Effect.STOPS]
         for due in self.stops_due:
             if self.time >= due:
                 assert any(due - 0.051 <= at <= due + 1e-9 for at in stops), (due, stops)

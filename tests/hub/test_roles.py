@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from msgspec.structs import fields
 
-from servolink.control.roles import Role, carries_angles, is_motion, is_stop, needed_role
+from servolink.control.roles import Role, carries_angles, needed_role
 from servolink.protocol.codec import PACKETS_BY_NAME
 from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.packet import Packet
+from servolink.protocol.packet import Effect, Packet, is_motion
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 
 PROTOCOL = json.loads(Path(__file__).parents[1].joinpath("data/protocol.json").read_text(encoding="utf-8"))
@@ -99,13 +99,13 @@ def test_unknown_packets_need_the_highest_role() -> None:
 @pytest.mark.parametrize("servo_id", [0, 1, 254, ALL_SERVOS])
 def test_anybody_may_stop(servo_id: int) -> None:
     packet = SetServoParameterRequest(servo_id, 0, 1)
-    assert (is_stop(packet), is_motion(packet), needed_role(packet)) == (True, False, Role.WATCH)
+    assert (packet.effect is Effect.STOPS, is_motion(packet), needed_role(packet)) == (True, False, Role.WATCH)
 
 
 @pytest.mark.parametrize("flags", [(1, 1), (1, 0), (0, 0), (0, 2), (2, 1)])
 def test_releasing_and_starting_are_motions(flags: tuple[int, int]) -> None:
     packet = SetServoParameterRequest(1, *flags)
-    assert (is_stop(packet), is_motion(packet), needed_role(packet)) == (False, True, Role.MOVE)
+    assert (packet.effect is Effect.STOPS, is_motion(packet), needed_role(packet)) == (False, True, Role.MOVE)
 
 
 def test_each_role_includes_those_before_it() -> None:

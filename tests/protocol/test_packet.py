@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from servolink.protocol.codec import PACKETS
-from servolink.protocol.editing import QueryActionRequest, QueryActionResponse
-from servolink.protocol.joystick import LONG_PRESS, PRESS, UP, ButtonEventResponse
-from servolink.protocol.packet import Request, Response
+from servolink.protocol.editing import AddServoParameterRequest, QueryActionRequest, QueryActionResponse
+from servolink.protocol.joystick import LONG_PRESS, PRESS, UP, ButtonEventResponse, SetActiveJoystickTableRequest
+from servolink.protocol.packet import Effect, Query, Request, Response, is_motion
 from servolink.protocol.servos import (
     ALL_SERVOS,
     QueryServoRequest,
@@ -15,6 +15,7 @@ from servolink.protocol.servos import (
     ServoState,
     SetAngleUnitRequest,
     SetAngleUnitResponse,
+    SetServoParameterRequest,
 )
 from servolink.protocol.settings import ClearAllDataRequest, ClearAllDataResponse
 
@@ -57,3 +58,33 @@ def test_every_echoed_field_is_in_request_and_answer() -> None:
 )
 def test_a_button_event_has_a_word(event: int, kind: str) -> None:
     assert ButtonEventResponse(7, event).kind == kind
+
+
+def test_each_packet_that_the_host_sends_declares_its_effect_on_the_servos() -> None:
+    sent = [packet for packet in PACKETS.values() if not issubclass(packet, Query | Response)]
+    assert len(sent) > 15
+    assert [packet.__name__ for packet in sent if "effect" not in vars(packet)] == []
+
+
+@pytest.mark.parametrize(
+    ("is_start", "is_hold", "effect"),
+    [
+        (0, 1, Effect.STOPS),
+        (0, 0, Effect.GOES_LIMP),
+        (1, 1, Effect.MOVES),
+        (1, 0, Effect.MOVES),
+        (0, 2, Effect.GOES_LIMP),
+        (2, 1, Effect.MOVES),
+    ],
+)
+def test_start_and_hold_decide_between_stop_release_and_start(is_start: int, is_hold: int, effect: Effect) -> None:
+    packet = SetServoParameterRequest(1, is_start, is_hold)
+    assert packet.effect is effect
+    assert is_motion(packet) == (effect is not Effect.STOPS)
+
+
+def test_what_may_move_is_a_motion_unless_it_only_makes_buttons_move_servos() -> None:
+    correction, table = AddServoParameterRequest(()), SetActiveJoystickTableRequest(1)
+    assert (correction.effect, table.effect) == (Effect.MAY_MOVE, Effect.MAY_MOVE)
+    assert is_motion(correction)
+    assert not is_motion(table)

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
-from servolink.control.roles import Role, is_stop
+from servolink.control.roles import Role
 from servolink.control.status import ProgramStatus
 from servolink.errors import DecodeError
 from servolink.escaping import escape
@@ -17,7 +17,7 @@ from servolink.hub.rules.exchanges import Bounds, Exchange, ProgramCounters, Pro
 from servolink.hub.rules.session_state import SessionState
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec, in_range
-from servolink.protocol.packet import Packet, Response
+from servolink.protocol.packet import Effect, Packet, Response
 from servolink.protocol.parser import PADDING, FrameParser
 from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
 
@@ -168,7 +168,7 @@ class Program:
         self._held += size
         if isinstance(packet, TransmissionModeSettingRequest):
             self._set_mode(exchange, packet)
-        elif is_stop(packet):
+        elif packet.effect is Effect.STOPS:
             self._hub.ask_stop(exchange)
         else:
             self._hub.ask(exchange)
@@ -181,8 +181,9 @@ class Program:
             return None
         if isinstance(packet, Response):
             return None
-        is_heard = self.state.mode == 1 or isinstance(packet, TransmissionModeSettingRequest) or is_stop(packet)
-        return packet if is_heard else None
+        if self.state.mode == 1 or packet.effect is Effect.STOPS or isinstance(packet, TransmissionModeSettingRequest):
+            return packet
+        return None
 
     def _set_mode(self, exchange: Exchange, packet: TransmissionModeSettingRequest) -> None:
         if in_range(packet):

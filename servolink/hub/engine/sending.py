@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from servolink.client.board import Board
-from servolink.control.roles import carries_angles, is_motion
+from servolink.control.roles import carries_angles
 from servolink.errors import ConnectionLost, OutcomeUnknown, Rejected, ServolinkError, WrongBoard
 from servolink.hub.engine.events import ButtonRelay
 from servolink.hub.engine.lease_keeper import LeaseKeeper
@@ -19,7 +19,7 @@ from servolink.hub.engine.unit_switch import UnitsKept, UnitSwitch
 from servolink.hub.rules.exchanges import Exchange
 from servolink.protocol.editing import ExecuteMacroResponse, WriteProjectIDRequest, WriteProjectIDResponse
 from servolink.protocol.joystick import SubscribeButtonEventRequest
-from servolink.protocol.packet import Command, Packet, Query, Request
+from servolink.protocol.packet import Command, Packet, Query, Request, is_motion
 from servolink.protocol.servos import QueryServoRequest, SetAngleUnitRequest, SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest, ClearAllDataResponse
 

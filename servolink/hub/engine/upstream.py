@@ -10,14 +10,14 @@ from typing import Literal, TypeAlias
 
 from servolink.client.board import Board
 from servolink.connection.scheduler import MOST_ASIDE
-from servolink.control.roles import carries_angles, is_motion
+from servolink.control.roles import carries_angles
 from servolink.errors import ServolinkError
 from servolink.escaping import escape
 from servolink.hub.engine.sending import STOPPED, PacketSender
 from servolink.hub.rules.exchanges import Bounds, Exchange, RoundRobin
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import encode_frame
-from servolink.protocol.packet import Command, Packet, Query, Request
+from servolink.protocol.packet import Command, Packet, Query, Request, is_motion
 from servolink.tasks import Tasks
 
 _logger = logging.getLogger(__name__)

@@ -15,7 +15,7 @@ from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.control.faults import Code, RpcError
 from servolink.control.greeting import Greeting
-from servolink.control.roles import Role, is_motion
+from servolink.control.roles import Role
 from servolink.control.status import HoldStatus, LeaseStatus
 from servolink.errors import ConnectionLost, MotionRefused, RequestTimeout
 from servolink.hub.doors.in_process import LocalTransport
@@ -26,7 +26,7 @@ from servolink.hub.rules.exchanges import Bounds
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.protocol.editing import AddServoParameterRequest, ExecuteMacroRequest
-from servolink.protocol.packet import Packet
+from servolink.protocol.packet import Packet, is_motion
 from servolink.protocol.servos import ExecuteActionExRequest
 
 T = TypeVar("T")

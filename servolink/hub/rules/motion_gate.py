@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from servolink.control.roles import Role, is_motion, is_stop, needed_role
+from servolink.control.roles import Role, needed_role
 from servolink.escaping import escape
 from servolink.hub.rules.lease import LeaseChange, MotionLease
 from servolink.protocol.codec import response_class
-from servolink.protocol.packet import Packet, Request, Response, Result
+from servolink.protocol.packet import Packet, Request, Response, Result, is_motion
 from servolink.protocol.servos import ALL_SERVOS, ServoState, SetServoParameterRequest, SetServoParameterResponse
 
 
@@ -77,7 +77,7 @@ def refused_response(packet: Packet, states: Iterable[ServoState] = ()) -> Respo
 
 def stops_all(packet: Packet) -> bool:
     """Return whether `packet` stops all servos, which ends every motion."""
-    return is_stop(packet) and isinstance(packet, SetServoParameterRequest) and packet.servo_id == ALL_SERVOS
+    return packet == SetServoParameterRequest(ALL_SERVOS, 0, 1)
 
 
 def _flags_in_force(packet: SetServoParameterRequest, states: Iterable[ServoState]) -> SetServoParameterResponse | None:
