@@ -76,7 +76,7 @@ class Cable(WrappedTransport):
             return
         assert self.link is not None  # noqa: S101 - nothing is sent before the connection is open
         packet = self._codec.decode_frame(data)
-        opens = asyncio.current_task() is self.link._opening  # noqa: SLF001 - a handshake is in nobody's name
+        opens = asyncio.current_task() is self.link.lifecycle.handshake  # a handshake is in nobody's name
         number = self._checker.sends(packet, self._wire.now, self._deadline(packet), None if opens else CALL.get())
         self._checker.note(self._wire.now, "sent", data)
         if arriving := self._board.carry(packet.packet_id, data, number):
@@ -89,7 +89,7 @@ class Cable(WrappedTransport):
 
     def _deadline(self, packet: Packet) -> float:
         assert self.link is not None  # noqa: S101 - nothing is sent before the connection is open
-        if not isinstance(packet, Request) or self.link.answers.opening is not None:
+        if not isinstance(packet, Request) or self.link.lifecycle.opening is not None:
             return 0.0
         slot = self.link._slots.lanes[packet.packet_id + 1].slots[-1]  # noqa: SLF001 - when it will be overdue
         return slot.sent_at + slot.timeout

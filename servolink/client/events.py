@@ -40,9 +40,9 @@ class ButtonSubscription(Source[Reader[ButtonEvent]]):
 
     async def join(self, reader: Reader[ButtonEvent]) -> None:
         """Deliver events to `reader`. Raise Rejected or ConnectionLost if the board does not send them."""
-        if self._connection.answers.ended is not None:
+        if self._connection.ended is not None:
             reader.ended = self._ended
-            raise same(self._connection.answers.ended)
+            raise same(self._connection.ended)
         self._readers.add(reader)
         try:
             await self._settle()
@@ -95,7 +95,7 @@ class ButtonSubscription(Source[Reader[ButtonEvent]]):
         """Subscribe if there are readers, unsubscribe if there are none."""
         async with self._changing:
             wanted = bool(self._readers)
-            if wanted == self._subscribed or self._connection.answers.ended is not None:
+            if wanted == self._subscribed or self._connection.ended is not None:
                 return
             # None while the request is under way: if it fails unanswered, the next call asks again, whatever it wants.
             before, self._subscribed = self._subscribed, None

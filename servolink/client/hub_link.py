@@ -196,7 +196,7 @@ class HubLink:
 
     def _end(self) -> None:
         """End the connection too: without the hub's word a program could wait for ever."""
-        if self._connection.answers.ended is None:
+        if self._connection.ended is None:
             self._connection.answers.lost(ConnectionLost(f"the hub of {self._welcome.name} has closed the connection"))
 
 

@@ -63,7 +63,7 @@ class BoardIdentity:
     @contextmanager
     def changing(self, connection: Connection, project_id: int) -> Iterator[None]:
         """Add `project_id` if the request made in the body fails in a way that leaves open whether it was done."""
-        was_lost = connection.answers.ended is not None
+        was_lost = connection.ended is not None
         try:
             yield
         except _NOT_DONE:

@@ -159,7 +159,7 @@ class _Player:
         """Return the error of a run whose connection was lost: what became of it, and the first cause."""
         from servolink.project.records import name_of
 
-        cause = self._asked.connection.answers.ended or error
+        cause = self._asked.connection.ended or error
         if self._has_begun:
             lost = "the connection was lost before it was over"
             return ConnectionLost(f"{name_of(self._run.record)} was started, and {lost}: {cause}")

@@ -257,7 +257,7 @@ class ServoController:
             # Not a normal request: it waits for nothing, and its response cannot be told from that of an earlier
             # `set_servo`. So the state of the servos is what counts.
             await connection.send_stop(request)
-            if connection.hub is not None and connection.answers.held:
+            if connection.hub is not None and connection.is_suspended:
                 await connection.hub.stop()  # it reads the servos: nobody else may now
                 return
             try:

@@ -217,7 +217,7 @@ class Session:
             self._hub_tells(connection.hub.has_lost_board)
 
     def _hub_tells(self, has_lost_board: bool) -> None:  # noqa: FBT001 - called by the link to the hub
-        if self.connection.answers.ended is None:
+        if self.connection.ended is None:
             self._states.change("lost" if has_lost_board else "connected")
 
     def _end(self, error: ConnectionLost) -> None:
@@ -244,8 +244,8 @@ class Session:
         # Last, because a board in mode 0 answers nothing any more.
         if self._mode not in (None, 1):
             await set_mode(connection, self._mode)
-        if connection.answers.ended is not None:  # lost again meanwhile, when its end was not ours to handle
-            raise same(connection.answers.ended)
+        if connection.ended is not None:  # lost again meanwhile, when its end was not ours to handle
+            raise same(connection.ended)
         self.stats.reconnects += 1
         self._follow_state(connection)
 

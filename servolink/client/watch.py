@@ -97,7 +97,7 @@ class ServoWatch(Source[_RatedReader]):
 
     async def join(self, reader: _RatedReader) -> None:
         """Read for `reader` from now on. Raise ConnectionLost if the board is closed, or lost for good."""
-        ended = self._session.connection.answers.ended
+        ended = self._session.connection.ended
         if self._ended and ended is not None:
             reader.ended = True
             raise same(ended)
@@ -187,7 +187,11 @@ class ServoWatch(Source[_RatedReader]):
         except ConnectionLost:
             self._resume_later()
         except ServolinkError as error:
-            if isinstance(error, RequestTimeout) and self._has_read and self._session.connection.answers.is_patient:
+            if (
+                isinstance(error, RequestTimeout)
+                and self._has_read
+                and self._session.connection.lifecycle.outlasts_silence
+            ):
                 self._loop.call_soon(self._fill)  # the hub has lost its board, which may come back
             else:
                 self._fail(error)

@@ -13,17 +13,18 @@ from servolink.connection.asking import Done, QueryAsker
 from servolink.connection.call import Call, Slot
 from servolink.connection.deadlines import DeadlineTimer
 from servolink.connection.dispatcher import ResponseDispatcher
-from servolink.connection.explain import lost, other_loop, same, timed_out
+from servolink.connection.explain import lost, other_loop, timed_out
 from servolink.connection.hub_link import HubLink
 from servolink.connection.opening import FENCES, Opening
 from servolink.connection.options import HUB_MARGIN, PATIENCE, SLOW_PATIENCE
 from servolink.connection.scheduler import RequestScheduler
 from servolink.connection.sender import RequestSender
 from servolink.connection.slots import Obstacle, Slots
+from servolink.connection.state import Event, Lifecycle, State
 from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps
 from servolink.connection.window import Window
-from servolink.errors import ServolinkError
+from servolink.errors import ConnectionLost, ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Packet, Query, Request, Response
 from servolink.protocol.servos import SetServoParameterRequest
@@ -33,6 +34,7 @@ from servolink.transports.base import Transport
 R = TypeVar("R", bound=Response)
 
 _FENCE_IDS = {query.packet_id for query in FENCES}
+_READY = State.READY  # found faster here than in its class
 _REOPEN_PAUSE = 10.0  # seconds at least between two openings for responses that nobody asked for
 
 
@@ -86,22 +88,41 @@ class Connection:
         pace = getattr(transport, "bytes_per_second", 0.0)
         self._window = Window(depth, write_depth, learn=learn, bytes_per_second=pace)
         self._scheduler = RequestScheduler(self._window, self._slots)
-        self._opening: asyncio.Task[None] | None = None
-        self._needs_handshake = False
+        self.lifecycle = Lifecycle(outlasts_silence=not repeats)
+        """State of the connection."""
         self._takes_at_once: bool = getattr(transport, "takes_at_once", False)
         self._reopened_at = -_REOPEN_PAUSE
         self.answers = ResponseDispatcher(
-            transport.url, codec, self._slots, self._scheduler, patience, self._loop.time, self.stats, self.taps
+            transport.url,
+            codec,
+            self.lifecycle,
+            self._slots,
+            self._scheduler,
+            patience,
+            self._loop.time,
+            self.stats,
+            self.taps,
         )
-        self._sender = RequestSender(transport, codec, self._slots, self._scheduler, self.answers, repeats=repeats)
+        self._sender = RequestSender(
+            transport, codec, self.lifecycle, self._slots, self._scheduler, self.answers, repeats=repeats
+        )
         self._margin = 0.0 if repeats else HUB_MARGIN
-        self.answers.is_patient = not repeats
         self._asker = QueryAsker(self._sender, self.answers)
 
     @property
     def board_url(self) -> str:
         """The address of the board itself: another one than that of the transport if a hub is in between."""
         return getattr(self.transport, "board_url", self.transport.url)
+
+    @property
+    def ended(self) -> ConnectionLost | None:
+        """First cause of the end of the connection; None while it is up."""
+        return self.lifecycle.ended
+
+    @property
+    def is_suspended(self) -> bool:
+        """Whether another program has exclusive use of a shared board."""
+        return self.lifecycle.state is State.SUSPENDED
 
     @property
     def stops(self) -> int:
@@ -158,21 +179,23 @@ class Connection:
         have asked this board before may be taken for responses to this connection.
         """
         await self.transport.open(self.answers)
-        self._needs_handshake = handshake
+        self._change(Event.OPENED if handshake else Event.JOINED)
         if handshake:
-            self._scheduler.pause()
             self.answers.on_stranger = self._open_again
 
     async def shake_hands(self) -> None:
         """Prove that nothing is owed to anybody else. Raise OpenError, which says what to try, if nothing answers."""
-        if self._needs_handshake:
-            await asyncio.shield(self._begin_opening())
+        self._sender.raise_if_ended()
+        if self.lifecycle.state is State.UNPROVED:
+            self._begin_opening(Event.HANDSHAKE_BEGUN)
+        if self.lifecycle.state is State.OPENING and self.lifecycle.handshake is not None:
+            await asyncio.shield(self.lifecycle.handshake)
 
     async def close(self) -> None:
         """Fail all who wait and free the port; may be called again."""
         error = lost(self.transport.url, None)
         if self._loop.is_closed():  # those who wait have ended with the loop, and cannot be woken
-            self.answers.ended = self.answers.ended or error
+            self.lifecycle.end(error)
         else:
             self.answers.end(error)
         await self.transport.close()
@@ -180,25 +203,31 @@ class Connection:
         if self.hub is not None:
             await self.hub.close()
 
-    def _begin_opening(self) -> asyncio.Task[None]:
-        if self._opening is None or self._opening.done():
+    def _change(self, event: Event) -> None:
+        """Enter the next state, and let requests pass only if it is `ready`."""
+        self.lifecycle.change(event)
+        if self.lifecycle.state is State.READY:
+            self._scheduler.resume()
+        else:
             self._scheduler.pause()
-            self.answers.opening = Opening(
-                self.transport.url,
-                self._sender.send_packet,
-                lambda: self.stats.bytes_received,
-                self.patience,
-                self.answers.times,
-                wake=self._wake,
-                random=self._random,
-                byte_order=self.codec.byte_order,
-                unsupported=self._unsupported,
-            )
-            self.answers.close_all()
-            self._opening = self._loop.create_task(self._shake_hands(self.answers.opening))
-            self._sender.opening = self._opening
-            self._opening.add_done_callback(_see_exception)
-        return self._opening
+
+    def _begin_opening(self, event: Event) -> None:
+        opening = Opening(
+            self.transport.url,
+            self._sender.send_packet,
+            lambda: self.stats.bytes_received,
+            self.patience,
+            self.answers.times,
+            wake=self._wake,
+            random=self._random,
+            byte_order=self.codec.byte_order,
+            unsupported=self._unsupported,
+        )
+        self.lifecycle.begin_opening(event, opening)
+        self._scheduler.pause()
+        self.answers.close_all()
+        self.lifecycle.handshake = self._loop.create_task(self._shake_hands(opening))
+        self.lifecycle.handshake.add_done_callback(_see_exception)
 
     async def _shake_hands(self, opening: Opening) -> None:
         try:
@@ -206,41 +235,41 @@ class Connection:
         except ServolinkError as error:
             self.answers.end(lost(self.transport.url, error))
             raise
-        finally:
-            self.answers.opening = None
+        except BaseException:
+            self._change(Event.HANDSHAKE_CANCELLED)
+            raise
         self.answers.close_all()
         self._sender.fences = opening.fences
         for query in leftover:
             self._slots.open(Slot(query, self._slots.lanes[query.packet_id + 1], None, is_fence=True, overdue=True))
-        self._needs_handshake = False
-        self._scheduler.resume()
+        self._change(Event.HANDSHAKE_DONE)
 
     def _open_again(self, packet_id: int) -> None:
         """Open the connection again if this is a response as the handshake gets them: it took another one for ours."""
         now = self._loop.time()
-        if packet_id - 1 not in _FENCE_IDS or self._needs_handshake:
+        if packet_id - 1 not in _FENCE_IDS or self.lifecycle.state is not State.READY:
             return
-        if now - self._reopened_at >= _REOPEN_PAUSE and self.answers.ended is None:
+        if now - self._reopened_at >= _REOPEN_PAUSE:
             self._reopened_at = now
             self.stats.reopenings += 1
-            self._begin_opening()
+            self._begin_opening(Event.STRAY_RESPONSE)
 
     # --- a board that is shared ---------------------------------------------------------------------------------
 
     def suspend(self, reason: str) -> None:
         """Send nothing but stops until `resume`, and wait for responses as long: another program is alone with it."""
-        self.answers.held = reason
+        self.lifecycle.suspend(reason)
         self._scheduler.pause()
 
     def resume(self) -> None:
-        """Send again."""
-        if self.answers.held:
-            self.answers.release()
-            self._scheduler.resume()
+        """Send again, if the connection is suspended."""
+        if self.is_suspended:
+            self.answers.count_from_now()
+            self._change(Event.RESUMED)
 
     def explain_silence(self, reason: str) -> None:
         """Name `reason` in the errors of requests that are not answered from now on; empty if none is known."""
-        self._sender.silence = reason
+        self.lifecycle.silent_because = reason
 
     # --- requests -----------------------------------------------------------------------------------------------
 
@@ -368,10 +397,10 @@ class Connection:
 
     def _may_send_at_once(self, packet: Request[Any] | Command) -> bool:
         """Take a permit if nothing at all stands in the way of `packet`, the usual case."""
-        if self.answers.ended is not None:
-            raise same(self.answers.ended)
-        if self._needs_handshake:
-            self._begin_opening()
+        if self.lifecycle.state is not _READY:
+            self._sender.raise_if_ended()
+            if self.lifecycle.state is State.UNPROVED:
+                self._begin_opening(Event.HANDSHAKE_BEGUN)
         return self._scheduler.acquire_at_once(packet)
 
     async def _pass_guard(self, passing: Awaitable[None], call: Call, deadline: float | None) -> None:
@@ -392,8 +421,8 @@ class Connection:
             async with asyncio.timeout_at(deadline):
                 await self._wait_in_queue(call, first=first)
         except TimeoutError:
-            held = self.answers.held or self._sender.silence
-            raise timed_out(call.packet, self.transport.url, 0, call.patience, self.stats, held=held) from None
+            excuse = self.lifecycle.excuse
+            raise timed_out(call.packet, self.transport.url, 0, call.patience, self.stats, held=excuse) from None
 
     async def _wait_in_queue(self, call: Call, *, first: bool) -> None:
         await self._scheduler.acquire(call.packet, first=first)

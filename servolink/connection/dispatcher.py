@@ -14,9 +14,9 @@ from servolink.connection.deadlines import DeadlineTimer, ResponseTimes
 from servolink.connection.explain import lost, overtaken, same
 from servolink.connection.frame_log import FrameLog, frame_logger
 from servolink.connection.nested_frames import NestedFrameFilter
-from servolink.connection.opening import Opening
 from servolink.connection.scheduler import Load, RequestScheduler
 from servolink.connection.slots import FENCES_ONLY, Slots
+from servolink.connection.state import Lifecycle, State
 from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps
 from servolink.errors import ConnectionLost, DecodeError
@@ -62,6 +62,7 @@ class ResponseDispatcher:
         self,
         url: str,
         codec: Codec,
+        lifecycle: Lifecycle,
         slots: Slots,
         scheduler: RequestScheduler,
         patience: float,
@@ -72,24 +73,17 @@ class ResponseDispatcher:
         """Settle `slots` with what comes from `url`; after `patience` seconds of silence the board is gone."""
         self.stats = stats
         self.taps = taps
-        self.ended: ConnectionLost | None = None
-        """What ended the connection; None while it is up."""
         self.on_event: Callable[[ButtonEventResponse], None] = lambda event: None
         self.on_end: Callable[[ConnectionLost], None] = lambda error: None
         self.on_stranger: Callable[[int], None] = lambda packet_id: None
         """Called with the id of a packet that nobody on this connection has asked for."""
-        self.opening: Opening | None = None
-        """The opening that is under way: it gets all responses."""
-        self.is_patient = False
-        """Whether silence ends nothing: a hub goes on without its board, and says so if it ends itself."""
-        self.held = ""
-        """Why nothing is late now: another program has the board alone. Empty if none has."""
         self.times = ResponseTimes()
         self.answered_in_a_row = 0
         """How many slots were answered since one was overdue, or over without a response."""
         self.frame_log = FrameLog(url, codec, now)
         self._url = url
         self._codec = codec
+        self._lifecycle = lifecycle
         self._slots = slots
         self._scheduler = scheduler
         self._load: Load | None = None  # when the present chunk came
@@ -167,8 +161,8 @@ class ResponseDispatcher:
                 other.call.error = overtaken(other.request)
                 other.call.wake()
         self._slots.open_stop(slot)
-        if self.opening is not None:
-            self.opening.begin_again()
+        if self._lifecycle.opening is not None:
+            self._lifecycle.opening.begin_again()
 
     def close_all(self) -> None:
         """Close all slots unanswered: the connection is opened again, or has ended."""
@@ -176,13 +170,13 @@ class ResponseDispatcher:
 
     def end(self, error: ConnectionLost) -> None:
         """End the connection: the first cause reaches everyone who waits."""
-        if self.ended is not None:
+        opening = self._lifecycle.opening
+        if not self._lifecycle.end(error):
             return
-        self.ended = error
         self.over.set_result(None)
         self._timer.stop()
-        if self.opening is not None:
-            self.opening.end(error)
+        if opening is not None:
+            opening.end(error)
         self._scheduler.refuse_all(lambda: same(error))
         self.close_all()
         self.on_end(error)
@@ -198,18 +192,19 @@ class ResponseDispatcher:
         lane = self._slots.lanes.get(packet_id)
         if self._scheduler.window.learns and lane is not None:
             lane.heard(len(content) + OVERHEAD)
-        if lane is not None and lane.slots and self.opening is None:
+        opening = self._lifecycle.opening
+        if lane is not None and lane.slots and opening is None:
             self._settle(packet_id, content)
         elif packet_id == ButtonEventResponse.packet_id:
             self.stats.events_received += 1
-            if self.opening is not None:
-                self.opening.heard_event()
+            if opening is not None:
+                opening.heard_event()
             self.on_event(self._codec.decode(packet_id, content))  # type: ignore[arg-type]  # the id says so
-        elif self.opening is None:
+        elif opening is None:
             self.stats.unsolicited += 1
             self.on_stranger(packet_id)
         elif lane is not None:
-            self.opening.heard(packet_id)
+            opening.heard(packet_id)
 
     def _settle(self, packet_id: int, content: bytes) -> None:
         decoded: Content
@@ -296,9 +291,8 @@ class ResponseDispatcher:
 
     # --- deadlines ----------------------------------------------------------------------------------------------
 
-    def release(self) -> None:
-        """Count all times from now: no other program has the board alone any more."""
-        self.held = ""
+    def count_from_now(self) -> None:
+        """Count all times from now: the board could not answer before."""
         self._restart(self._now())
         if self._silence.since is not None:
             self._silence.since = self._now()
@@ -311,13 +305,13 @@ class ResponseDispatcher:
     def _look(self, now: float) -> None:
         """Find the oldest slot overdue, if it is; a stalled event loop has read everything by now."""
         live = self._slots.live
-        if self.held:
+        if self._lifecycle.state is State.SUSPENDED:
             self._restart(now)
         if live and now >= self._due(live[0]) and self._parser.partial_frame:
             self._await_partial_frame(live[0], now)
         if live and now >= self._due(live[0]):
             self._expire(live[0], now)
-        if live and self.ended is None:
+        if live and self._lifecycle.ended is None:
             self._timer.arm(self._due(live[0]))
         if self.later:
             self._call_later()
@@ -356,7 +350,7 @@ class ResponseDispatcher:
         self._end_if_silent(now)
 
     def _end_if_silent(self, now: float) -> None:
-        if self.is_patient:
+        if self._lifecycle.outlasts_silence:
             return
         if self._slots.overdue >= _MOST_OVERDUE:
             self.lost(TimeoutError(f"the board has left {_MOST_OVERDUE} queries in a row unanswered"))

@@ -14,6 +14,7 @@ from servolink.connection.frame_log import frame_logger
 from servolink.connection.opening import FENCES
 from servolink.connection.scheduler import MOST_ASIDE, PendingDrain, RequestScheduler
 from servolink.connection.slots import FENCES_ONLY, Obstacle, Slots
+from servolink.connection.state import Lifecycle
 from servolink.errors import ConnectionLost, RequestError, ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Effect, Packet, Query, Request, Response, is_motion
@@ -36,6 +37,7 @@ class RequestSender:
         self,
         transport: Transport,
         codec: Codec,
+        lifecycle: Lifecycle,
         slots: Slots,
         scheduler: RequestScheduler,
         answers: ResponseDispatcher,
@@ -52,12 +54,9 @@ class RequestSender:
         self._latest_fence = FENCES[0]
         self._fence_tries = 0  # times that it was sent in a row
         self._fenced_at = -1  # frames received when the latest fence was sent
-        self.silence = ""
-        """Why the board answers nothing, if that is known; else empty."""
-        self.opening: asyncio.Future[None] | None = None
-        """The opening that is under way, or the latest one."""
         self._transport = transport
         self._codec = codec
+        self._lifecycle = lifecycle
         self._slots = slots
         self._scheduler = scheduler
         self._answers = answers
@@ -321,8 +320,8 @@ class RequestSender:
 
     def _counted(self, frame: bytes) -> bytes:
         """Return a frame that is about to be sent. Raise ConnectionLost if the connection has ended."""
-        if self._answers.ended is not None:
-            raise same(self._answers.ended)
+        if self._lifecycle.ended is not None:
+            raise same(self._lifecycle.ended)
         self._stats.frames_sent += 1
         self._stats.bytes_sent += len(frame)
         if self._taps.heard_by:
@@ -355,8 +354,8 @@ class RequestSender:
         if call.error is not None:
             raise call.error
         self.raise_if_ended()
-        if self._answers.opening is not None and self.opening is not None:
-            await asyncio.wait((self.opening,))
+        if self._lifecycle.opening is not None and self._lifecycle.handshake is not None:
+            await asyncio.wait((self._lifecycle.handshake,))
             self.raise_if_ended()
 
     def _give_up_if_late(self, call: Call, since: float) -> None:
@@ -380,7 +379,7 @@ class RequestSender:
             self._stats,
             answers_others=answers_others,
             through_hub=not self._repeats,
-            held=self._answers.held or self.silence,
+            held=self._lifecycle.excuse,
         )
 
     def refuse_if_stopped(self, call: Call) -> None:
@@ -397,5 +396,5 @@ class RequestSender:
 
     def raise_if_ended(self) -> None:
         """Raise what ended the connection, if it has ended."""
-        if self._answers.ended is not None:
-            raise same(self._answers.ended)
+        if self._lifecycle.ended is not None:
+            raise same(self._lifecycle.ended)

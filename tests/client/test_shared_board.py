@@ -157,7 +157,7 @@ def test_what_waits_for_who_has_the_board_alone_is_not_sent_after_a_stop_of_some
             await one.set_servo("all", start=False, hold=True)
             for stop in (third.stop, lambda: hub.stop("a page"), other.stop):
                 async with alone(one):
-                    await until(lambda: other.connection.answers.held)
+                    await until(lambda: other.connection.is_suspended)
                     before = asyncio.create_task(other.set_servo(1, start=True, hold=True))
                     moving = asyncio.create_task(other.move({2: 60}, duration=0.05))
                     await asyncio.sleep(0.05)
@@ -314,7 +314,7 @@ def test_the_channel_alone_ends_the_connection_too() -> None:
     async def main(hub: Hub) -> None:
         async with connect("share://rex") as board:
             board.connection.hub._channel._pipe.abort()  # type: ignore[union-attr]
-            await until(lambda: board.connection.answers.ended)
+            await until(lambda: board.connection.ended)
             with pytest.raises(ConnectionLost, match="the hub of rex has closed the connection"):
                 await board.servos()
 

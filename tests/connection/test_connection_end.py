@@ -89,7 +89,7 @@ def test_a_board_that_vanishes_while_sending_is_lost_with_the_reason() -> None:
                 await connection.send(SendDummyDataRequest(b"x"))
             assert len(ends) == 1
             assert ends[0].__cause__ is not None
-            assert connection.answers.ended is ends[0]
+            assert connection.ended is ends[0]
 
     run(main())
 
@@ -152,8 +152,8 @@ def test_a_dead_board_ends_the_connection_for_all_who_wait_at_once(depth: int) -
             assert 3 <= ends[0] < 4
             assert [type(error) for error in errors[2 * depth :]] == [ConnectionLost] * (30 - 2 * depth)
             assert ends[-1] == ends[2 * depth] < 7
-            assert connection.answers.ended is not None
-            assert isinstance(connection.answers.ended.__cause__, TimeoutError)
+            assert connection.ended is not None
+            assert isinstance(connection.ended.__cause__, TimeoutError)
             with pytest.raises(ConnectionLost, match=r"the board has sent nothing for \d\.\d s"):
                 await connection.request(PROJECT)
 
@@ -184,7 +184,7 @@ def test_silence_while_nobody_asks_is_no_silence() -> None:
             await asyncio.sleep(600)
             board.plan(QueryProjectIDRequest, LOST)
             await connection.request(PROJECT)
-            assert connection.answers.ended is None
+            assert connection.ended is None
 
     run(main())
 
@@ -201,7 +201,7 @@ def test_a_board_that_sends_anything_is_not_dead(sign: str) -> None:
             for number in range(5):
                 with pytest.raises(RequestTimeout):
                     await connection.request(QueryActionRequest(number))
-            assert connection.answers.ended is None
+            assert connection.ended is None
             board.usual = Fate()
             await connection.request(PROJECT)
 
@@ -233,7 +233,7 @@ def test_a_live_line_that_loses_half_of_everything_is_never_lost(seed: int) -> N
                 board.plan(type(kind), *(chance.choice((Fate(), LOST)) for _ in range(2000)))
             asked = (connection.request(chance.choice(kinds)) for _ in range(200))
             outcomes = await asyncio.gather(*asked, return_exceptions=True)
-            assert connection.answers.ended is None
+            assert connection.ended is None
             assert sum(isinstance(outcome, Exception) for outcome in outcomes) <= 10
 
     run(main())
@@ -257,7 +257,7 @@ def test_a_board_that_answers_nothing_of_very_much_is_given_up_though_it_sends_e
                 asyncio.get_running_loop().call_later(0.005, board.speak, ButtonEventResponse(1, 1))
                 with suppress(RequestTimeout, ConnectionLost):
                     await connection.request(QueryActionRequest(number), timeout=0.01)
-            assert "has left 512 queries in a row unanswered" in str(connection.answers.ended)
+            assert "has left 512 queries in a row unanswered" in str(connection.ended)
             assert len(board.sent) == 512
 
     run(main())

@@ -44,7 +44,7 @@ def test_what_a_board_leaves_unanswered_while_it_answers_others_ends_with_a_time
             assert "the board has answered before" not in str(caught.value)
             others.cancel()
             await asyncio.wait((others,))
-            assert connection.answers.ended is None
+            assert connection.ended is None
 
     run(main())
 

@@ -354,7 +354,7 @@ def test_what_comes_after_the_end_changes_nothing() -> None:
             connection.answers.lost(OSError("again"))
             await asyncio.wait((waiting,))
             assert "device disconnected" in str(waiting.exception())
-            assert connection.answers.ended is ends[0]
+            assert connection.ended is ends[0]
             assert "device disconnected" in str(ends[0])
             assert len(ends) == 1
 

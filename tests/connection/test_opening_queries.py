@@ -119,7 +119,7 @@ def test_the_only_kind_has_to_be_answered_once_more_when_the_line_was_quiet(lost
         async with opening(board, patience=10) as connection:
             opened = asyncio.create_task(connection.shake_hands())
             await asyncio.sleep(13)
-            assert connection._opening is not None
+            assert connection.lifecycle.opening is not None
             assert not opened.done()
             board.plan(FENCE_KINDS[0], *[LOST] * lost)
             if lost == 4:
@@ -256,6 +256,6 @@ def test_a_second_opening_that_fails_ends_the_connection() -> None:
             board.speak(STRANGER)
             with pytest.raises(ConnectionLost, match="no board answers"):
                 await asking
-            assert connection.answers.ended is not None
+            assert connection.ended is not None
 
     run(main())

@@ -75,7 +75,7 @@ def test_afterwards_a_silent_board_is_not_lost_for_its_earlier_silence() -> None
             await asyncio.sleep(1000)
             connection.resume()
             await asked
-            assert connection.answers.ended is None
+            assert connection.ended is None
 
     run(main())
 
@@ -108,7 +108,7 @@ def test_a_hub_may_be_silent_for_as_long_as_its_board_is_gone() -> None:
             for _ in range(100):
                 with pytest.raises(RequestTimeout):
                     await connection.request(QueryProjectIDRequest())
-            assert connection.answers.ended is None
+            assert connection.ended is None
             board.usual = Fate()
             for _ in range(3):
                 await connection.request(QueryProjectIDRequest())

@@ -79,7 +79,7 @@ def test_readings_go_on_when_the_board_is_back() -> None:
             connect(LocalTransport(hub)) as board,
             board.watch(hz=10) as readings,
         ):
-            board.connection.answers.is_patient = True  # as on share://
+            board.connection.lifecycle.outlasts_silence = True  # as on share://
             first = await anext(readings)
             line.is_deaf = True
             await asyncio.sleep(5)  # longer than a program waits for a response

@@ -1,0 +1,144 @@
+"""Life of a connection: its states, and the event that leads from one to the next (docs/design/matching.md)."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import asyncio
+
+    from servolink.connection.opening import Opening
+    from servolink.errors import ConnectionLost
+
+
+class State(Enum):
+    """State of a connection. A stop is sent in each of them but the first and the last."""
+
+    NEW = "new"
+    """The transport is not open."""
+    UNPROVED = "unproved"
+    """Responses to earlier programs may still come; the first request begins the handshake."""
+    OPENING = "opening"
+    """The handshake is under way and gets all responses; requests wait."""
+    READY = "ready"
+    """Requests are sent."""
+    SUSPENDED = "suspended"
+    """Another program has exclusive use of a shared board; requests wait, and nothing is late."""
+    REOPENING = "reopening"
+    """A response that nobody asked for has shown that the handshake was wrong: it is done once more."""
+    ENDED = "ended"
+    """The connection was lost or closed, for good; everybody who waits gets the first cause."""
+
+
+class Event(Enum):
+    """Event in the life of a connection."""
+
+    OPENED = "opened"
+    """The transport is open; the handshake is still to come."""
+    JOINED = "joined"
+    """The transport is open and nothing is owed to others, as in a new session with a hub."""
+    HANDSHAKE_BEGUN = "handshake begun"
+    HANDSHAKE_DONE = "handshake done"
+    HANDSHAKE_CANCELLED = "handshake cancelled"
+    """The handshake ended without a result, but the transport is still open."""
+    STRAY_RESPONSE = "stray response"
+    """A response to a fence came that nobody asked for."""
+    SUSPENDED = "suspended"
+    RESUMED = "resumed"
+    LOST = "lost"
+    """The transport has ended, the board is silent, or the program has closed the connection."""
+
+
+TRANSITIONS: dict[State, dict[Event, State]] = {
+    State.NEW: {
+        Event.OPENED: State.UNPROVED,
+        Event.JOINED: State.READY,
+        Event.LOST: State.ENDED,
+    },
+    State.UNPROVED: {
+        Event.HANDSHAKE_BEGUN: State.OPENING,
+        Event.LOST: State.ENDED,
+    },
+    State.OPENING: {
+        Event.HANDSHAKE_DONE: State.READY,
+        Event.HANDSHAKE_CANCELLED: State.UNPROVED,
+        Event.LOST: State.ENDED,
+    },
+    State.READY: {
+        Event.STRAY_RESPONSE: State.REOPENING,
+        Event.SUSPENDED: State.SUSPENDED,
+        Event.LOST: State.ENDED,
+    },
+    State.SUSPENDED: {
+        Event.SUSPENDED: State.SUSPENDED,
+        Event.RESUMED: State.READY,
+        Event.LOST: State.ENDED,
+    },
+    State.REOPENING: {
+        Event.HANDSHAKE_DONE: State.READY,
+        Event.HANDSHAKE_CANCELLED: State.UNPROVED,
+        Event.LOST: State.ENDED,
+    },
+    State.ENDED: {
+        Event.OPENED: State.ENDED,
+        Event.JOINED: State.ENDED,
+        Event.HANDSHAKE_CANCELLED: State.ENDED,
+        Event.SUSPENDED: State.ENDED,
+        Event.LOST: State.ENDED,
+    },
+}
+"""Next state by state and event; an event that is missing cannot happen in that state."""
+
+
+class Lifecycle:
+    """State of one connection with the facts that belong to it, shared by its sending and its receiving half."""
+
+    def __init__(self, *, outlasts_silence: bool = False) -> None:
+        """Start before the transport is open. With `outlasts_silence` a silent board does not end the connection."""
+        self.state = State.NEW
+        self.ended: ConnectionLost | None = None
+        """First cause of the end; None before it."""
+        self.opening: Opening | None = None
+        """Handshake under way; None in all states but `opening` and `reopening`."""
+        self.handshake: asyncio.Task[None] | None = None
+        """Task of the handshake under way, or of the latest one."""
+        self.outlasts_silence = outlasts_silence
+        """Whether silence ends nothing: a hub goes on without its board, and closes the connection when it ends."""
+        self.silent_because = ""
+        """Known cause of a board that does not answer; empty if none is known."""
+        self._suspended_because = ""
+
+    def change(self, event: Event) -> None:
+        """Enter the state that `event` leads to. Raise RuntimeError if the event cannot happen now."""
+        following = TRANSITIONS[self.state].get(event)
+        if following is None:
+            raise RuntimeError(f"internal error: the event {event.value!r} on a connection that is {self.state.value}")
+        self.state = following
+        if following is not State.SUSPENDED:
+            self._suspended_because = ""
+        if following not in {State.OPENING, State.REOPENING}:
+            self.opening = None
+
+    def begin_opening(self, event: Event, opening: Opening) -> None:
+        """Enter `opening` or `reopening`, depending on `event`: from now on `opening` gets all responses."""
+        self.change(event)
+        self.opening = opening
+
+    def suspend(self, reason: str) -> None:
+        """Enter `suspended`; `reason` explains it to callers whose time runs out."""
+        self.change(Event.SUSPENDED)
+        self._suspended_because = reason
+
+    def end(self, error: ConnectionLost) -> bool:
+        """Enter `ended` because of `error`. Return False if the connection had ended before."""
+        self.change(Event.LOST)
+        if self.ended is not None:
+            return False
+        self.ended = error
+        return True
+
+    @property
+    def excuse(self) -> str:
+        """Reason why the board cannot answer now; empty if none is known."""
+        return self._suspended_because or self.silent_because
