@@ -7,7 +7,8 @@ import { RADIANS, cross, dot, multiply, normalize, subtract } from "./matrix.js"
 /** @typedef {import("./figure.js").View} View */
 
 const FIELD = 24 * RADIANS; // of view, from bottom to top
-const NEAR = 50, FAR = 6000; // millimetres
+const NEAR = 50,
+  FAR = 6000; // millimetres
 
 /** @typedef {{ x: number, y: number, depth: number }} Pixel */
 
@@ -21,7 +22,9 @@ export class Camera {
   constructor(view, width, height) {
     this.width = width;
     this.height = height;
-    const yaw = view.yaw * RADIANS, pitch = view.pitch * RADIANS, { target, distance } = view;
+    const yaw = view.yaw * RADIANS,
+      pitch = view.pitch * RADIANS,
+      { target, distance } = view;
     /** @type {Vector} */
     this.eye = [
       target[0] + distance * Math.sin(yaw) * Math.cos(pitch),
@@ -43,7 +46,8 @@ export class Camera {
    * @returns {Pixel}
    */
   project(p) {
-    const m = this.matrix, depth = m[3] * p[0] + m[7] * p[1] + m[11] * p[2] + m[15];
+    const m = this.matrix,
+      depth = m[3] * p[0] + m[7] * p[1] + m[11] * p[2] + m[15];
     const x = (m[0] * p[0] + m[4] * p[1] + m[8] * p[2] + m[12]) / depth;
     const y = (m[1] * p[0] + m[5] * p[1] + m[9] * p[2] + m[13]) / depth;
     return { x: (x / 2 + 0.5) * this.width, y: (0.5 - y / 2) * this.height, depth };
@@ -60,7 +64,11 @@ export class Camera {
     const right = ((x / this.width) * 2 - 1) * reach * (this.width / this.height);
     const up = (1 - (y / this.height) * 2) * reach;
     const [a, r, u] = [this._ahead, this._right, this._up];
-    return normalize([a[0] + r[0] * right + u[0] * up, a[1] + r[1] * right + u[1] * up, a[2] + r[2] * right + u[2] * up]);
+    return normalize([
+      a[0] + r[0] * right + u[0] * up,
+      a[1] + r[1] * right + u[1] * up,
+      a[2] + r[2] * right + u[2] * up,
+    ]);
   }
 
   /**
@@ -75,8 +83,22 @@ export class Camera {
   _look() {
     const [f, s, u, eye] = [this._ahead, this._right, this._up, this.eye];
     return [
-      s[0], u[0], -f[0], 0, s[1], u[1], -f[1], 0, s[2], u[2], -f[2], 0,
-      -dot(s, eye), -dot(u, eye), dot(f, eye), 1,
+      s[0],
+      u[0],
+      -f[0],
+      0,
+      s[1],
+      u[1],
+      -f[1],
+      0,
+      s[2],
+      u[2],
+      -f[2],
+      0,
+      -dot(s, eye),
+      -dot(u, eye),
+      dot(f, eye),
+      1,
     ];
   }
 
@@ -87,8 +109,22 @@ export class Camera {
   _projection(aspect) {
     const size = this._narrow / Math.tan(FIELD / 2);
     return [
-      size / aspect, 0, 0, 0, 0, size, 0, 0,
-      0, 0, (FAR + NEAR) / (NEAR - FAR), -1, 0, 0, (2 * FAR * NEAR) / (NEAR - FAR), 0,
+      size / aspect,
+      0,
+      0,
+      0,
+      0,
+      size,
+      0,
+      0,
+      0,
+      0,
+      (FAR + NEAR) / (NEAR - FAR),
+      -1,
+      0,
+      0,
+      (2 * FAR * NEAR) / (NEAR - FAR),
+      0,
     ];
   }
 }

@@ -145,7 +145,8 @@ export class Figure {
    * @returns {Joint}
    */
   _joint(data) {
-    const along = data.along ?? DOWN, length = data.length ?? 40;
+    const along = data.along ?? DOWN,
+      length = data.length ?? 40;
     return {
       id: data.id,
       parent: data.parent === undefined ? -1 : this.indexOf(data.parent),

@@ -23,7 +23,8 @@ const EDGE = 2; // pixels
 export function drawFlat(context, figure, camera, layers) {
   context.lineCap = "round";
   for (const layer of [...layers].reverse()) {
-    const alpha = layer.alpha ?? 1, edge = css(palette().dark, alpha);
+    const alpha = layer.alpha ?? 1,
+      edge = css(palette().dark, alpha);
     for (const stroke of strokes(figure, camera, layer)) {
       line(context, stroke, stroke.width + EDGE, edge);
       line(context, stroke, stroke.width, css(layer.flat ?? stroke.colour, alpha));
@@ -45,7 +46,8 @@ function strokes(figure, camera, layer) {
     const tint = layer.tintOf?.(joint);
     for (const shape of joint.shapes) {
       const size = "box" in shape ? shape.box : /** @type {Vector} */ (Array(3).fill(shape.disc[0] * 1.4));
-      const at = shape.at ?? [0, 0, 0], longest = size.indexOf(Math.max(...size));
+      const at = shape.at ?? [0, 0, 0],
+        longest = size.indexOf(Math.max(...size));
       const width = (size[0] + size[1] + size[2] - size[longest]) / 2;
       const half = Math.max(0, (size[longest] - width) / 2);
       const ends = [-half, half].map((away) => {

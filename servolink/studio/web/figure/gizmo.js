@@ -9,7 +9,8 @@ import { palette } from "./palette.js";
 /** @typedef {import("./figure.js").Figure} Figure */
 /** @typedef {import("./figure.js").Joint} Joint */
 
-const LEAST_RADIUS = 44, MOST_RADIUS = 74; // millimetres
+const LEAST_RADIUS = 44,
+  MOST_RADIUS = 74; // millimetres
 const STEP = 4; // degrees between two points of the arc
 const KNOB = 8; // pixels
 const LABEL = { height: 22, padding: 7, font: "600 13px Inter, system-ui, sans-serif", away: 1.34 };
@@ -25,14 +26,16 @@ const LABEL = { height: 22, padding: 7, font: "600 13px Inter, system-ui, sans-s
 export function drawGizmo(context, figure, camera, matrices, servoId, angle) {
   const joint = figure.byServo.get(servoId);
   if (joint === undefined) return;
-  const matrix = matrices[figure.indexOf(joint.id)], colours = palette().css;
+  const matrix = matrices[figure.indexOf(joint.id)],
+    colours = palette().css;
   const pointAt = arc(joint, matrix, angle, camera);
   const [low, high] = joint.limits;
   context.lineCap = "round";
   drawArc(context, pointAt, low, high, colours.panel, 7, 0.9);
   drawArc(context, pointAt, low, high, colours.muted, 2.5, 0.55);
   if (Math.abs(angle) > 0.5) drawArc(context, pointAt, 0, angle, colours.accent, 4, 1);
-  const middle = camera.project(apply(matrix, [0, 0, 0])), knob = pointAt(angle, 1);
+  const middle = camera.project(apply(matrix, [0, 0, 0])),
+    knob = pointAt(angle, 1);
   drawHand(context, middle, knob, colours.accent);
   drawKnob(context, knob, colours);
   drawLabel(context, camera, pointAt(angle, LABEL.away), angle, colours);

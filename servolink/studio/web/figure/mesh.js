@@ -47,9 +47,14 @@ function addBox(shape, mesh) {
  * @param {Mesh} mesh
  */
 function addFace(shape, half, round, face, mesh) {
-  const at = shape.at ?? [0, 0, 0], tone = TONES[shape.tone ?? "shell"];
-  const w = face >> 1, u = (w + 1) % 3, v = (w + 2) % 3, side = face & 1 ? 1 : -1;
-  const across = ticks(half[u], round), up = ticks(half[v], round);
+  const at = shape.at ?? [0, 0, 0],
+    tone = TONES[shape.tone ?? "shell"];
+  const w = face >> 1,
+    u = (w + 1) % 3,
+    v = (w + 2) % 3,
+    side = face & 1 ? 1 : -1;
+  const across = ticks(half[u], round),
+    up = ticks(half[v], round);
   const first = mesh.tones.length;
   for (const b of up) {
     for (const a of across) {
@@ -66,7 +71,9 @@ function addFace(shape, half, round, face, mesh) {
       outward[w] = side;
       const normal = round > 0 ? normalize(subtract(point, inner)) : outward;
       mesh.positions.push(
-        inner[0] + normal[0] * round + at[0], inner[1] + normal[1] * round + at[1], inner[2] + normal[2] * round + at[2],
+        inner[0] + normal[0] * round + at[0],
+        inner[1] + normal[1] * round + at[1],
+        inner[2] + normal[2] * round + at[2],
       );
       mesh.normals.push(...normal);
       mesh.tones.push(tone);
@@ -93,14 +100,19 @@ function ticks(half, round) {
  * @param {Mesh} mesh
  */
 function addDisc(shape, mesh) {
-  const [radius, length] = shape.disc, at = shape.at ?? [0, 0, 0], tone = TONES[shape.tone ?? "shell"];
-  const w = { x: 0, y: 1, z: 2 }[shape.axis ?? "x"], u = (w + 1) % 3, v = (w + 2) % 3;
+  const [radius, length] = shape.disc,
+    at = shape.at ?? [0, 0, 0],
+    tone = TONES[shape.tone ?? "shell"];
+  const w = { x: 0, y: 1, z: 2 }[shape.axis ?? "x"],
+    u = (w + 1) % 3,
+    v = (w + 2) % 3;
   const rings = profile(radius, length);
   const first = mesh.tones.length;
   for (const [out, along, normalOut, normalAlong] of rings) {
     for (let step = 0; step <= DISC_STEPS; step++) {
       const angle = (step / DISC_STEPS) * 2 * Math.PI;
-      const point = [0, 0, 0], normal = [0, 0, 0];
+      const point = [0, 0, 0],
+        normal = [0, 0, 0];
       point[w] = along;
       point[u] = out * Math.cos(angle);
       point[v] = out * Math.sin(angle);
@@ -122,7 +134,8 @@ function addDisc(shape, mesh) {
  * @returns {[number, number, number, number][]}
  */
 function profile(radius, length) {
-  const half = length / 2, bevel = Math.min(radius, length) * 0.18;
+  const half = length / 2,
+    bevel = Math.min(radius, length) * 0.18;
   /** @type {[number, number, number, number][]} */
   const front = [
     [radius, half - bevel, 1, 0],
@@ -147,7 +160,10 @@ function profile(radius, length) {
 function addGrid(first, width, height, isForward, mesh) {
   for (let y = 0; y < height - 1; y++) {
     for (let x = 0; x < width - 1; x++) {
-      const a = first + y * width + x, b = a + 1, c = a + width, d = c + 1;
+      const a = first + y * width + x,
+        b = a + 1,
+        c = a + width,
+        d = c + 1;
       if (isForward) mesh.indexes.push(a, b, d, a, d, c);
       else mesh.indexes.push(a, d, b, a, c, d);
     }

@@ -21,7 +21,8 @@ export function forgetPalette() {
 
 /** @returns {Palette} */
 function read() {
-  const root = document.documentElement, style = getComputedStyle(root);
+  const root = document.documentElement,
+    style = getComputedStyle(root);
   /** @param {string} name */
   const text = (name) => style.getPropertyValue(name).trim();
   /** @param {string} name */

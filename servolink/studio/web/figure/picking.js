@@ -29,7 +29,8 @@ export function servoAt(figure, matrices, camera, x, y) {
   let found = null;
   figure.joints.forEach((joint, index) => {
     const inverse = rigidInverse(matrices[index]);
-    const from = apply(inverse, camera.eye), ray = turnVector(inverse, direction);
+    const from = apply(inverse, camera.eye),
+      ray = turnVector(inverse, direction);
     for (const shape of joint.shapes) {
       const half = "box" in shape ? shape.box.map((size) => size / 2 + MARGIN) : Array(3).fill(shape.disc[0]);
       const distance = distanceToBox(from, ray, shape.at ?? [0, 0, 0], /** @type {Vector} */ (half));
@@ -50,9 +51,11 @@ export function servoAt(figure, matrices, camera, x, y) {
  * @param {Vector} half
  */
 function distanceToBox(from, ray, middle, half) {
-  let enter = -Infinity, leave = Infinity;
+  let enter = -Infinity,
+    leave = Infinity;
   for (let k = 0; k < 3; k++) {
-    const one = (middle[k] - half[k] - from[k]) / ray[k], other = (middle[k] + half[k] - from[k]) / ray[k];
+    const one = (middle[k] - half[k] - from[k]) / ray[k],
+      other = (middle[k] + half[k] - from[k]) / ray[k];
     enter = Math.max(enter, Math.min(one, other));
     leave = Math.min(leave, Math.max(one, other));
   }
@@ -69,12 +72,15 @@ function distanceToBox(from, ray, middle, half) {
  * @param {number} down pixels
  */
 export function draggedAngle(figure, pose, camera, servoId, right, down) {
-  const joint = figure.byServo.get(servoId), before = pose[servoId] ?? 0;
+  const joint = figure.byServo.get(servoId),
+    before = pose[servoId] ?? 0;
   if (joint === undefined) return before;
   const index = figure.indexOf(joint.id);
   const here = camera.project(apply(figure.solve(pose)[index], joint.tip));
   const there = camera.project(apply(figure.solve({ ...pose, [servoId]: before + 1 })[index], joint.tip));
-  const x = there.x - here.x, y = there.y - here.y, way = x * x + y * y;
+  const x = there.x - here.x,
+    y = there.y - here.y,
+    way = x * x + y * y;
   const degrees = way < LEAST_WAY ? -down * DEGREES_PER_PIXEL : (right * x + down * y) / way;
   const step = Math.max(-MOST_DEGREES, Math.min(MOST_DEGREES, degrees));
   return Math.max(joint.limits[0], Math.min(joint.limits[1], before + step));

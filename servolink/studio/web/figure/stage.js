@@ -31,8 +31,10 @@ import { Renderer } from "./webgl.js";
 
 const MOST_SCALE = 2; // device pixels for each pixel
 const GHOST_ALPHA = { day: 0.2, night: 0.26 };
-const NEAREST = 500, FARTHEST = 3200; // millimetres
-const LOWEST = -5, HIGHEST = 75; // degrees
+const NEAREST = 500,
+  FARTHEST = 3200; // millimetres
+const LOWEST = -5,
+  HIGHEST = 75; // degrees
 
 /** @type {Renderer | null | undefined} undefined until the first drawing, null without WebGL2 */
 let renderer;
@@ -76,7 +78,8 @@ export class Stage {
 
   /** Take part in clicks, drags and the wheel, until `dispose`. */
   listen() {
-    const canvas = this.canvas, options = { signal: this._ends.signal };
+    const canvas = this.canvas,
+      options = { signal: this._ends.signal };
     canvas.addEventListener("pointerdown", (event) => this._begin(event), options);
     canvas.addEventListener("pointermove", (event) => this._move(event), options);
     for (const name of /** @type {const} */ (["pointerup", "pointercancel", "lostpointercapture"])) {
@@ -108,7 +111,8 @@ export class Stage {
     if (width === 0 || height === 0) return false;
     const scale = Math.min(MOST_SCALE, window.devicePixelRatio || 1);
     this._resize(Math.round(width * scale), Math.round(height * scale));
-    const pose = this.scene.pose(), look = this._look(pose);
+    const pose = this.scene.pose(),
+      look = this._look(pose);
     if (look === this._drawn && !always) return false;
     this._draw(pose, new Camera(this.view, width, height), scale);
     this._drawn = look;
@@ -122,7 +126,8 @@ export class Stage {
    */
   _draw(pose, camera, scale) {
     this._camera = camera;
-    const layers = this._layers(pose), context = this._context;
+    const layers = this._layers(pose),
+      context = this._context;
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.clearRect(0, 0, this.canvas.width, this.canvas.height);
     const gl = sharedRenderer();
@@ -155,16 +160,26 @@ export class Stage {
    * @param {Pose} pose
    */
   _look(pose) {
-    const scene = this.scene, colours = palette();
+    const scene = this.scene,
+      colours = palette();
     const tints = this.figure.joints.map((joint) => scene.tintOf?.(joint) ?? 0);
     return JSON.stringify([
-      pose, scene.ghost?.(), scene.target?.(), scene.chosen?.(), tints, this._hovered, this.view, colours.isNight, colours.accent,
+      pose,
+      scene.ghost?.(),
+      scene.target?.(),
+      scene.chosen?.(),
+      tints,
+      this._hovered,
+      this.view,
+      colours.isNight,
+      colours.accent,
     ]);
   }
 
   /** @param {Pose} pose */
   _layers(pose) {
-    const { accent, isNight } = palette(), alpha = isNight ? GHOST_ALPHA.night : GHOST_ALPHA.day;
+    const { accent, isNight } = palette(),
+      alpha = isNight ? GHOST_ALPHA.night : GHOST_ALPHA.day;
     this._matrices = this.figure.solve(pose);
     /** @type {import("./webgl.js").Layer[]} */
     const layers = [{ matrices: this._matrices, tintOf: (joint) => this._tintOf(joint) }];
@@ -179,7 +194,8 @@ export class Stage {
    * @returns {Tint | null}
    */
   _tintOf(joint) {
-    const own = this.scene.tintOf?.(joint), servoId = joint.servo ?? joint.follows;
+    const own = this.scene.tintOf?.(joint),
+      servoId = joint.servo ?? joint.follows;
     if (own) return own;
     if (servoId === undefined) return null;
     if (servoId === this.scene.chosen?.()) return { tint: palette().accent, amount: 0.5 };
@@ -188,7 +204,8 @@ export class Stage {
 
   /** @param {PointerEvent} event */
   _begin(event) {
-    const { x, y } = this._place(event), servoId = this._servoAt(x, y);
+    const { x, y } = this._place(event),
+      servoId = this._servoAt(x, y);
     this.canvas.setPointerCapture(event.pointerId);
     if (servoId !== null) this.scene.onPick?.(servoId);
     const held = servoId !== null && this.scene.onDrag ? servoId : null;
@@ -198,13 +215,15 @@ export class Stage {
 
   /** @param {PointerEvent} event */
   _move(event) {
-    const { x, y } = this._place(event), grip = this._grip;
+    const { x, y } = this._place(event),
+      grip = this._grip;
     if (grip === null) {
       this._hovered = this._servoAt(x, y);
       this.canvas.dataset.over = this._hovered === null ? "floor" : "limb";
       return;
     }
-    const right = x - grip.x, down = y - grip.y;
+    const right = x - grip.x,
+      down = y - grip.y;
     this._grip = { ...grip, x, y };
     if (grip.servoId === null) this._orbit(right, down);
     else {

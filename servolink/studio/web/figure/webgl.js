@@ -63,7 +63,8 @@ export class Renderer {
    */
   draw(figure, camera, layers, drawing) {
     const gl = this._gl;
-    const width = Math.round(camera.width * drawing.scale), height = Math.round(camera.height * drawing.scale);
+    const width = Math.round(camera.width * drawing.scale),
+      height = Math.round(camera.height * drawing.scale);
     this._prepare(width, height);
     if (drawing.hasFloor) this._drawFloor(figure, camera, layers[0].matrices, drawing);
     this._beginBodies(camera);
@@ -80,7 +81,8 @@ export class Renderer {
    * @param {number} height
    */
   _prepare(width, height) {
-    const gl = this._gl, canvas = this.canvas;
+    const gl = this._gl,
+      canvas = this.canvas;
     if (canvas.width < width) canvas.width = width;
     if (canvas.height < height) canvas.height = height;
     const bottom = canvas.height - height;
@@ -101,8 +103,11 @@ export class Renderer {
    * @param {Drawing} drawing
    */
   _drawFloor(figure, camera, matrices, drawing) {
-    const gl = this._gl, { program, uniforms } = this._floor, colours = palette();
-    const found = shadows(figure, matrices), data = new Float32Array(4 * MOST_SHADOWS);
+    const gl = this._gl,
+      { program, uniforms } = this._floor,
+      colours = palette();
+    const found = shadows(figure, matrices),
+      data = new Float32Array(4 * MOST_SHADOWS);
     data.set(found);
     gl.useProgram(program);
     gl.uniform4fv(uniforms.shadows, data);
@@ -120,7 +125,9 @@ export class Renderer {
 
   /** @param {Camera} camera */
   _beginBodies(camera) {
-    const gl = this._gl, { program, uniforms } = this._body, colours = palette();
+    const gl = this._gl,
+      { program, uniforms } = this._body,
+      colours = palette();
     gl.useProgram(program);
     gl.uniformMatrix4fv(uniforms.camera, false, camera.matrix);
     gl.uniform3fv(uniforms.eye, camera.eye);
@@ -151,7 +158,10 @@ export class Renderer {
    * @param {Layer} layer
    */
   _drawLayer(figure, layer) {
-    const gl = this._gl, { uniforms } = this._body, colours = palette(), loaded = this._loaded(figure);
+    const gl = this._gl,
+      { uniforms } = this._body,
+      colours = palette(),
+      loaded = this._loaded(figure);
     gl.uniform1f(uniforms.alpha, layer.alpha ?? 1);
     gl.uniform3fv(uniforms.shell, layer.flat ?? colours.shell);
     gl.uniform3fv(uniforms.dark, layer.flat ?? colours.dark);
@@ -205,7 +215,11 @@ function shadows(figure, matrices) {
  */
 function load(gl, joint) {
   const mesh = meshOf(joint.shapes);
-  const vertices = loadArrays(gl, [[mesh.positions, 3], [mesh.normals, 3], [mesh.tones, 1]]);
+  const vertices = loadArrays(gl, [
+    [mesh.positions, 3],
+    [mesh.normals, 3],
+    [mesh.tones, 1],
+  ]);
   gl.bindVertexArray(vertices);
   gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
   gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(mesh.indexes), gl.STATIC_DRAW);

@@ -4,8 +4,10 @@
 /** @typedef {{ code: number, message: string, data?: { kind?: string, remedy?: string } }} ErrorObject */
 /** @typedef {{ session: string, role: "watch" | "run" | "move" | "edit", name: string, url: string, is_virtual: boolean, profile: any }} Welcome */
 
-const FIRST_PAUSE = 250, LONGEST_PAUSE = 4000; // milliseconds
-const BAD_TOKEN = 4401, NO_HUB = 4404; // codes with which the studio closes the connection
+const FIRST_PAUSE = 250,
+  LONGEST_PAUSE = 4000; // milliseconds
+const BAD_TOKEN = 4401,
+  NO_HUB = 4404; // codes with which the studio closes the connection
 
 /** A request was answered with an error. */
 export class RequestError extends Error {

@@ -64,14 +64,23 @@ export function Hold({ label, hint = "", disabled = false, onBegin, onEnd }) {
  */
 function useHeldKey(begin, end, disabled) {
   useEffect(() => {
-    const ends = new AbortController(), options = { signal: ends.signal };
-    addEventListener("keydown", (event) => {
-      const isPlain = !event.repeat && !event.ctrlKey && !event.metaKey && !event.altKey;
-      if (event.key.toLowerCase() === KEY && isPlain && !isTyping(event.target)) begin();
-    }, options);
-    addEventListener("keyup", (event) => {
-      if (event.key.toLowerCase() === KEY) end();
-    }, options);
+    const ends = new AbortController(),
+      options = { signal: ends.signal };
+    addEventListener(
+      "keydown",
+      (event) => {
+        const isPlain = !event.repeat && !event.ctrlKey && !event.metaKey && !event.altKey;
+        if (event.key.toLowerCase() === KEY && isPlain && !isTyping(event.target)) begin();
+      },
+      options,
+    );
+    addEventListener(
+      "keyup",
+      (event) => {
+        if (event.key.toLowerCase() === KEY) end();
+      },
+      options,
+    );
     addEventListener("blur", end, options);
     document.addEventListener("visibilitychange", end, options);
     return () => ends.abort();

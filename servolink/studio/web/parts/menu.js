@@ -41,8 +41,11 @@ export function Menu({ label, items }) {
     <button class="btn ic" aria-label=${label} aria-haspopup="menu" aria-expanded=${String(isOpen)} onClick=${() => setOpen(!isOpen)}>
       <${Icon} name="more" />
     </button>
-    ${isOpen && html`<div class="menulist card" role="menu" aria-label=${label} onKeyDown=${press}>
+    ${
+      isOpen &&
+      html`<div class="menulist card" role="menu" aria-label=${label} onKeyDown=${press}>
       ${items.map((item) => html`<button role="menuitem" class=${item.danger ? "danger" : ""} onClick=${() => choose(item)}>${item.label}</button>`)}
-    </div>`}
+    </div>`
+    }
   </span>`;
 }

@@ -17,9 +17,20 @@ import { useTyping } from "./typing.js";
  */
 
 /** @param {Props} props */
-export function NumberField({ value, label, format, onChange, step = 1, low = -Infinity, high = Infinity, classes = "", disabled = false }) {
+export function NumberField({
+  value,
+  label,
+  format,
+  onChange,
+  step = 1,
+  low = -Infinity,
+  high = Infinity,
+  classes = "",
+  disabled = false,
+}) {
   const field = useRef(/** @type {HTMLInputElement | null} */ (null));
-  const shown = format(value), typing = useTyping(shown);
+  const shown = format(value),
+    typing = useTyping(shown);
   /** @param {number} number */
   const set = (number) => {
     const kept = Math.max(low, Math.min(high, number));
@@ -28,7 +39,8 @@ export function NumberField({ value, label, format, onChange, step = 1, low = -I
     typing.end();
   };
   const finish = () => {
-    const text = field.current?.value ?? "", number = numberIn(text);
+    const text = field.current?.value ?? "",
+      number = numberIn(text);
     typing.end();
     if (text === shown || number === null) {
       if (field.current) field.current.value = shown;
@@ -51,6 +63,10 @@ export function NumberField({ value, label, format, onChange, step = 1, low = -I
  * @param {string} text
  */
 export function numberIn(text) {
-  const found = text.trim().replace("\u2212", "-").replace(",", ".").match(/^[-+]?(\d+\.?\d*|\.\d+)/);
+  const found = text
+    .trim()
+    .replace("\u2212", "-")
+    .replace(",", ".")
+    .match(/^[-+]?(\d+\.?\d*|\.\d+)/);
   return found ? Number(found[0]) : null;
 }

@@ -11,7 +11,8 @@ import { Stretch } from "../state/stretch.js";
 
 const FRAME = 30; // milliseconds between two drawings, at least
 const PIXELS = 2; // from one point to the next, at least
-const THIN = 1, WIDE = 2.4; // pixels; without a graphics card, drawing lines of 1.4 takes three times as long as of 1
+const THIN = 1,
+  WIDE = 2.4; // pixels; without a graphics card, drawing lines of 1.4 takes three times as long as of 1
 const FAINT = 0.3;
 const ANGLES = [-180, 180];
 
@@ -42,7 +43,10 @@ export function Plot(props) {
  */
 function draw(plot, { history, ids, quantity, seconds }) {
   const stretch = new Stretch(history, seconds, plot.width / PIXELS);
-  plot.setData([stretch.times(history.times), ...ids.map((id) => stretch.values(history.of(id)[quantity]))], quantity !== "angle");
+  plot.setData(
+    [stretch.times(history.times), ...ids.map((id) => stretch.values(history.of(id)[quantity]))],
+    quantity !== "angle",
+  );
   plot.setScale("x", { min: -seconds, max: 0 });
   if (quantity === "angle") plot.setScale("y", { min: ANGLES[0], max: ANGLES[1] });
 }
@@ -55,7 +59,12 @@ function options(element, { history, ids, chosen, limbOf, unit, nowLabel, marks 
   const style = getComputedStyle(document.documentElement);
   /** @param {string} name */
   const colour = (name) => style.getPropertyValue(name).trim();
-  const axis = { stroke: colour("--ink-3"), font: "500 11px Inter, system-ui", grid: { stroke: colour("--line"), width: 1 }, ticks: { show: false } };
+  const axis = {
+    stroke: colour("--ink-3"),
+    font: "500 11px Inter, system-ui",
+    grid: { stroke: colour("--line"), width: 1 },
+    ticks: { show: false },
+  };
   return {
     ...sizeOf(element),
     legend: { show: false },
@@ -64,8 +73,18 @@ function options(element, { history, ids, chosen, limbOf, unit, nowLabel, marks 
     hooks: marks && { draw: [(/** @type {uPlot} */ plot) => drawMarks(plot, history, marks.value, colour("--ink-2"))] },
     scales: { x: { time: false }, y: {} },
     axes: [
-      { ...axis, grid: { show: false }, values: (/** @type {unknown} */ _, /** @type {number[]} */ ticks) => ticks.map((tick) => (tick === 0 ? nowLabel : `${minus(tick)} s`)) },
-      { ...axis, size: 50, values: (/** @type {unknown} */ _, /** @type {number[]} */ ticks) => ticks.map((tick) => `${minus(tick)}${unit}`) },
+      {
+        ...axis,
+        grid: { show: false },
+        values: (/** @type {unknown} */ _, /** @type {number[]} */ ticks) =>
+          ticks.map((tick) => (tick === 0 ? nowLabel : `${minus(tick)} s`)),
+      },
+      {
+        ...axis,
+        size: 50,
+        values: (/** @type {unknown} */ _, /** @type {number[]} */ ticks) =>
+          ticks.map((tick) => `${minus(tick)}${unit}`),
+      },
     ],
     series: [
       {},
@@ -87,7 +106,8 @@ function options(element, { history, ids, chosen, limbOf, unit, nowLabel, marks 
  * @param {string} colour
  */
 function drawMarks(plot, history, marks, colour) {
-  const { ctx, bbox } = plot, latest = history.count > 0 ? history.times[(history.count - 1) % LENGTH] : 0;
+  const { ctx, bbox } = plot,
+    latest = history.count > 0 ? history.times[(history.count - 1) % LENGTH] : 0;
   ctx.save();
   ctx.strokeStyle = ctx.fillStyle = colour;
   ctx.setLineDash([4, 4]);

@@ -12,7 +12,8 @@ const NEARER = 1.02; // distance of the camera, compared with that of a stage
 /** @param {{ pose: Pose, distance?: number }} props */
 export function PosePicture({ pose, distance = NEARER }) {
   const canvas = useRef(/** @type {HTMLCanvasElement | null} */ (null));
-  const robot = figure.value, look = `${theme.value} ${JSON.stringify(pose)}`;
+  const robot = figure.value,
+    look = `${theme.value} ${JSON.stringify(pose)}`;
   useEffect(() => {
     const element = canvas.current;
     if (element === null || robot === null) return undefined;

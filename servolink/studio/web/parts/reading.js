@@ -9,7 +9,8 @@ import { safeText } from "./safe-text.js";
 
 /** @param {{ link: import("../link/link.js").Link, icon: string }} props */
 export function Reading({ link, icon }) {
-  const { state, done, total, item, error } = reading.value, mayAsk = isLive.value;
+  const { state, done, total, item, error } = reading.value,
+    mayAsk = isLive.value;
   useEffect(() => {
     if (mayAsk) open(link);
   }, [mayAsk]);

@@ -9,7 +9,8 @@ const JOINERS = "\u200c\u200d"; // needed inside emoji and several scripts; they
  * Return `text` with hidden characters written as in `\u202e`.
  * @param {string} text
  */
-export const safeText = (text) => text.replace(HIDDEN, (hidden) => (JOINERS.includes(hidden) ? hidden : escape(hidden)));
+export const safeText = (text) =>
+  text.replace(HIDDEN, (hidden) => (JOINERS.includes(hidden) ? hidden : escape(hidden)));
 
 /** @param {string} character */
 function escape(character) {

@@ -23,7 +23,9 @@ const TRIALS = 8; // frames that are drawn at first although nothing changes, so
 
 /** Draw all figures in each frame from now on. */
 export function drawFigures() {
-  let drewAt = 0, slow = 0, trials = 0;
+  let drewAt = 0,
+    slow = 0,
+    trials = 0;
   /** @param {number} now */
   const frame = (now) => {
     requestAnimationFrame(frame);

@@ -8,7 +8,8 @@ import { html, useState } from "../html.js";
  * @param {string} text
  */
 export function useTyping(text) {
-  const [typed, setTyped] = useState(/** @type {string | null} */ (null)), end = () => setTyped(null);
+  const [typed, setTyped] = useState(/** @type {string | null} */ (null)),
+    end = () => setTyped(null);
   /** @param {Event} event */
   const type = (event) => setTyped(/** @type {HTMLInputElement} */ (event.currentTarget).value);
   return { value: typed ?? text, end, handlers: { onInput: type, onBlur: end } };

@@ -19,17 +19,32 @@ export function Edits() {
       <${EditButton} icon="undo" label=${undoLabel.value} none="edit.undo" what="edit.undo_what" onClick=${undoEdit} />
       <${EditButton} icon="redo" label=${redoLabel.value} none="edit.redo" what="edit.redo_what" onClick=${redoEdit} />
     </div>
-    ${count > 0 && html`<div class="hide-t hide-n ell" role="status">
+    ${
+      count > 0 &&
+      html`<div class="hide-t hide-n ell" role="status">
       <b>${t("edit.not_written", { count })}</b> <span class="mut">${t(`edit.${keeping.value}`)}</span>
-    </div>`}`;
+    </div>`
+    }`;
 }
 
 conflict.subscribe((found) => {
   if (found === null) return;
-  const { theirs, mine, isDeleted } = found, { kind, id, who } = theirs, record = theirs.record ?? mine;
+  const { theirs, mine, isDeleted } = found,
+    { kind, id, who } = theirs,
+    record = theirs.record ?? mine;
   const name = safeText(record?.action_caption || record?.macro_caption || record?.table_caption || String(id));
-  const keep = () => edit([isDeleted ? "edit.did_bring_back" : "edit.did_keep_mine", { name }], (project) => withEdit(project, { kind, id, record: mine }));
-  toast({ name: `conflict ${kind} ${id}`, lasts: LASTS, kind: "bad", title: t(isDeleted ? "edit.deleted" : "edit.conflict", { who: safeText(who) || t("edit.another_page"), name }), detail: t(isDeleted ? "edit.deleted_detail" : "edit.conflict_detail"), action: { label: t(isDeleted ? "edit.bring_back" : "edit.keep_mine"), run: keep } });
+  const keep = () =>
+    edit([isDeleted ? "edit.did_bring_back" : "edit.did_keep_mine", { name }], (project) =>
+      withEdit(project, { kind, id, record: mine }),
+    );
+  toast({
+    name: `conflict ${kind} ${id}`,
+    lasts: LASTS,
+    kind: "bad",
+    title: t(isDeleted ? "edit.deleted" : "edit.conflict", { who: safeText(who) || t("edit.another_page"), name }),
+    detail: t(isDeleted ? "edit.deleted_detail" : "edit.conflict_detail"),
+    action: { label: t(isDeleted ? "edit.bring_back" : "edit.keep_mine"), run: keep },
+  });
 });
 
 /** Undo the latest edit, and say what it was. */

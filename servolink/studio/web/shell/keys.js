@@ -15,16 +15,55 @@ import { ENTRIES } from "./rail.js";
 
 /** @type {[Key, [string, Key][]][]} */
 const LIST = [
-  ["keys.everywhere", [
-    ["Esc", "keys.stop"], ["1 – 8", "keys.screens"], ["Ctrl Z", "keys.undo"], ["Ctrl Shift Z", "keys.redo"], ["?", "keys.list"],
-  ]],
-  ["keys.figure", [["← →", "keys.one_degree"], ["Shift ← →", "keys.ten_degrees"], ["↑ ↓", "keys.next_servo"], ["0", "keys.middle"], ["M", "keys.mirror"], ["G", "keys.ghost"]]],
-  ["keys.preview", [
-    ["Space", "keys.play"], ["Home", "keys.to_start"], [", .", "keys.one_step"], ["Ctrl D", "keys.duplicate"],
-    ["Alt ← →", "keys.move_clip"], ["Delete", "keys.remove_clip"],
-  ]],
-  ["keys.recording", [["R", "keys.record"], ["F", "keys.freeze"], ["K", "keys.mark"]]],
-  ["keys.robot", [["H", "keys.hold"], ["L", "keys.lease"], ["Space", "keys.take"], ["U", "keys.forget"]]],
+  [
+    "keys.everywhere",
+    [
+      ["Esc", "keys.stop"],
+      ["1 – 8", "keys.screens"],
+      ["Ctrl Z", "keys.undo"],
+      ["Ctrl Shift Z", "keys.redo"],
+      ["?", "keys.list"],
+    ],
+  ],
+  [
+    "keys.figure",
+    [
+      ["← →", "keys.one_degree"],
+      ["Shift ← →", "keys.ten_degrees"],
+      ["↑ ↓", "keys.next_servo"],
+      ["0", "keys.middle"],
+      ["M", "keys.mirror"],
+      ["G", "keys.ghost"],
+    ],
+  ],
+  [
+    "keys.preview",
+    [
+      ["Space", "keys.play"],
+      ["Home", "keys.to_start"],
+      [", .", "keys.one_step"],
+      ["Ctrl D", "keys.duplicate"],
+      ["Alt ← →", "keys.move_clip"],
+      ["Delete", "keys.remove_clip"],
+    ],
+  ],
+  [
+    "keys.recording",
+    [
+      ["R", "keys.record"],
+      ["F", "keys.freeze"],
+      ["K", "keys.mark"],
+    ],
+  ],
+  [
+    "keys.robot",
+    [
+      ["H", "keys.hold"],
+      ["L", "keys.lease"],
+      ["Space", "keys.take"],
+      ["U", "keys.forget"],
+    ],
+  ],
 ];
 
 export function KeyList() {
@@ -44,11 +83,16 @@ export function KeyList() {
  */
 export function listenToKeys({ motion }) {
   // In the first phase, before anything else can take the key.
+  addEventListener(
+    "keydown",
+    (event) => {
+      if (event.key === "Escape" && !event.repeat) stop(motion);
+    },
+    { capture: true },
+  );
   addEventListener("keydown", (event) => {
-    if (event.key === "Escape" && !event.repeat) stop(motion);
-  }, { capture: true });
-  addEventListener("keydown", (event) => {
-    if (isTyping(event.target) || !(event.ctrlKey || event.metaKey) || event.altKey || event.key.toLowerCase() !== "z") return;
+    if (isTyping(event.target) || !(event.ctrlKey || event.metaKey) || event.altKey || event.key.toLowerCase() !== "z")
+      return;
     event.preventDefault();
     if (event.shiftKey) redoEdit();
     else undoEdit();

@@ -5,7 +5,18 @@ import { Icon } from "../parts/icon.js";
 import { Note } from "../parts/note.js";
 import { safeText } from "../parts/safe-text.js";
 import { toast } from "../parts/toasts.js";
-import { another, boardState, hold, isLive, isOthers, lease, linkState, mayMove, problem, welcome } from "../state/robot.js";
+import {
+  another,
+  boardState,
+  hold,
+  isLive,
+  isOthers,
+  lease,
+  linkState,
+  mayMove,
+  problem,
+  welcome,
+} from "../state/robot.js";
 import { isAllStopped, stoppedCount } from "../state/stopped.js";
 import { t } from "../texts/text.js";
 import { ask } from "./control.js";
@@ -16,9 +27,12 @@ import { ask } from "./control.js";
 export function Notices(tools) {
   const note = present();
   const canAsk = note?.key === "note.others";
-  return html`${note && html`<div class="veil"><${Note} ...${note}>
+  return html`${
+    note &&
+    html`<div class="veil"><${Note} ...${note}>
     ${canAsk && html`<button class="btn" onClick=${() => ask(tools)}>${t("lease.ask_for")}</button>`}
-  </${Note}></div>`}<${StoppedNote} ...${tools} /><${ProblemNote} />`;
+  </${Note}></div>`
+  }<${StoppedNote} ...${tools} /><${ProblemNote} />`;
 }
 
 /** @param {Tools} tools */

@@ -30,7 +30,9 @@ export function Dock({ children }) {
 }
 
 /** @param {Entry} entry */
-const link = (entry) => html`<a href="#${entry.name}" class=${entry.isBelow ? "below" : ""} aria-current=${entry.name === screen.value ? "page" : undefined}>
+const link = (
+  entry,
+) => html`<a href="#${entry.name}" class=${entry.isBelow ? "below" : ""} aria-current=${entry.name === screen.value ? "page" : undefined}>
   <${Icon} name=${entry.icon} /><span>${t(entry.title)}</span>
   ${entry.name === "project" && differences.value.length > 0 && html`<span class="badge num" title=${t("edit.not_written", { count: differences.value.length })}>${differences.value.length}</span>`}
 </a>`;

@@ -28,7 +28,8 @@ export function forgetButtons() {
  * @param {{ button_id: number, kind: string }} event
  */
 export function hear({ button_id: id, kind }) {
-  const wasDown = down.value.has(id), isDown = kind !== "up";
+  const wasDown = down.value.has(id),
+    isDown = kind !== "up";
   const isOdd = known.has(id) && wasDown === (kind === "press");
   known.add(id);
   batch(() => {

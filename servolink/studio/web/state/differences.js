@@ -18,7 +18,8 @@ export function differencesOf(before, after) {
   /** @type {Difference[]} */
   const records = KINDS.flatMap((kind) => {
     if (before[kind] === after[kind]) return [];
-    const old = byId(before, kind), now = byId(after, kind);
+    const old = byId(before, kind),
+      now = byId(after, kind);
     return [...new Set([...old.keys(), ...now.keys()])]
       .sort((a, b) => a - b)
       .filter((id) => !isSame(old.get(id), now.get(id)))
@@ -62,7 +63,8 @@ export function rebased(base, draft, board) {
  * @param {Kind} kind
  * @returns {Map<number, object>}
  */
-const byId = (project, kind) => new Map(/** @type {object[]} */ ([...project[kind]]).map((record) => [idOf(kind, record), record]));
+const byId = (project, kind) =>
+  new Map(/** @type {object[]} */ ([...project[kind]]).map((record) => [idOf(kind, record), record]));
 
 /**
  * @param {unknown} one

@@ -103,8 +103,22 @@ export class Drafts {
     /** @param {{ kind: Difference["kind"], id: number }} one */
     const known = (one) => this._revisions.get(keyOf(one)) ?? 0;
     return [
-      ...changed.map((one) => ({ kind: one.kind, id: one.id, known: known(one), base: one.before ?? null, record: one.after ?? null, is_discarded: false })),
-      ...given.map((one) => ({ kind: one.kind, id: one.id, known: known(one), base: null, record: null, is_discarded: true })),
+      ...changed.map((one) => ({
+        kind: one.kind,
+        id: one.id,
+        known: known(one),
+        base: one.before ?? null,
+        record: one.after ?? null,
+        is_discarded: false,
+      })),
+      ...given.map((one) => ({
+        kind: one.kind,
+        id: one.id,
+        known: known(one),
+        base: null,
+        record: null,
+        is_discarded: true,
+      })),
     ];
   }
 
@@ -159,4 +173,5 @@ const keyOf = ({ kind, id }) => `${kind} ${id}`;
  * @param {Kept | undefined} kept
  * @param {unknown} record
  */
-const isSame = (kept, record) => kept !== undefined && !kept.is_discarded && JSON.stringify(kept.record) === JSON.stringify(record);
+const isSame = (kept, record) =>
+  kept !== undefined && !kept.is_discarded && JSON.stringify(kept.record) === JSON.stringify(record);

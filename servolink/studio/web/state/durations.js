@@ -38,10 +38,14 @@ export function inOrder(macros) {
  * @returns {Map<number, (number | null)[]>}
  */
 export function durations(project) {
-  const actions = new Map(project.actions.map((one) => [one.action_id, Math.max(0, ...one.steps.map((step) => step.interval_ms))]));
+  const actions = new Map(
+    project.actions.map((one) => [one.action_id, Math.max(0, ...one.steps.map((step) => step.interval_ms))]),
+  );
   /** @type {Map<number, number | null>} */
   const totals = new Map();
-  const found = new Map(project.macros.map((macro) => [macro.macro_id, /** @type {(number | null)[]} */ (macro.commands.map(() => null))]));
+  const found = new Map(
+    project.macros.map((macro) => [macro.macro_id, /** @type {(number | null)[]} */ (macro.commands.map(() => null))]),
+  );
   for (const [id, macro] of inOrder(project.macros)) {
     const each = macro.commands.map((command) => durationOf(command, actions, totals));
     found.set(id, each);
@@ -56,7 +60,8 @@ export function durations(project) {
  * @param {Map<number, number | null>} macros
  */
 function durationOf({ type, action_id = 0, macro_id = 0, delay_ms = 0, loop, ratio_percent }, actions, macros) {
-  const once = { action: actions.get(action_id), macro: macros.get(macro_id), delay: delay_ms, other: null }[type] ?? null;
+  const once =
+    { action: actions.get(action_id), macro: macros.get(macro_id), delay: delay_ms, other: null }[type] ?? null;
   if (once === null || once < 0 || loop < 0 || ratio_percent <= 0) return null;
   const halfUp = Math.floor((once * loop * 200 + ratio_percent) / (2 * ratio_percent));
   return halfUp <= MOST ? halfUp : null;
@@ -71,13 +76,16 @@ function durationOf({ type, action_id = 0, macro_id = 0, delay_ms = 0, loop, rat
  */
 export function withDurations(before, after) {
   if (before.actions === after.actions && before.macros === after.macros) return after;
-  const told = toldOf(before), right = durations(after);
+  const told = toldOf(before),
+    right = durations(after);
   const macros = after.macros.map((macro) => {
     const takes = right.get(macro.macro_id) ?? [];
     const commands = macro.commands.map((command, at) => {
       const isOnPurpose = told.has(command) && told.get(command) !== command.total_interval_ms;
       const time = takes[at] ?? null;
-      return isOnPurpose || time === null || time === command.total_interval_ms ? command : { ...command, total_interval_ms: time };
+      return isOnPurpose || time === null || time === command.total_interval_ms
+        ? command
+        : { ...command, total_interval_ms: time };
     });
     return commands.some((command, at) => command !== macro.commands[at]) ? { ...macro, commands } : macro;
   });
@@ -91,6 +99,8 @@ export function withDurations(before, after) {
 function toldOf(project) {
   const found = durations(project);
   return new Map(
-    project.macros.flatMap((macro) => macro.commands.map((command, at) => /** @type {const} */ ([command, found.get(macro.macro_id)?.[at]]))),
+    project.macros.flatMap((macro) =>
+      macro.commands.map((command, at) => /** @type {const} */ ([command, found.get(macro.macro_id)?.[at]])),
+    ),
   );
 }

@@ -18,10 +18,17 @@ const USUAL = 500; // milliseconds of a first step
  */
 export function withDegrees(action, degrees) {
   const interval_ms = Math.max(0, ...action.steps.map((step) => step.interval_ms)) || USUAL;
-  const changed = action.steps.map((step) => (step.servo_id in degrees ? { ...step, degree: degrees[step.servo_id] } : step));
+  const changed = action.steps.map((step) =>
+    step.servo_id in degrees ? { ...step, degree: degrees[step.servo_id] } : step,
+  );
   const known = new Set(action.steps.map((step) => step.servo_id));
-  const added = Object.keys(degrees).map(Number).filter((id) => !known.has(id));
-  return withSteps(action, [...changed, ...added.map((servo_id) => ({ servo_id, degree: degrees[servo_id], interval_ms }))]);
+  const added = Object.keys(degrees)
+    .map(Number)
+    .filter((id) => !known.has(id));
+  return withSteps(action, [
+    ...changed,
+    ...added.map((servo_id) => ({ servo_id, degree: degrees[servo_id], interval_ms })),
+  ]);
 }
 
 /**
@@ -38,7 +45,10 @@ export const withSteps = (action, steps) => ({ ...action, steps: [...steps].sort
  * @param {number} servoId
  * @returns {Action}
  */
-export const withoutServo = (action, servoId) => ({ ...action, steps: action.steps.filter((step) => step.servo_id !== servoId) });
+export const withoutServo = (action, servoId) => ({
+  ...action,
+  steps: action.steps.filter((step) => step.servo_id !== servoId),
+});
 
 /**
  * Return the action with another time for one servo, or for all.
@@ -49,7 +59,12 @@ export const withoutServo = (action, servoId) => ({ ...action, steps: action.ste
  */
 export function withTime(action, milliseconds, servoId) {
   const interval_ms = Math.max(0, Math.min(LONGEST, Math.round(milliseconds / UNIT) * UNIT));
-  return { ...action, steps: action.steps.map((step) => (servoId === undefined || step.servo_id === servoId ? { ...step, interval_ms } : step)) };
+  return {
+    ...action,
+    steps: action.steps.map((step) =>
+      servoId === undefined || step.servo_id === servoId ? { ...step, interval_ms } : step,
+    ),
+  };
 }
 
 /**
@@ -60,10 +75,12 @@ export function withTime(action, milliseconds, servoId) {
  */
 export function speedsOf(action, start) {
   return new Map(
-    action.steps.filter((step) => step.servo_id in start).map((step) => {
-      const way = Math.abs(step.degree - start[step.servo_id]);
-      return [step.servo_id, way === 0 ? 0 : way / (step.interval_ms / 1000)];
-    }),
+    action.steps
+      .filter((step) => step.servo_id in start)
+      .map((step) => {
+        const way = Math.abs(step.degree - start[step.servo_id]);
+        return [step.servo_id, way === 0 ? 0 : way / (step.interval_ms / 1000)];
+      }),
   );
 }
 
@@ -73,7 +90,8 @@ export function speedsOf(action, start) {
  * @param {Pose} start
  * @param {CapOf} capOf
  */
-export const tooFast = (action, start, capOf) => [...speedsOf(action, start)].filter(([id, speed]) => speed > capOf(id));
+export const tooFast = (action, start, capOf) =>
+  [...speedsOf(action, start)].filter(([id, speed]) => speed > capOf(id));
 
 /**
  * Return the action with as much time for each servo as it needs from a pose, to the next 10 ms.

@@ -30,7 +30,10 @@ export function followFigure(link) {
   link.on("studio.figure", ({ figure: data }) => (ownFigure.value = data));
   effect(() => {
     if (welcome.value === null) return;
-    link.call("studio.figure.get").then((answer) => (ownFigure.value = answer.figure), () => {}); // the connection is lost
+    link.call("studio.figure.get").then(
+      (answer) => (ownFigure.value = answer.figure),
+      () => {},
+    ); // the connection is lost
   });
 }
 
@@ -46,7 +49,8 @@ export async function saveFigure(link, data) {
 
 /** The servos of each limb, those of the robot's right first; servos without a limb come last, as limb "". */
 export const limbs = computed(() => {
-  const found = figure.value, ids = servoIds.value;
+  const found = figure.value,
+    ids = servoIds.value;
   const known = found === null ? [] : Object.keys(found.data.groups ?? {});
   const limbOf = (/** @type {number} */ id) => found?.byServo.get(id)?.group ?? "";
   return [...known, ""]
@@ -72,7 +76,8 @@ export const nameOf = (id) => safeText(captions.value[id] ?? "") || t("live.serv
  * Return what a limb is called.
  * @param {string} limb
  */
-export const limbName = (limb) => safeText(figure.value?.data.groups?.[limb]?.[language.value] ?? "") || t("live.others");
+export const limbName = (limb) =>
+  safeText(figure.value?.data.groups?.[limb]?.[language.value] ?? "") || t("live.others");
 
 /**
  * Return the limb of a servo, which decides on its colour.

@@ -33,7 +33,8 @@ export const jointOf = (fit, servo) => fit.data.joints.find((joint) => joint.ser
  * @returns {Fit}
  */
 export function assigned(fit, servo, id) {
-  const left = jointOf(fit, servo), taken = fit.data.joints.find((joint) => joint.id === id);
+  const left = jointOf(fit, servo),
+    taken = fit.data.joints.find((joint) => joint.id === id);
   const joints = fit.data.joints.map((joint) => {
     if (joint === taken) return { ...joint, servo };
     if (joint !== left) return joint;
@@ -61,7 +62,9 @@ export const changed = (fit, id, change) => ({
  * @returns {FigureData}
  */
 export function drawn({ data, parts }) {
-  const numberOf = new Map(data.joints.flatMap((joint, number) => (joint.servo === undefined ? [] : [[joint.servo, number]])));
+  const numberOf = new Map(
+    data.joints.flatMap((joint, number) => (joint.servo === undefined ? [] : [[joint.servo, number]])),
+  );
   const joints = data.joints.map((joint, number) => ({
     ...joint,
     servo: parts.includes(joint.id) ? number : undefined,
@@ -77,7 +80,9 @@ export function drawn({ data, parts }) {
  * @returns {Pose}
  */
 export const drawnPose = ({ data }, pose) =>
-  Object.fromEntries(data.joints.flatMap(({ servo }, number) => (servo === undefined ? [] : [[number, pose[servo] ?? 0]])));
+  Object.fromEntries(
+    data.joints.flatMap(({ servo }, number) => (servo === undefined ? [] : [[number, pose[servo] ?? 0]])),
+  );
 
 /** @param {JointData} joint */
 function without(joint) {

@@ -51,7 +51,8 @@ export class History {
     const other = new History();
     other.times.set(this.times);
     other.count = this.count;
-    for (const [id, rings] of this._rings) for (const quantity of QUANTITIES) other.of(id)[quantity].set(rings[quantity]);
+    for (const [id, rings] of this._rings)
+      for (const quantity of QUANTITIES) other.of(id)[quantity].set(rings[quantity]);
     return other;
   }
 }

@@ -29,6 +29,7 @@ export function capOf(servoId) {
  * @param {number} degree
  */
 export function within(servoId, degree) {
-  const [low, high] = limitsOf(servoId), [lowest, highest] = limits.value.angles?.[servoId] ?? [low, high];
+  const [low, high] = limitsOf(servoId),
+    [lowest, highest] = limits.value.angles?.[servoId] ?? [low, high];
   return Math.max(low, lowest, Math.min(high, highest, Math.round(degree)));
 }

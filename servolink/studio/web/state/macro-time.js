@@ -29,7 +29,8 @@ const MOST_CLIPS = 4000;
  * @returns {Course | null}
  */
 export function courseOf(project, macroId, start = {}, slowness = 1) {
-  const macros = inOrder(project.macros), macro = macros.get(macroId);
+  const macros = inOrder(project.macros),
+    macro = macros.get(macroId);
   if (macro === undefined) return null;
   const player = new Player(project, macros, { ...start }, slowness);
   player.play(macro, 1, 0, false, 0);
@@ -63,7 +64,8 @@ class Player {
    */
   play(macro, speed, depth, isAgain, top) {
     macro.commands.forEach((command, index) => {
-      const from = this.now, at = depth === 0 ? index : top;
+      const from = this.now,
+        at = depth === 0 ? index : top;
       const clip = { command, index, depth, from, until: from, isAgain };
       if (this.clips.length >= MOST_CLIPS) this.isCut = true;
       if (this.isCut) return;
@@ -97,11 +99,19 @@ class Player {
    * @param {number} top
    */
   _act(actionId, speed, top) {
-    const from = this.now, before = this._pose;
+    const from = this.now,
+      before = this._pose;
     this._pose = { ...before };
     for (const step of this._actions.get(actionId)?.steps ?? []) {
       const until = from + (step.interval_ms / 1000 / speed) * this._slowness;
-      this.turns.push({ servoId: step.servo_id, from, until, start: before[step.servo_id], end: step.degree, clip: top });
+      this.turns.push({
+        servoId: step.servo_id,
+        from,
+        until,
+        start: before[step.servo_id],
+        end: step.degree,
+        clip: top,
+      });
       this._pose[step.servo_id] = step.degree;
       this.now = Math.max(this.now, until);
     }

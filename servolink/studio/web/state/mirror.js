@@ -73,10 +73,12 @@ function byFigure(figure) {
   for (const [group, names] of Object.entries(groups)) {
     const other = Object.entries(groups).find(([key, { en }]) => key !== group && en === otherSide(names.en));
     if (other === undefined) continue;
-    const mine = joints.filter((joint) => joint.group === group), theirs = joints.filter((joint) => joint.group === other[0]);
+    const mine = joints.filter((joint) => joint.group === group),
+      theirs = joints.filter((joint) => joint.group === other[0]);
     mine.forEach((joint, at) => {
       const partner = theirs.find(({ id }) => id !== joint.id && id === otherSide(joint.id)) ?? theirs[at];
-      if (partner?.servo !== undefined) mirror.set(joint.servo ?? 0, { id: partner.servo, ...rule(joint, partner), isRight: isRight(names.en) });
+      if (partner?.servo !== undefined)
+        mirror.set(joint.servo ?? 0, { id: partner.servo, ...rule(joint, partner), isRight: isRight(names.en) });
     });
   }
   if (mirror.size === 0) return null;
@@ -94,9 +96,13 @@ function byFigure(figure) {
  * @param {Joint} image
  */
 function rule(joint, image) {
-  const [x, y, z] = joint.axis, [a, b, c] = image.axis;
+  const [x, y, z] = joint.axis,
+    [a, b, c] = image.axis;
   const way = x * a - y * b - z * c >= 0 ? 1 : -1;
-  return { angle: (/** @type {number} */ degree) => Math.round((way * (joint.sign * degree + joint.offset) - image.offset) / image.sign) || 0 };
+  return {
+    angle: (/** @type {number} */ degree) =>
+      Math.round((way * (joint.sign * degree + joint.offset) - image.offset) / image.sign) || 0,
+  };
 }
 
 /**
@@ -109,9 +115,14 @@ function byCaptions(parameters) {
   for (const { servo_id, servo_caption } of parameters) {
     const image = otherSide(servo_caption);
     const partners = parameters.filter((other) => normalized(other.servo_caption) === normalized(image));
-    const isOne = parameters.filter((other) => normalized(other.servo_caption) === normalized(servo_caption)).length === 1;
+    const isOne =
+      parameters.filter((other) => normalized(other.servo_caption) === normalized(servo_caption)).length === 1;
     if (image === servo_caption || partners.length !== 1 || !isOne) continue;
-    mirror.set(servo_id, { id: partners[0].servo_id, angle: (degree) => -degree || 0, isRight: isRight(servo_caption) });
+    mirror.set(servo_id, {
+      id: partners[0].servo_id,
+      angle: (degree) => -degree || 0,
+      isRight: isRight(servo_caption),
+    });
   }
   return mirror;
 }

@@ -47,7 +47,9 @@ export class Motion {
     });
     link.on("stopped", () => this._letGo()); // nothing of what was wanted before a stop is sent after it
     for (const [target, name] of /** @type {[EventTarget, string][]} */ ([
-      [window, "blur"], [window, "pagehide"], [document, "visibilitychange"],
+      [window, "blur"],
+      [window, "pagehide"],
+      [document, "visibilitychange"],
     ])) {
       target.addEventListener(name, () => {
         if (name !== "visibilitychange" || document.hidden) this.leave();
@@ -113,7 +115,9 @@ export class Motion {
     const moving = this._moving();
     targets.value = {};
     if (moving.length === 0 || !isMine.value) return;
-    const ending = (this._ending = this._stopMoving(moving).finally(() => this._ending === ending && (this._ending = null)));
+    const ending = (this._ending = this._stopMoving(moving).finally(
+      () => this._ending === ending && (this._ending = null),
+    ));
   }
 
   /**
@@ -216,7 +220,8 @@ export class Motion {
   _moving() {
     const isOver = performance.now() >= this._arrivesAt;
     return Object.entries(targets.value).flatMap(([key, target]) => {
-      const id = Number(key), servo = servos.value.get(id);
+      const id = Number(key),
+        servo = servos.value.get(id);
       const rests = servo === undefined || !isReady(servo) || (isOver && Math.abs(servo.angle - target) <= SAME);
       return rests ? [] : [id];
     });
@@ -268,7 +273,9 @@ export class Motion {
  * @param {Pose} pose
  */
 function durationOf(pose) {
-  const ways = Object.entries(pose).map(([id, angle]) => Math.abs(angle - (servos.value.get(Number(id))?.angle ?? angle)));
+  const ways = Object.entries(pose).map(([id, angle]) =>
+    Math.abs(angle - (servos.value.get(Number(id))?.angle ?? angle)),
+  );
   return Math.max(SHORTEST, Math.round((Math.max(0, ...ways) / pace.value) * 100) / 100);
 }
 

@@ -23,7 +23,11 @@ export const isPlanning = signal(false);
 /** How far the writing is, null if nothing is being written. */
 export const progress = signal(/** @type {Progress | null} */ (null));
 /** How the latest writing ended, and the draft at that time; null until that was read again. */
-export const outcome = signal(/** @type {{ state: "none" | "written" | "rolled back" | "broken", text: string, of: Project | null }} */ (NO_OUTCOME));
+export const outcome = signal(
+  /** @type {{ state: "none" | "written" | "rolled back" | "broken", text: string, of: Project | null }} */ (
+    NO_OUTCOME
+  ),
+);
 export const backups = signal(/** @type {Backup[]} */ ([]));
 
 /**
@@ -92,7 +96,13 @@ async function write(link, method, params) {
 
 /** A plan for a project that no board would store. @returns {Plan} */
 const nothing = () => ({
-  changes: [], inconsistencies: [], requests: 0, wire_bytes: 0, estimated_seconds: 0, memory: null, is_unfinished: false,
+  changes: [],
+  inconsistencies: [],
+  requests: 0,
+  wire_bytes: 0,
+  estimated_seconds: 0,
+  memory: null,
+  is_unfinished: false,
 });
 
 /** @param {unknown} error */

@@ -37,13 +37,16 @@ const steps = /** @type {UndoList<Project>} */ (new UndoList());
 export const { undoLabel, redoLabel } = steps;
 
 /** The records in which the draft differs from the board. */
-export const differences = computed(() => (stored.value && draft.value ? differencesOf(stored.value, draft.value) : []));
+export const differences = computed(() =>
+  stored.value && draft.value ? differencesOf(stored.value, draft.value) : [],
+);
 
 /** Whether the board was read since this connection began: another board may have the name of the last one by now. */
 export const isCurrent = computed(() => readBy.value !== null && readBy.value === welcome.value);
 
 effect(() => {
-  if (stored.value) captions.value = Object.fromEntries(stored.value.servo_parameters.map((one) => [one.servo_id, one.servo_caption]));
+  if (stored.value)
+    captions.value = Object.fromEntries(stored.value.servo_parameters.map((one) => [one.servo_id, one.servo_caption]));
 });
 
 /**
@@ -105,7 +108,11 @@ async function begin(link, board) {
     clearTimeout(rereading);
     rereading = setTimeout(() => reread(link), SETTLES); // given up, or written: then the board holds something else
   };
-  const tools = { differences: () => differences.value, onTheirs, onKept: (/** @type {typeof keeping.value} */ state) => (keeping.value = state) };
+  const tools = {
+    differences: () => differences.value,
+    onTheirs,
+    onKept: (/** @type {typeof keeping.value} */ state) => (keeping.value = state),
+  };
   const opened = new Drafts(link, welcome.value?.name ?? "", tools);
   const edits = await opened.load();
   drafts = opened;
@@ -125,7 +132,8 @@ async function begin(link, board) {
  */
 function takeTheirs(theirs, isConflict) {
   if (draft.value === null || stored.value === null) return;
-  const { kind, id } = theirs, mine = recordOf(draft.value, theirs);
+  const { kind, id } = theirs,
+    mine = recordOf(draft.value, theirs);
   const edited = differences.value.find((one) => one.kind === kind && one.id === id);
   if (!theirs.is_discarded) draft.value = withEdit(draft.value, theirs);
   else if (edited) draft.value = withEdit(draft.value, { kind, id, record: edited.before ?? null });

@@ -77,7 +77,8 @@ export function freeId(kind, project) {
  * @returns {Project}
  */
 export function withRecord(project, kind, record) {
-  const id = idOf(kind, record), records = /** @type {any[]} */ ([...project[kind]]);
+  const id = idOf(kind, record),
+    records = /** @type {any[]} */ ([...project[kind]]);
   const at = records.findIndex((each) => idOf(kind, each) === id);
   if (at < 0) records.push(record);
   else records[at] = record;
@@ -152,7 +153,8 @@ export const poseOf = (action) => Object.fromEntries(action.steps.map((step) => 
  * @param {string} text
  */
 export function fitCaption(text) {
-  const encoder = new TextEncoder(), characters = [...text];
+  const encoder = new TextEncoder(),
+    characters = [...text];
   while (encoder.encode(characters.join("")).length > CAPTION_BYTES) characters.pop();
   return characters.join("");
 }
@@ -165,7 +167,9 @@ export function fitCaption(text) {
 function withoutCommands(project, isUnwanted) {
   /** @param {Macro} macro */
   const rest = (macro) =>
-    macro.commands.some(isUnwanted) ? { ...macro, commands: macro.commands.filter((each) => !isUnwanted(each)) } : macro;
+    macro.commands.some(isUnwanted)
+      ? { ...macro, commands: macro.commands.filter((each) => !isUnwanted(each)) }
+      : macro;
   return { ...project, macros: project.macros.map(rest) };
 }
 

@@ -140,4 +140,5 @@ function take(frame) {
 }
 
 /** Return the angles that the servos report now, for drawing. */
-export const actualPose = () => Object.fromEntries([...servos.value.values()].map((servo) => [servo.servo_id, servo.angle]));
+export const actualPose = () =>
+  Object.fromEntries([...servos.value.values()].map((servo) => [servo.servo_id, servo.angle]));

@@ -25,7 +25,10 @@ export class Stretch {
    * @param {Float64Array} ring
    */
   times(ring) {
-    return this._pairs((from, until) => [ring[from % LENGTH] - this._latest, ring[(until - 1) % LENGTH] - this._latest]);
+    return this._pairs((from, until) => [
+      ring[from % LENGTH] - this._latest,
+      ring[(until - 1) % LENGTH] - this._latest,
+    ]);
   }
 
   /**
@@ -34,7 +37,8 @@ export class Stretch {
    */
   values(ring) {
     return this._pairs((from, until) => {
-      let low = from, high = from;
+      let low = from,
+        high = from;
       for (let at = from + 1; at < until; at++) {
         const value = ring[at % LENGTH];
         if (!(value >= ring[low % LENGTH])) low = at;
@@ -46,7 +50,8 @@ export class Stretch {
 
   /** @param {(from: number, until: number) => [number, number]} pairOf */
   _pairs(pairOf) {
-    const groups = Math.ceil((this._end - this._first) / this._group), size = this._group === 1 ? 1 : 2;
+    const groups = Math.ceil((this._end - this._first) / this._group),
+      size = this._group === 1 ? 1 : 2;
     const found = new Float64Array(groups * size);
     for (let at = 0, from = this._first; at < groups; at++, from += this._group) {
       const [early, late] = pairOf(from, Math.min(this._end, from + this._group));

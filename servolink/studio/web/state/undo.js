@@ -30,7 +30,8 @@ export class UndoList {
    * @param {string} merge
    */
   add(label, before, after, merge) {
-    const past = this._past.value, last = past.at(-1);
+    const past = this._past.value,
+      last = past.at(-1);
     const isPart = merge !== "" && last?.merge === merge;
     const step = { label, merge, before: isPart ? last.before : before, after };
     this._past.value = [...(isPart ? past.slice(0, -1) : past), step].slice(-MOST);

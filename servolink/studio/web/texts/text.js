@@ -19,7 +19,9 @@ export const language = signal(/** @type {Language} */ ("en"));
  */
 export function t(key, values = {}) {
   const forms = TEXTS[language.value][key].split("|");
-  return forms[values.count === 1 ? 0 : forms.length - 1].replace(/\{(\w+)\}/g, (whole, name) => String(values[name] ?? whole));
+  return forms[values.count === 1 ? 0 : forms.length - 1].replace(/\{(\w+)\}/g, (whole, name) =>
+    String(values[name] ?? whole),
+  );
 }
 
 /**

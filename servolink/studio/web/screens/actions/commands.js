@@ -17,8 +17,13 @@ const TIME = 500; // milliseconds of a new action
 
 /** Add an action that is the pose of the robot now. */
 export function addTaken() {
-  const pose = actualPose(), number = (draft.value?.actions.length ?? 0) + 1;
-  const steps = servoIds.value.map((servo_id) => ({ servo_id, degree: within(servo_id, pose[servo_id] ?? 0), interval_ms: TIME }));
+  const pose = actualPose(),
+    number = (draft.value?.actions.length ?? 0) + 1;
+  const steps = servoIds.value.map((servo_id) => ({
+    servo_id,
+    degree: within(servo_id, pose[servo_id] ?? 0),
+    interval_ms: TIME,
+  }));
   add("actions.did_add", t("actions.new_name", { number }), steps);
 }
 
@@ -31,9 +36,11 @@ export function duplicate() {
 
 /** Delete the action, also where macros run it. */
 export function remove() {
-  const one = action.value, project = draft.value;
+  const one = action.value,
+    project = draft.value;
   if (one === null || project === null) return;
-  const name = nameOfAction(one), callers = callersOf(project, "action", one.action_id);
+  const name = nameOfAction(one),
+    callers = callersOf(project, "action", one.action_id);
   edit(["actions.did_delete", { name }], (before) => withoutAction(before, one.action_id));
   const detail = callers.length > 0 ? t("actions.deleted_from", { count: callers.length }) : "";
   editToast({ title: t("actions.deleted", { name }), detail });
@@ -67,7 +74,8 @@ export function take() {
 export const timeForAll = (seconds) => change("actions.did_time_all", (one) => withTime(one, seconds * 1000));
 
 /** Give the servos that are too fast as much time as they need. */
-export const moreTime = () => change("actions.did_more_time", (one) => withEnoughTime(one, startPose(ghostAction.value), capOf));
+export const moreTime = () =>
+  change("actions.did_more_time", (one) => withEnoughTime(one, startPose(ghostAction.value), capOf));
 
 /**
  * Return the movements of an action from where the robot is, none faster than it may be.

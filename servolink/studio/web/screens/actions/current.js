@@ -26,14 +26,18 @@ export const showsGhost = signal(true);
 
 /** The action from which the ghost is taken; null for the robot itself. */
 export const ghostAction = computed(() => {
-  const choice = ghostChoice.value, actions = draft.value?.actions ?? [];
+  const choice = ghostChoice.value,
+    actions = draft.value?.actions ?? [];
   if (choice === "robot" || action.value === null) return null;
   if (choice === "before") return before(action.value);
   return actions.find((one) => one.action_id === choice) ?? null;
 });
 
 export const mirror = computed(() =>
-  mirrorOf(figure.value, Object.entries(captions.value).map(([id, caption]) => ({ servo_id: Number(id), servo_caption: caption }))),
+  mirrorOf(
+    figure.value,
+    Object.entries(captions.value).map(([id, caption]) => ({ servo_id: Number(id), servo_caption: caption })),
+  ),
 );
 
 /**
@@ -42,7 +46,9 @@ export const mirror = computed(() =>
  */
 export function before(one) {
   const { actions = [], macros = [] } = draft.value ?? {};
-  const runs = macros.map((macro) => macro.commands.filter((command) => command.type === "action").map((command) => command.action_id));
+  const runs = macros.map((macro) =>
+    macro.commands.filter((command) => command.type === "action").map((command) => command.action_id),
+  );
   for (const ids of runs) {
     const at = ids.findIndex((id, index) => id === one.action_id && index > 0 && ids[index - 1] !== id);
     const found = at < 0 ? undefined : actions.find((other) => other.action_id === ids[at - 1]);
@@ -75,7 +81,11 @@ export function change(key, change, { values = {}, merge = "" } = {}) {
   if (one === null) return;
   const after = change(one);
   if (after === one) return;
-  edit([key, { name: nameOfAction(one), ...values }], (project) => withRecord(project, "actions", after), merge && `${merge} ${one.action_id}`);
+  edit(
+    [key, { name: nameOfAction(one), ...values }],
+    (project) => withRecord(project, "actions", after),
+    merge && `${merge} ${one.action_id}`,
+  );
 }
 
 /**

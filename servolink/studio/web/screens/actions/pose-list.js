@@ -18,7 +18,8 @@ import { action, before, nameOfAction, startPose } from "./current.js";
 const wanted = signal("");
 
 export function PoseList() {
-  const actions = draft.value?.actions ?? [], list = useRef(/** @type {HTMLElement | null} */ (null));
+  const actions = draft.value?.actions ?? [],
+    list = useRef(/** @type {HTMLElement | null} */ (null));
   useEffect(() => {
     list.current?.querySelector("[aria-pressed=true]")?.scrollIntoView({ block: "nearest", inline: "nearest" });
   }, [action.value?.action_id]);

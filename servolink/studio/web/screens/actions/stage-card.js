@@ -62,7 +62,8 @@ function scene() {
   const pose = () => (action.value ? poseOf(action.value) : {});
   return {
     pose,
-    ghost: () => (showsGhost.value ? { ...pose(), ...(ghostAction.value ? poseOf(ghostAction.value) : actualPose()) } : null),
+    ghost: () =>
+      showsGhost.value ? { ...pose(), ...(ghostAction.value ? poseOf(ghostAction.value) : actualPose()) } : null,
     chosen: () => chosen.value,
     hasGizmo: true,
     onPick: (id) => (chosen.value = id),
@@ -91,9 +92,11 @@ export function turn(id, angle, merge = "") {
  */
 function press({ key, shiftKey, ctrlKey, altKey, metaKey }) {
   if (ctrlKey || altKey || metaKey) return false;
-  const ids = limbs.value.flatMap((limb) => limb.ids), at = ids.indexOf(chosen.value ?? -1);
+  const ids = limbs.value.flatMap((limb) => limb.ids),
+    at = ids.indexOf(chosen.value ?? -1);
   const degree = action.value && chosen.value !== null ? (poseOf(action.value)[chosen.value] ?? 0) : 0;
-  const way = { ArrowLeft: -1, ArrowRight: 1 }[key], next = { ArrowUp: -1, ArrowDown: 1 }[key];
+  const way = { ArrowLeft: -1, ArrowRight: 1 }[key],
+    next = { ArrowUp: -1, ArrowDown: 1 }[key];
   if (next !== undefined) chosen.value = ids[(at + next + ids.length) % ids.length] ?? null;
   else if (chosen.value === null) return false;
   else if (way !== undefined) turn(chosen.value, degree + way * (shiftKey ? 10 : 1), "keys");

@@ -16,23 +16,31 @@ import { turn } from "./stage-card.js";
 
 /** @param {{ id: number, step: Step | undefined, speed: number, longest: number }} props */
 export function StepRow({ id, step, speed, longest }) {
-  const row = useRef(/** @type {HTMLElement | null} */ (null)), isChosen = chosen.value === id, name = nameOf(id);
+  const row = useRef(/** @type {HTMLElement | null} */ (null)),
+    isChosen = chosen.value === id,
+    name = nameOf(id);
   useEffect(() => {
     if (isChosen) row.current?.scrollIntoView({ block: "nearest" });
   }, [isChosen]);
   const join = () => {
     const degree = within(id, startPose(ghostAction.value)[id] ?? 0);
-    change(step ? "actions.did_leave" : "actions.did_join", (one) => (step ? withoutServo(one, id) : withDegrees(one, { [id]: degree })), { values: { servo: name } });
+    change(
+      step ? "actions.did_leave" : "actions.did_join",
+      (one) => (step ? withoutServo(one, id) : withDegrees(one, { [id]: degree })),
+      { values: { servo: name } },
+    );
   };
   const [low, high] = limitsOf(id);
   return html`<div ref=${row} class="step ${step ? "" : "off"} ${isChosen ? "sel" : ""}" onPointerDown=${() => (chosen.value = id)}>
     <input type="checkbox" checked=${step !== undefined} aria-label=${t("actions.takes_part", { id, name })} onChange=${join} />
     <span class="sid">${id}</span>
     <button class="nm ell" aria-pressed=${String(isChosen)} onClick=${() => (chosen.value = id)}>${name}</button>
-    ${step
-      ? html`<${NumberField} classes="s deg" value=${step.degree} format=${degrees} low=${low} high=${high} label=${t("actions.target_of", { name })} onChange=${(/** @type {number} */ degree) => turn(id, degree)} />
+    ${
+      step
+        ? html`<${NumberField} classes="s deg" value=${step.degree} format=${degrees} low=${low} high=${high} label=${t("actions.target_of", { name })} onChange=${(/** @type {number} */ degree) => turn(id, degree)} />
           <${TimeBar} id=${id} step=${step} speed=${speed} longest=${longest} />`
-      : html`<span class="mut stays">${t("actions.stays")}</span>`}
+        : html`<span class="mut stays">${t("actions.stays")}</span>`
+    }
   </div>`;
 }
 
@@ -40,9 +48,14 @@ export function StepRow({ id, step, speed, longest }) {
 function TimeBar({ id, step, speed, longest }) {
   const bar = useRef(/** @type {HTMLElement | null} */ (null));
   const grip = useRef(/** @type {{ x: number, perPixel: number, from: number } | null} */ (null));
-  const isFast = speed > capOf(id), speedText = speed === Infinity ? "\u221e" : `${Math.round(speed)}°/s`;
+  const isFast = speed > capOf(id),
+    speedText = speed === Infinity ? "\u221e" : `${Math.round(speed)}°/s`;
   /** @param {number} milliseconds @param {string} [merge] */
-  const set = (milliseconds, merge = "") => change("actions.did_time", (one) => withTime(one, milliseconds, id), { values: { servo: nameOf(id) }, merge: merge && `${merge} ${id}` });
+  const set = (milliseconds, merge = "") =>
+    change("actions.did_time", (one) => withTime(one, milliseconds, id), {
+      values: { servo: nameOf(id) },
+      merge: merge && `${merge} ${id}`,
+    });
   /** @param {PointerEvent} event */
   const grab = (event) => {
     /** @type {Element} */ (event.currentTarget).setPointerCapture(event.pointerId);

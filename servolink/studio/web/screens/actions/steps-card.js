@@ -37,10 +37,15 @@ export function StepsCard() {
       <span></span><span></span><span>${t("actions.servo")}</span><span>${t("actions.target")}</span><span>${t("actions.time")}</span>
     </div>
     <div class="scroll">
-      ${groups.map(({ limb, ids }) => html`<div key=${`${one.action_id} ${limb}`} role="group" aria-label=${limbName(limb)} data-g=${limb}>
+      ${groups.map(
+        ({
+          limb,
+          ids,
+        }) => html`<div key=${`${one.action_id} ${limb}`} role="group" aria-label=${limbName(limb)} data-g=${limb}>
         <div class="grp" aria-hidden="true"><span class="gd"></span>${limb === "?" ? t("actions.strangers") : limbName(limb)}</div>
         ${ids.map((id) => html`<${StepRow} key=${id} id=${id} step=${byServo.get(id)} speed=${speeds.get(id) ?? 0} longest=${longest} />`)}
-      </div>`)}
+      </div>`,
+      )}
     </div>
   </section>`;
 }
@@ -51,7 +56,10 @@ function Name() {
   /** @param {string} name */
   const rename = (name) => {
     const action_caption = fitCaption(name);
-    if (action_caption !== one.action_caption) change("actions.did_rename", (each) => ({ ...each, action_caption }), { values: { to: safeText(action_caption) } });
+    if (action_caption !== one.action_caption)
+      change("actions.did_rename", (each) => ({ ...each, action_caption }), {
+        values: { to: safeText(action_caption) },
+      });
     return action_caption;
   };
   return html`<${NameField} key=${one.action_id} name=${safeText(one.action_caption)} placeholder=${nameOfAction(one)} label=${t("actions.name")} onChange=${rename} />`;
@@ -61,8 +69,14 @@ function Warning() {
   const one = action.value;
   const fast = one === null ? [] : tooFast(one, startPose(ghostAction.value), capOf);
   if (fast.length === 0) return null;
-  const speed = Math.max(...fast.map(([, each]) => each)), [first, second] = fast.map(([id]) => nameOf(id));
-  const names = fast.length === 1 ? first : fast.length === 2 ? t("actions.both", { first, second }) : t("actions.several", { first, count: fast.length - 1 });
+  const speed = Math.max(...fast.map(([, each]) => each)),
+    [first, second] = fast.map(([id]) => nameOf(id));
+  const names =
+    fast.length === 1
+      ? first
+      : fast.length === 2
+        ? t("actions.both", { first, second })
+        : t("actions.several", { first, count: fast.length - 1 });
   const from = ghostAction.value ? nameOfAction(ghostAction.value) : t("actions.ghost_robot");
   const values = { cap: Math.min(...fast.map(([id]) => capOf(id))), speed: Math.round(speed) };
   const detail = speed === Infinity ? t("actions.no_time") : t("actions.up_to", values);

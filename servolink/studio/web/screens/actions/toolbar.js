@@ -10,7 +10,9 @@ import { copyRight, mirrorAction, take, timeForAll } from "./commands.js";
 import { action, mirror } from "./current.js";
 
 export function Toolbar() {
-  const one = action.value, hasSides = mirror.value.size > 0, reason = hasSides ? undefined : t("actions.no_sides");
+  const one = action.value,
+    hasSides = mirror.value.size > 0,
+    reason = hasSides ? undefined : t("actions.no_sides");
   if (one === null) return null;
   return html`<div class="card toolbar" role="toolbar" aria-label=${t("actions.tools")}>
     <button class="btn" disabled=${!hasSides} title=${reason} onClick=${mirrorAction}>

@@ -17,9 +17,11 @@ const TITLES = {
 };
 
 export function About() {
-  const { name = "", profile } = welcome.value ?? {}, { settings = {}, limits = {} } = profile ?? {};
+  const { name = "", profile } = welcome.value ?? {},
+    { settings = {}, limits = {} } = profile ?? {};
   const known = Object.entries({ ...settings, ...limits }).filter(([, value]) => !isNothing(value));
-  const order = Object.keys(TITLES), place = (/** @type {string} */ key) => (order.indexOf(key) + order.length + 1) % (order.length + 1);
+  const order = Object.keys(TITLES),
+    place = (/** @type {string} */ key) => (order.indexOf(key) + order.length + 1) % (order.length + 1);
   known.sort(([one], [other]) => place(one) - place(other));
   return html`<section class="card">
     <header><h2>${t("board.about")}</h2></header>
@@ -35,7 +37,8 @@ export function About() {
 }
 
 /** @param {unknown} value */
-const isNothing = (value) => value === null || (typeof value === "object" && Object.keys(/** @type {object} */ (value)).length === 0);
+const isNothing = (value) =>
+  value === null || (typeof value === "object" && Object.keys(/** @type {object} */ (value)).length === 0);
 
 /** @param {unknown} value */
 const textOf = (value) => (typeof value === "object" ? JSON.stringify(value) : String(value));

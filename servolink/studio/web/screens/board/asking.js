@@ -31,7 +31,8 @@ export function useAnswer(link, method, params) {
     }
     setAsking(false);
   };
-  const mayAsk = linkState.value === "open" && welcome.value?.role === "edit", isConnected = isLive.value;
+  const mayAsk = linkState.value === "open" && welcome.value?.role === "edit",
+    isConnected = isLive.value;
   useEffect(() => {
     if (mayAsk) ask();
   }, [mayAsk, isConnected]);

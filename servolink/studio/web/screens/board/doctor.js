@@ -72,9 +72,25 @@ const unanswered = (status) => status.programs.reduce((sum, program) => sum + pr
 function ofLine(status) {
   if (status === null || (status.noise === 0 && unanswered(status) === 0)) return [];
   const values = { noise: status.noise, unanswered: unanswered(status) };
-  return [{ check: t("board.line"), observation: t("board.line_seen", values), meaning: t("board.line_means"), remedy: t("board.line_do") }];
+  return [
+    {
+      check: t("board.line"),
+      observation: t("board.line_seen", values),
+      meaning: t("board.line_means"),
+      remedy: t("board.line_do"),
+    },
+  ];
 }
 
 /** @returns {Finding[]} */
 const ofConnection = () =>
-  isLive.value ? [] : [{ check: t("board.gone"), observation: t("board.gone_seen"), meaning: t("board.gone_means"), remedy: t("board.gone_do") }];
+  isLive.value
+    ? []
+    : [
+        {
+          check: t("board.gone"),
+          observation: t("board.gone_seen"),
+          meaning: t("board.gone_means"),
+          remedy: t("board.gone_do"),
+        },
+      ];

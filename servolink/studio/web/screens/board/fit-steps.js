@@ -22,7 +22,8 @@ const FULL_TURN = 360;
 
 /** @param {Props} props */
 export function FitSteps({ fit, servo, motion, onServo, onFit }) {
-  const joint = jointOf(fit, servo), limits = joint?.limits ?? [-180, 180];
+  const joint = jointOf(fit, servo),
+    limits = joint?.limits ?? [-180, 180];
   /** @param {import("../../state/fitting.js").Change} change */
   const change = (change) => joint && onFit(changed(fit, joint.id, change));
   return html`<${ServoChoice} fit=${fit} servo=${servo} onServo=${onServo} />
@@ -34,9 +35,14 @@ export function FitSteps({ fit, servo, motion, onServo, onFit }) {
       ${fit.parts.map((id) => html`<option key=${id} value=${id} selected=${id === joint?.id}>${partName(id)}</option>`)}
     </select>
     <p class="mut">${t("figure.which_hint")}</p>
-    ${joint && html`<h2>${t("figure.way")}</h2>
+    ${
+      joint &&
+      html`<h2>${t("figure.way")}</h2>
       <${Segments} label=${t("figure.way")} small value="same" onChoose=${(/** @type {string} */ way) => way === "other" && change({ sign: joint.sign === -1 ? 1 : -1 })}
-        choices=${[{ value: "same", label: t("figure.same_way") }, { value: "other", label: t("figure.other_way") }]} />
+        choices=${[
+          { value: "same", label: t("figure.same_way") },
+          { value: "other", label: t("figure.other_way") },
+        ]} />
       <div class="angles">
         <label class="field"><span>${t("figure.offset")} <small class="mut">${t("figure.offset_hint")}</small></span>
           <${NumberField} label=${t("figure.offset")} value=${joint.offset ?? 0} format=${degrees} step=${5} low=${-FULL_TURN} high=${FULL_TURN} onChange=${(/** @type {number} */ offset) => change({ offset })} /></label>
@@ -44,12 +50,14 @@ export function FitSteps({ fit, servo, motion, onServo, onFit }) {
           <${NumberField} label=${t("figure.low")} value=${limits[0]} format=${degrees} low=${-FULL_TURN} high=${limits[1]} onChange=${(/** @type {number} */ low) => change({ limits: [low, limits[1]] })} /></label>
         <label class="field"><span>${t("figure.high")}</span>
           <${NumberField} label=${t("figure.high")} value=${limits[1]} format=${degrees} low=${limits[0]} high=${FULL_TURN} onChange=${(/** @type {number} */ high) => change({ limits: [limits[0], high] })} /></label>
-      </div>`}`;
+      </div>`
+    }`;
 }
 
 /** @param {{ fit: Fit, servo: number, onServo: (id: number) => void }} props */
 function ServoChoice({ fit, servo, onServo }) {
-  const ids = servoIds.value, at = ids.indexOf(servo);
+  const ids = servoIds.value,
+    at = ids.indexOf(servo);
   const part = (/** @type {number} */ id) => partName(jointOf(fit, id)?.id ?? "") || t("figure.nothing");
   return html`<div class="row">
     <button class="btn ic" aria-label=${t("figure.before")} disabled=${at <= 0} onClick=${() => onServo(ids[at - 1])}><${Icon} name="left" /></button>

@@ -77,7 +77,8 @@ function FitStage({ now }) {
   const scene = {
     pose: () => drawnPose(now, actualPose()),
     chosen: () => numberOf(now, jointOf(now, asked.value)?.id),
-    tintOf: (/** @type {import("../../figure/figure.js").Joint} */ joint) => (now.data.joints[joint.servo ?? -1]?.servo === undefined && joint.servo !== undefined ? PALE : null),
+    tintOf: (/** @type {import("../../figure/figure.js").Joint} */ joint) =>
+      now.data.joints[joint.servo ?? -1]?.servo === undefined && joint.servo !== undefined ? PALE : null,
     onPick: (/** @type {number} */ number) => (fit.value = assigned(now, asked.value, now.data.joints[number].id)),
   };
   return html`<${FigureStage} figure=${shown} scene=${scene} label=${t("figure.aria")} />`;
@@ -93,4 +94,5 @@ function numberOf(now, id) {
 }
 
 /** Return what the figure is called. */
-const nameOfFit = () => (origin.value < 0 ? ownFigure.value?.name : templates.value[origin.value].data.name) ?? figure.value?.data.name ?? "";
+const nameOfFit = () =>
+  (origin.value < 0 ? ownFigure.value?.name : templates.value[origin.value].data.name) ?? figure.value?.data.name ?? "";

@@ -25,7 +25,9 @@ export function LinkCard({ link }) {
    * @param {"revoke" | "renew"} action
    */
   const change = async (role, action) => {
-    await link.call("studio.links.change", { role, action }).catch((error) => toast({ kind: "bad", title: safeText(error.message) }));
+    await link
+      .call("studio.links.change", { role, action })
+      .catch((error) => toast({ kind: "bad", title: safeText(error.message) }));
     await ask();
   };
   return html`<section class="card">
@@ -49,9 +51,11 @@ function LinksOf({ role, links, onChange }) {
   const isThere = links.length > 0;
   return html`<div class="stack">
     <div class="row"><h3 class="grow">${role === "edit" ? t("board.link_drives") : t("board.link_watches")}</h3>
-      ${isThere
-        ? html`<button class="btn s danger" onClick=${() => onChange(role, "revoke")}><${Icon} name="close" />${t("board.revoke")}</button>`
-        : html`<button class="btn s" onClick=${() => onChange(role, "renew")}><${Icon} name="plus" />${t("board.new_link")}</button>`}
+      ${
+        isThere
+          ? html`<button class="btn s danger" onClick=${() => onChange(role, "revoke")}><${Icon} name="close" />${t("board.revoke")}</button>`
+          : html`<button class="btn s" onClick=${() => onChange(role, "renew")}><${Icon} name="plus" />${t("board.new_link")}</button>`
+      }
     </div>
     ${links.map(({ address, host, qr }) => html`<${Code} key=${`code ${host}`} qr=${qr} host=${safeText(host)} /><${Command} key=${host} text=${address} />`)}
     ${!isThere && html`<p class="mut">${t("board.revoked")}</p>`}

@@ -28,8 +28,13 @@ export function People({ link }) {
 
 /** @param {{ program: Program, isMine: boolean }} props */
 function Person({ program, isMine }) {
-  const hasLease = lease.value?.session === program.session, name = safeText(program.who);
-  const state = hasLease ? t("board.has_control") : program.role === "watch" ? t("board.may_watch") : t("board.watching");
+  const hasLease = lease.value?.session === program.session,
+    name = safeText(program.who);
+  const state = hasLease
+    ? t("board.has_control")
+    : program.role === "watch"
+      ? t("board.may_watch")
+      : t("board.watching");
   return html`<li class="row">
     <span class="dot"></span>
     <span class="grow ell">${isMine ? t("board.this_page", { who: name }) : name}</span>

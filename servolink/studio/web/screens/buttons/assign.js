@@ -29,13 +29,22 @@ export function Assign({ project, table, id, secondsOf }) {
    * @param {Partial<import("../../state/records.js").Button>} values
    * @param {string} [merge]
    */
-  const change = (values, merge) => edit(["buttons.edit", { id }], (before) => withButton(before, table.table_id, id, values), merge);
+  const change = (values, merge) =>
+    edit(["buttons.edit", { id }], (before) => withButton(before, table.table_id, id, values), merge);
   const clear = () =>
-    change({ button_caption: "", button_press_macro: 0, button_long_press_macro: 0, button_up_macro: 0, uninterruptible: 0 });
+    change({
+      button_caption: "",
+      button_press_macro: 0,
+      button_long_press_macro: 0,
+      button_up_macro: 0,
+      uninterruptible: 0,
+    });
   /** @param {Event} event */
-  const rename = (event) => change({ button_caption: fitCaption(/** @type {HTMLInputElement} */ (event.currentTarget).value) }, `name ${id}`);
+  const rename = (event) =>
+    change({ button_caption: fitCaption(/** @type {HTMLInputElement} */ (event.currentTarget).value) }, `name ${id}`);
   /** @param {Event} event */
-  const setWaits = (event) => change({ uninterruptible: Number(/** @type {HTMLInputElement} */ (event.currentTarget).checked) });
+  const setWaits = (event) =>
+    change({ uninterruptible: Number(/** @type {HTMLInputElement} */ (event.currentTarget).checked) });
   return html`<section class="card assign" aria-label=${t("buttons.button", { id })}>
     <header>
       <span class="sid acc large">${id}</span>
@@ -60,9 +69,11 @@ function SlotRow({ project, slot, value, secondsOf, onChange }) {
   return html`<div class="slot">
     <span class="ico"><${Icon} name=${icon} /></span>
     <div><b>${t(title)}</b><small>${t(hint)}</small></div>
-    ${value !== 0 && !isMissing
-      ? html`<a class="btn s ic ghost" href="#macros" aria-label=${t("buttons.show_macro")} title=${t("buttons.show_macro")} onClick=${() => (chosenMacro.value = value)}><${Icon} name="play" /></a>`
-      : html`<span></span>`}
+    ${
+      value !== 0 && !isMissing
+        ? html`<a class="btn s ic ghost" href="#macros" aria-label=${t("buttons.show_macro")} title=${t("buttons.show_macro")} onClick=${() => (chosenMacro.value = value)}><${Icon} name="play" /></a>`
+        : html`<span></span>`
+    }
     <select class="inp" aria-label=${t(title)} onChange=${(/** @type {Event} */ event) => onChange(Number(/** @type {HTMLSelectElement} */ (event.currentTarget).value))}>
       <option value="0" selected=${value === 0}>${t("buttons.nothing")}</option>
       ${isMissing && html`<option value=${value} selected>${t("buttons.missing_macro", { id: value })}</option>`}

@@ -18,7 +18,8 @@ export function useGamepad(onPress, onRelease, onLost) {
   useEffect(() => {
     /** @type {Set<number>} */
     let before = new Set();
-    let frame = 0, isFirst = true;
+    let frame = 0,
+      isFirst = true;
     const look = () => {
       frame = requestAnimationFrame(look);
       const gamepad = navigator.getGamepads().find((each) => each?.connected && each.mapping === "standard");
@@ -40,4 +41,6 @@ export function useGamepad(onPress, onRelease, onLost) {
 
 /** @param {Gamepad | null | undefined} gamepad */
 const downOn = (gamepad) =>
-  (gamepad?.buttons ?? []).flatMap((button, number) => (button.pressed && number in BY_GAMEPAD ? [BY_GAMEPAD[number]] : []));
+  (gamepad?.buttons ?? []).flatMap((button, number) =>
+    button.pressed && number in BY_GAMEPAD ? [BY_GAMEPAD[number]] : [],
+  );

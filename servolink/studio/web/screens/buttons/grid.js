@@ -23,7 +23,8 @@ export function Grid({ ids, onAdd, chosen, isSet, isDown, caption, macro, onPres
 /** @param {{ onAdd: (id: number) => void }} props */
 function AddButton({ onAdd }) {
   const [text, setText] = useState("");
-  const id = Number(text), isGood = text !== "" && Number.isInteger(id) && id >= 0 && id <= MOST_ID;
+  const id = Number(text),
+    isGood = text !== "" && Number.isInteger(id) && id >= 0 && id <= MOST_ID;
   /** @param {SubmitEvent} event */
   const add = (event) => {
     event.preventDefault();

@@ -39,7 +39,8 @@ const chosenButton = signal(1);
 /** @param {Tools} tools */
 export function ButtonsScreen(tools) {
   if (draft.value === null) return html`<${Reading} link=${tools.link} icon="buttons" />`;
-  const project = draft.value, table = shownTable(project);
+  const project = draft.value,
+    table = shownTable(project);
   if (table === undefined) return html`<${NoTables} project=${project} />`;
   return html`<${Content} ...${{ project, table }} ...${tools} />`;
 }
@@ -60,7 +61,8 @@ function Content({ project, table, motion }) {
     isSet: (/** @type {number} */ id) => isSet(of(id)),
     isDown: (/** @type {number} */ id) => down.value.has(id) || pressed.value.has(id),
     caption: (/** @type {number} */ id) => safeText(of(id).button_caption),
-    macro: (/** @type {number} */ id) => macroName(project, of(id).button_press_macro || of(id).button_long_press_macro),
+    macro: (/** @type {number} */ id) =>
+      macroName(project, of(id).button_press_macro || of(id).button_long_press_macro),
     onPress: choose,
     onRelease: release,
   };
@@ -96,7 +98,8 @@ function idsOf(table, chosen) {
 /** Say what runs, or else what a press does. */
 function Hint() {
   const macro = running.value?.type === "macro" && macroName(stored.value, running.value.id);
-  if (macro) return html`<span class="chip ok" role="status"><${Icon} name="play" />${t("buttons.runs", { macro })}</span>`;
+  if (macro)
+    return html`<span class="chip ok" role="status"><${Icon} name="play" />${t("buttons.runs", { macro })}</span>`;
   const hint = mode.value === "robot" && isLive.value ? t("buttons.press_here") : t("buttons.lights_up");
   return html`<span class="chip acc"><${Icon} name="info" />${gamepadName.value ? t("buttons.gamepad", { name: gamepadName.value }) : hint}</span>`;
 }
@@ -166,7 +169,8 @@ function usePresses(motion) {
  * @param {number} seconds
  */
 async function run(motion, macroId, seconds) {
-  if (!(await motion.run("macro", macroId, seconds)) && refusal.value) toast({ kind: "bad", title: safeText(refusal.value) });
+  if (!(await motion.run("macro", macroId, seconds)) && refusal.value)
+    toast({ kind: "bad", title: safeText(refusal.value) });
 }
 
 /**
@@ -174,13 +178,16 @@ async function run(motion, macroId, seconds) {
  * @param {number} id
  */
 function sayUnwritten(id) {
-  const [now, then] = [draft.value, stored.value].map((each) => JSON.stringify(buttonOf(each ? shownTable(each) : undefined, id)));
+  const [now, then] = [draft.value, stored.value].map((each) =>
+    JSON.stringify(buttonOf(each ? shownTable(each) : undefined, id)),
+  );
   if (now !== then) toast({ icon: "info", title: t("buttons.unwritten"), detail: t("buttons.unwritten_detail") });
 }
 
 /** @param {Project} project */
 function shownTable(project) {
-  const tables = project.joystick_tables, id = chosenTable.value ?? project.active_joystick_table;
+  const tables = project.joystick_tables,
+    id = chosenTable.value ?? project.active_joystick_table;
   return tables.find((table) => table.table_id === id) ?? tables[0];
 }
 
@@ -191,7 +198,10 @@ function shownTable(project) {
  */
 function startedBy(id, kind) {
   const { active_joystick_table: active = null, joystick_tables: tables = [] } = stored.value ?? {};
-  const button = buttonOf(tables.find((table) => table.table_id === active), id);
+  const button = buttonOf(
+    tables.find((table) => table.table_id === active),
+    id,
+  );
   if (kind === "press") return button.button_press_macro;
   return kind === "long_press" ? button.button_long_press_macro : kind === "up" ? button.button_up_macro : 0;
 }
@@ -202,5 +212,6 @@ function startedBy(id, kind) {
  */
 function totals(project) {
   const found = durations(project);
-  return (/** @type {number} */ macroId) => (found.get(macroId) ?? []).reduce((/** @type {number} */ sum, each) => sum + (each ?? 0), 0) / 1000;
+  return (/** @type {number} */ macroId) =>
+    (found.get(macroId) ?? []).reduce((/** @type {number} */ sum, each) => sum + (each ?? 0), 0) / 1000;
 }

@@ -62,7 +62,8 @@ function Shape({ x, y, shape }) {
 
 /** @param {{ place: Place, text: string }} props */
 function Label({ place: { x, y, shape, label = "below" }, text }) {
-  const drawn = useRef(/** @type {SVGTextElement | null} */ (null)), room = shape === "menu" ? ROOM.menu : ROOM[label];
+  const drawn = useRef(/** @type {SVGTextElement | null} */ (null)),
+    room = shape === "menu" ? ROOM.menu : ROOM[label];
   useLayoutEffect(() => fit(/** @type {SVGTextElement} */ (drawn.current), text, room), [text]);
   const [aside, below, above] = FROM_CENTRE[shape];
   if (label === "left") return html`<text ref=${drawn} class="lab end" x=${x - aside} y=${y + 4}>${text}</text>`;
@@ -77,7 +78,8 @@ function Label({ place: { x, y, shape, label = "below" }, text }) {
  * @param {number} room
  */
 function fit(drawn, text, room) {
-  const content = /** @type {Text} */ (drawn.firstChild), characters = [...text.slice(0, MOST_CHARACTERS)];
+  const content = /** @type {Text} */ (drawn.firstChild),
+    characters = [...text.slice(0, MOST_CHARACTERS)];
   if (text.length > MOST_CHARACTERS) content.data = `${characters.join("")}\u2026`;
   while (characters.length > 0 && drawn.getComputedTextLength() > room) {
     characters.pop();

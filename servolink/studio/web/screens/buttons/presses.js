@@ -36,7 +36,8 @@ export class Presses {
    * @param {number} id
    */
   release(id) {
-    const held = this._held.get(id), button = this._robot.button(id);
+    const held = this._held.get(id),
+      button = this._robot.button(id);
     if (held === undefined) return;
     clearTimeout(held.timer);
     this._held.delete(id);
@@ -56,7 +57,8 @@ export class Presses {
 
   /** @param {number} id */
   _long(id) {
-    const held = this._held.get(id), macroId = this._robot.button(id).button_long_press_macro;
+    const held = this._held.get(id),
+      macroId = this._robot.button(id).button_long_press_macro;
     if (held === undefined || macroId === 0) return;
     held.longEnds = performance.now() + this._robot.seconds(macroId) * 1000;
     this._run(macroId);

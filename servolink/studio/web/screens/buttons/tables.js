@@ -20,7 +20,9 @@ export function Tables({ project, table, onChoose }) {
   return html`<span class="row wrap tables">
     <div class="seg s" role="group" aria-label=${t("buttons.tables")}>
       ${project.joystick_tables.map(
-        (each) => html`<button key=${each.table_id} aria-pressed=${String(each === table)} onClick=${() => onChoose(each.table_id)}>
+        (
+          each,
+        ) => html`<button key=${each.table_id} aria-pressed=${String(each === table)} onClick=${() => onChoose(each.table_id)}>
           ${tableName(each)} ${each.table_id === project.active_joystick_table && html`<span class="chip ok">${t("buttons.active")}</span>`}
         </button>`,
       )}
@@ -48,10 +50,14 @@ export function addTable(project) {
  */
 function itemsOf(project, table, rename) {
   const id = table.table_id;
-  const activate = () => edit(["buttons.use_table", { table: tableName(table) }], (before) => ({ ...before, active_joystick_table: id }));
-  const remove = () => edit(["buttons.delete_table", { table: tableName(table) }], (before) => withoutTable(before, id));
+  const activate = () =>
+    edit(["buttons.use_table", { table: tableName(table) }], (before) => ({ ...before, active_joystick_table: id }));
+  const remove = () =>
+    edit(["buttons.delete_table", { table: tableName(table) }], (before) => withoutTable(before, id));
   return [
-    ...(project.active_joystick_table === id ? [] : [{ label: t("buttons.use_table", { table: tableName(table) }), run: activate }]),
+    ...(project.active_joystick_table === id
+      ? []
+      : [{ label: t("buttons.use_table", { table: tableName(table) }), run: activate }]),
     { label: t("buttons.rename_table"), run: rename },
     { label: t("buttons.delete_table", { table: tableName(table) }), run: remove, danger: true },
   ];

@@ -34,7 +34,8 @@ export function Inspector({ link }) {
   });
   if (id === undefined) return null;
   /** @param {{ start: boolean, hold: boolean }} state */
-  const set = (state) => link.call("servo.set", { servo: id, ...state }).catch((error) => toast({ kind: "bad", title: error.message }));
+  const set = (state) =>
+    link.call("servo.set", { servo: id, ...state }).catch((error) => toast({ kind: "bad", title: error.message }));
   const letGo = () => {
     if (confirm(t("live.let_go_warning", { name: nameOf(id) }))) set({ start: false, hold: false });
   };

@@ -11,7 +11,8 @@ import { degrees, t } from "../../texts/text.js";
 /** @typedef {import("../../shell/app.js").Tools} Tools */
 
 const SAME = 2; // degrees by which target and angle may differ without being told apart
-const FULL_CURRENT = 1000, FULL_TEMPERATURE = 1000; // raw; the document gives no units, so the bars compare only
+const FULL_CURRENT = 1000,
+  FULL_TEMPERATURE = 1000; // raw; the document gives no units, so the bars compare only
 
 /** @param {{ id: number } & Tools} props */
 export function ServoRow({ id, motion }) {
@@ -70,14 +71,17 @@ export function drag(id, angle, motion) {
  * @param {boolean} isDragged
  */
 function show(row, id, isDragged) {
-  const servo = servos.value.get(id), [low, high] = limitsOf(id);
+  const servo = servos.value.get(id),
+    [low, high] = limitsOf(id);
   const wanted = (mode.value === "robot" ? targets.value : draft.value)[id];
   if (servo === undefined) return;
   /** @param {string} name */
   const part = (name) => /** @type {HTMLElement} */ (row.querySelector(`[data-part=${name}]`));
-  const at = share(servo.angle, low, high), zero = share(0, low, high);
+  const at = share(servo.angle, low, high),
+    zero = share(0, low, high);
   part("angle").textContent = degrees(servo.angle);
-  part("target").textContent = wanted !== undefined && Math.abs(wanted - servo.angle) > SAME ? `\u2192 ${degrees(wanted)}` : "";
+  part("target").textContent =
+    wanted !== undefined && Math.abs(wanted - servo.angle) > SAME ? `\u2192 ${degrees(wanted)}` : "";
   part("bar").style.left = `${Math.min(at, zero)}%`;
   part("bar").style.width = `${Math.abs(at - zero)}%`;
   part("now").style.left = `${at}%`;

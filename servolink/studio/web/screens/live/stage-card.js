@@ -47,11 +47,7 @@ export function StageCard({ motion }) {
 /** @param {{ motion: import("../../state/motion.js").Motion }} props */
 function HoldToMove({ motion }) {
   const none = Object.keys(draft.value).length === 0;
-  const label = !isLive.value
-    ? t("live.no_board")
-    : isOthers.value
-      ? t("live.no_control")
-      : t("live.hold_to_move");
+  const label = !isLive.value ? t("live.no_board") : isOthers.value ? t("live.no_control") : t("live.hold_to_move");
   const begin = async () => {
     if (await motion.begin()) motion.towards(draft.value);
   };

@@ -22,10 +22,17 @@ export function AddDialog({ type, onClose }) {
   };
   return html`<${Dialog} title=${t(type === "action" ? "macros.add_action" : "macros.add_macro")} onClose=${onClose}>
     ${count === 0 && html`<p class="mut">${t("macros.nothing_to_add")}</p>`}
-    ${type === "action"
-      ? html`<div class="poses wide">${actions.map((one) => html`<button class="pose" onClick=${() => choose(one.action_id)}>
+    ${
+      type === "action"
+        ? html`<div class="poses wide">${actions.map(
+            (one) => html`<button class="pose" onClick=${() => choose(one.action_id)}>
           <${PosePicture} pose=${poseOf(one)} /><div><b class="ell">${safeText(one.action_caption) || t("actions.unnamed", { id: one.action_id })}</b></div>
-        </button>`)}</div>`
-      : macros.map((one) => html`<button class="mrow" onClick=${() => choose(one.macro_id)}><span class="sid">${one.macro_id}</span><b class="ell">${nameOfMacro(one)}</b></button>`)}
+        </button>`,
+          )}</div>`
+        : macros.map(
+            (one) =>
+              html`<button class="mrow" onClick=${() => choose(one.macro_id)}><span class="sid">${one.macro_id}</span><b class="ell">${nameOfMacro(one)}</b></button>`,
+          )
+    }
   </${Dialog}>`;
 }

@@ -13,7 +13,8 @@ import { frozen, place, share, span } from "./scale.js";
 /** @typedef {import("../../state/macro-time.js").Clip} Clip */
 
 const THRESHOLD = 4; // pixels before a press becomes a drag
-const PICTURE = 0.07, TIME = 0.028; // share of the timeline from which picture or time fit a clip
+const PICTURE = 0.07,
+  TIME = 0.028; // share of the timeline from which picture or time fit a clip
 const MOST_MARKS = 50;
 
 /** The clip that is dragged, and its place if it is dropped now. */
@@ -34,14 +35,17 @@ export function ClipsLane() {
  */
 function Gap({ all }) {
   if (dragged.value === null) return null;
-  const { index, to } = dragged.value, others = all.filter((clip) => clip.index !== index);
+  const { index, to } = dragged.value,
+    others = all.filter((clip) => clip.index !== index);
   return html`<i class="drop" style=${{ left: share(others[to]?.from ?? others.at(-1)?.until ?? 0) }}></i>`;
 }
 
 /** @param {{ clip: Clip, all: Clip[] }} props */
 function TopClip({ clip, all }) {
-  const { command, index } = clip, marks = command.loop > 1 ? Math.min(MOST_MARKS, command.loop) - 1 : 0;
-  const handlers = useReorder(clip, all), what = nameOfCommand(command);
+  const { command, index } = clip,
+    marks = command.loop > 1 ? Math.min(MOST_MARKS, command.loop) - 1 : 0;
+  const handlers = useReorder(clip, all),
+    what = nameOfCommand(command);
   const label = t("macros.clip_aria", { what, time: seconds(clip.from, 1), seconds: seconds(clip.until - clip.from) });
   return html`<button class="clip ${command.type}" style=${place(clip)} aria-pressed=${String(index === chosenClip.value)} title=${label}
     onClick=${() => (chosenClip.value = index)} onFocus=${() => (chosenClip.value = index)} ...${handlers}>
@@ -54,8 +58,13 @@ function TopClip({ clip, all }) {
 /** @param {{ clip: Clip }} props */
 function ClipLabel({ clip: { command, depth, from, until } }) {
   const part = (until - from) / span.value;
-  if (command.type === "delay") return html`<span class="sr">${t("macros.pause")} </span>${part > TIME && html`<span>${seconds(until - from, 1)}</span>`}`;
-  const action = command.type === "action" && depth === 0 && part > PICTURE && draft.value?.actions.find((one) => one.action_id === command.action_id);
+  if (command.type === "delay")
+    return html`<span class="sr">${t("macros.pause")} </span>${part > TIME && html`<span>${seconds(until - from, 1)}</span>`}`;
+  const action =
+    command.type === "action" &&
+    depth === 0 &&
+    part > PICTURE &&
+    draft.value?.actions.find((one) => one.action_id === command.action_id);
   return html`${action && html`<${PosePicture} pose=${poseOf(action)} distance=${0.9} />`}
     ${command.type === "macro" && html`<${Icon} name="macros" />`}
     <span class="ell">${nameOfCommand(command)}</span>
@@ -109,7 +118,8 @@ function useReorder(clip, all) {
   /** @param {PointerEvent} event */
   const pull = (event) => {
     if (grip.current === null) return;
-    const { x, perPixel, element } = grip.current, by = event.clientX - x;
+    const { x, perPixel, element } = grip.current,
+      by = event.clientX - x;
     if (dragged.value === null && Math.abs(by) < THRESHOLD) return;
     element.classList.add("drag");
     element.style.transform = `translateX(${by}px)`;
@@ -135,11 +145,15 @@ function useReorder(clip, all) {
 export function InnerLanes() {
   const inner = (course.value?.clips ?? []).filter((clip) => clip.depth > 0);
   const depths = [...new Set(inner.map((clip) => clip.depth))].sort((a, b) => a - b);
-  const names = [...new Set((macro.value?.commands ?? []).filter((command) => command.type === "macro").map(nameOfCommand))].join(", ");
-  return depths.map((depth) => html`<div class="lane sub" key=${depth}>
+  const names = [
+    ...new Set((macro.value?.commands ?? []).filter((command) => command.type === "macro").map(nameOfCommand)),
+  ].join(", ");
+  return depths.map(
+    (depth) => html`<div class="lane sub" key=${depth}>
     <div class="lb" title=${names}><${Icon} name="down" /><span class="ell">${depth === 1 ? names : t("macros.inside")}</span></div>
     <div class="bd" aria-hidden="true">
       ${inner.filter((clip) => clip.depth === depth).map((clip) => html`<div class="clip ${clip.command.type} ${clip.isAgain ? "again" : ""}" style=${place(clip)}><${ClipLabel} clip=${clip} /></div>`)}
     </div>
-  </div>`);
+  </div>`,
+  );
 }

@@ -7,25 +7,33 @@ import { callersOf, withoutMacro } from "../../state/records.js";
 import { seconds, t } from "../../texts/text.js";
 import { add, change, chosenClip, macro, nameOfCommand, nameOfMacro } from "./current.js";
 
-export const SLOWEST = 1, FASTEST = 100; // percent
+export const SLOWEST = 1,
+  FASTEST = 100; // percent
 export const MOST_REPEATS = 32_767;
 const UNIT = 10; // milliseconds
 
 /** Return the chosen command, null if there is none. */
-export const chosenCommand = () => (chosenClip.value === null ? null : (macro.value?.commands[chosenClip.value] ?? null));
+export const chosenCommand = () =>
+  chosenClip.value === null ? null : (macro.value?.commands[chosenClip.value] ?? null);
 
 /** Duplicate the chosen command, or the macro if none is chosen. */
 export function duplicate() {
-  const one = macro.value, command = chosenCommand(), at = chosenClip.value;
+  const one = macro.value,
+    command = chosenCommand(),
+    at = chosenClip.value;
   if (one === null) return;
-  if (command === null || at === null) return add("macros.did_duplicate", t("actions.copy_of", { name: one.macro_caption }), one.commands);
-  change("macros.did_insert", (each) => withCommandAt(each, at + 1, { ...command }), { values: { what: nameOfCommand(command) } });
+  if (command === null || at === null)
+    return add("macros.did_duplicate", t("actions.copy_of", { name: one.macro_caption }), one.commands);
+  change("macros.did_insert", (each) => withCommandAt(each, at + 1, { ...command }), {
+    values: { what: nameOfCommand(command) },
+  });
   chosenClip.value = at + 1;
 }
 
 /** Take the chosen command out of the macro. */
 export function removeChosen() {
-  const command = chosenCommand(), at = chosenClip.value;
+  const command = chosenCommand(),
+    at = chosenClip.value;
   if (command === null || at === null) return;
   change("macros.did_remove", (each) => withoutCommandAt(each, at), { values: { what: nameOfCommand(command) } });
   chosenClip.value = at > 0 ? at - 1 : null;
@@ -39,7 +47,9 @@ export function removeChosen() {
 export function move(from, to) {
   const one = macro.value;
   if (one === null || from === to || to < 0 || to >= one.commands.length) return;
-  change("macros.did_move", (each) => withMoved(each, from, to), { values: { what: nameOfCommand(one.commands[from]) } });
+  change("macros.did_move", (each) => withMoved(each, from, to), {
+    values: { what: nameOfCommand(one.commands[from]) },
+  });
   chosenClip.value = to;
 }
 
@@ -58,10 +68,14 @@ export function moveChosen(way) {
  * @param {string} [merge]
  */
 export function setSpeed(at, percent, merge = "") {
-  const command = macro.value?.commands[at], ratio = Math.max(SLOWEST, Math.min(FASTEST, Math.round(percent)));
+  const command = macro.value?.commands[at],
+    ratio = Math.max(SLOWEST, Math.min(FASTEST, Math.round(percent)));
   if (!command || command.ratio_percent === ratio) return;
   const values = { what: nameOfCommand(command), ratio };
-  change("macros.did_speed", (each) => withCommand(each, at, { ratio_percent: ratio }), { values, merge: merge && `${merge} ${at}` });
+  change("macros.did_speed", (each) => withCommand(each, at, { ratio_percent: ratio }), {
+    values,
+    merge: merge && `${merge} ${at}`,
+  });
 }
 
 /**
@@ -70,8 +84,12 @@ export function setSpeed(at, percent, merge = "") {
  * @param {number} loop
  */
 export function setRepeats(at, loop) {
-  const command = macro.value?.commands[at], count = Math.round(loop);
-  if (command) change("macros.did_repeat", (each) => withCommand(each, at, { loop: count }), { values: { what: nameOfCommand(command), count } });
+  const command = macro.value?.commands[at],
+    count = Math.round(loop);
+  if (command)
+    change("macros.did_repeat", (each) => withCommand(each, at, { loop: count }), {
+      values: { what: nameOfCommand(command), count },
+    });
 }
 
 /**
@@ -84,7 +102,10 @@ export function setPause(at, milliseconds, merge = "") {
   const delay_ms = Math.max(0, Math.round(milliseconds / UNIT) * UNIT);
   if (macro.value?.commands[at]?.delay_ms === delay_ms) return;
   const values = { time: seconds(delay_ms / 1000) };
-  change("macros.did_wait", (each) => withCommand(each, at, { delay_ms }), { values, merge: merge && `${merge} ${at}` });
+  change("macros.did_wait", (each) => withCommand(each, at, { delay_ms }), {
+    values,
+    merge: merge && `${merge} ${at}`,
+  });
 }
 
 /**
@@ -96,16 +117,25 @@ export function setPause(at, milliseconds, merge = "") {
  */
 export function stretch(at, clip, command, wanted) {
   const length = Math.max(UNIT / 1000, Math.round(wanted * (1000 / UNIT)) / (1000 / UNIT));
-  if (command.type === "delay") setPause(at, (length * 1000 * command.ratio_percent) / 100 / Math.max(1, command.loop), "stretch");
+  if (command.type === "delay")
+    setPause(at, (length * 1000 * command.ratio_percent) / 100 / Math.max(1, command.loop), "stretch");
   else setSpeed(at, ((clip.until - clip.from) * command.ratio_percent) / length, "stretch");
 }
 
 /** Delete the macro, also where other macros or buttons start it. */
 export function removeMacro() {
-  const one = macro.value, project = draft.value;
+  const one = macro.value,
+    project = draft.value;
   if (one === null || project === null) return;
-  const name = nameOfMacro(one), id = one.macro_id;
-  const starts = project.joystick_tables.flatMap((table) => table.buttons.flatMap((button) => [button.button_press_macro, button.button_long_press_macro, button.button_up_macro]));
+  const name = nameOfMacro(one),
+    id = one.macro_id;
+  const starts = project.joystick_tables.flatMap((table) =>
+    table.buttons.flatMap((button) => [
+      button.button_press_macro,
+      button.button_long_press_macro,
+      button.button_up_macro,
+    ]),
+  );
   const isUsed = callersOf(project, "macro", id).length > 0 || starts.includes(id);
   edit(["macros.did_delete", { name }], (before) => withoutMacro(before, id));
   chosenClip.value = null;

@@ -38,7 +38,9 @@ export const course = computed(() =>
   draft.value && macro.value ? courseOf(draft.value, macro.value.macro_id, start.value, slowness.value) : null,
 );
 /** The turns that are faster than the servos may be. */
-export const fastTurns = computed(() => (course.value?.turns ?? []).filter((turn) => speedOf(turn) > capOf(turn.servoId)));
+export const fastTurns = computed(() =>
+  (course.value?.turns ?? []).filter((turn) => speedOf(turn) > capOf(turn.servoId)),
+);
 
 const milliseconds = computed(() => (draft.value ? durations(draft.value) : new Map()));
 
@@ -48,7 +50,9 @@ const milliseconds = computed(() => (draft.value ? durations(draft.value) : new 
  */
 export function secondsOfMacro(one) {
   const each = milliseconds.value.get(one.macro_id) ?? [null];
-  return each.includes(null) ? null : each.reduce((/** @type {number} */ sum, /** @type {number} */ time) => sum + time, 0) / 1000;
+  return each.includes(null)
+    ? null
+    : each.reduce((/** @type {number} */ sum, /** @type {number} */ time) => sum + time, 0) / 1000;
 }
 
 /** @param {Macro} one */
@@ -96,7 +100,8 @@ export function add(key, caption, commands) {
 }
 
 /** Add an empty macro. */
-export const addEmpty = () => add("macros.did_add", t("macros.new_name", { number: (draft.value?.macros.length ?? 0) + 1 }), []);
+export const addEmpty = () =>
+  add("macros.did_add", t("macros.new_name", { number: (draft.value?.macros.length ?? 0) + 1 }), []);
 
 /**
  * Put a command in after the chosen one, or at the end, and choose it.

@@ -12,7 +12,19 @@ import { capOf } from "../../state/limits.js";
 import { draft, settle } from "../../state/project.js";
 import { fitCaption } from "../../state/records.js";
 import { seconds, t } from "../../texts/text.js";
-import { chosenCommand, duplicate, FASTEST, MOST_REPEATS, moveChosen, removeChosen, removeMacro, setPause, setRepeats, setSpeed, SLOWEST } from "./commands.js";
+import {
+  chosenCommand,
+  duplicate,
+  FASTEST,
+  MOST_REPEATS,
+  moveChosen,
+  removeChosen,
+  removeMacro,
+  setPause,
+  setRepeats,
+  setSpeed,
+  SLOWEST,
+} from "./commands.js";
 import { change, chosenClip, course, fastTurns, macro, nameOfCommand, nameOfMacro, secondsOfMacro } from "./current.js";
 import { show } from "./macro-list.js";
 
@@ -34,10 +46,12 @@ function Whole() {
   /** @param {string} name */
   const rename = (name) => {
     const macro_caption = fitCaption(name);
-    if (macro_caption !== one.macro_caption) change("macros.did_rename", (each) => ({ ...each, macro_caption }), { values: { to: safeText(macro_caption) } });
+    if (macro_caption !== one.macro_caption)
+      change("macros.did_rename", (each) => ({ ...each, macro_caption }), { values: { to: safeText(macro_caption) } });
     return macro_caption;
   };
-  const takes = secondsOfMacro(one), time = takes === null ? t("macros.endless") : seconds(takes);
+  const takes = secondsOfMacro(one),
+    time = takes === null ? t("macros.endless") : seconds(takes);
   return html`<header>
       <${NameField} name=${safeText(one.macro_caption)} placeholder=${nameOfMacro(one)} label=${t("actions.name")} onChange=${rename} />
       <${Menu} label=${t("actions.more")} items=${[
@@ -50,8 +64,10 @@ function Whole() {
 
 /** @param {{ command: Command, at: number }} props */
 function One({ command, at }) {
-  const clip = course.value?.clips.find((each) => each.depth === 0 && each.index === at), isPause = command.type === "delay";
-  const called = command.type === "macro" ? draft.value?.macros.find((each) => each.macro_id === command.macro_id) : undefined;
+  const clip = course.value?.clips.find((each) => each.depth === 0 && each.index === at),
+    isPause = command.type === "delay";
+  const called =
+    command.type === "macro" ? draft.value?.macros.find((each) => each.macro_id === command.macro_id) : undefined;
   /** @param {Event} event */
   const slide = (event) => setSpeed(at, Number(/** @type {HTMLInputElement} */ (event.currentTarget).value), "slide");
   return html`<header>
@@ -65,9 +81,12 @@ function One({ command, at }) {
       ]} />
     </header>
     <div class="pad0 fields">
-      ${isPause && html`<label class="field"><span>${t("macros.waits")}</span>
+      ${
+        isPause &&
+        html`<label class="field"><span>${t("macros.waits")}</span>
         <${NumberField} value=${(command.delay_ms ?? 0) / 1000} format=${seconds} step=${0.01} low=${0} high=${LONGEST_PAUSE} label=${t("macros.waits")} onChange=${(/** @type {number} */ time) => setPause(at, time * 1000)} />
-      </label>`}
+      </label>`
+      }
       <label class="field"><span class="row"><span class="grow">${t("macros.speed")}</span><b class="num">${command.ratio_percent} %</b></span>
         <input type="range" min=${SLOWEST} max=${FASTEST} value=${command.ratio_percent} aria-label=${t("macros.speed")} onInput=${slide} onChange=${settle} />
       </label>
@@ -79,21 +98,32 @@ function One({ command, at }) {
           <input class="inp num" readonly value=${seconds(clip ? clip.until - clip.from : 0)} />
         </label>
       </div>
-      ${called && html`<p class="mut does">${t("macros.does", { list: called.commands.filter((each) => each.type !== "delay").map(nameOfCommand).join(", ") })}</p>
-        <button class="btn s" onClick=${() => show(called.macro_id)}>${t("macros.open", { name: nameOfMacro(called) })}<${Icon} name="arrow" /></button>`}
+      ${
+        called &&
+        html`<p class="mut does">${t("macros.does", {
+          list: called.commands
+            .filter((each) => each.type !== "delay")
+            .map(nameOfCommand)
+            .join(", "),
+        })}</p>
+        <button class="btn s" onClick=${() => show(called.macro_id)}>${t("macros.open", { name: nameOfMacro(called) })}<${Icon} name="arrow" /></button>`
+      }
     </div>`;
 }
 
 function Speeds() {
-  const whole = course.value, fast = fastTurns.value;
-  if (whole === null) return html`<${Note} kind="warn" title=${t("macros.endless")} detail=${t("macros.endless_detail")} />`;
+  const whole = course.value,
+    fast = fastTurns.value;
+  if (whole === null)
+    return html`<${Note} kind="warn" title=${t("macros.endless")} detail=${t("macros.endless_detail")} />`;
   if (whole.isCut) return html`<${Note} kind="info" title=${t("macros.cut")} />`;
   if (whole.turns.length === 0) return html`<${Note} kind="info" title=${t("macros.empty")} />`;
   if (fast.length === 0) {
     const cap = Math.min(...whole.turns.map((turn) => capOf(turn.servoId)));
     return html`<${Note} kind="ok" title=${t("macros.slow_enough")} detail=${t("macros.checked_at", { cap })} />`;
   }
-  const [first] = fast, cap = Math.min(...fast.map((turn) => capOf(turn.servoId)));
+  const [first] = fast,
+    cap = Math.min(...fast.map((turn) => capOf(turn.servoId)));
   const detail = t("macros.fast_detail", { servo: nameOf(first.servoId), time: seconds(first.from, 1) });
   return html`<${Note} kind="warn" title=${t("macros.fast", { count: fast.length, cap })} detail=${detail} />`;
 }

@@ -28,22 +28,32 @@ const turns = computed(() => {
 
 /** The servos that move, those of one limb together. */
 export const movedServos = computed(() => {
-  const order = limbs.value.flatMap((limb) => limb.ids), strangers = [...turns.value.keys()].filter((id) => !order.includes(id));
+  const order = limbs.value.flatMap((limb) => limb.ids),
+    strangers = [...turns.value.keys()].filter((id) => !order.includes(id));
   return [...order.filter((id) => turns.value.has(id)), ...strangers];
 });
 
 export const ServoLanes = () =>
-  movedServos.value.map((id) => html`<div class="lane" key=${id} data-g=${limbOf(id)}>
+  movedServos.value.map(
+    (id) => html`<div class="lane" key=${id} data-g=${limbOf(id)}>
     <button class="lb plain" aria-pressed=${String(chosen.value === id)} onClick=${() => (chosen.value = id)}><span class="sid">${id}</span><span class="ell">${nameOf(id)}</span></button>
     <div class="bd">${(turns.value.get(id) ?? []).slice(0, MOST_BARS).map(bar)}</div>
-  </div>`);
+  </div>`,
+  );
 
 export function LimbLanes() {
   const moving = limbs.value.filter(({ ids }) => ids.some((id) => turns.value.has(id)));
-  return moving.map(({ limb, ids }) => html`<div class="lane" key=${limb} data-g=${limb}>
+  return moving.map(
+    ({ limb, ids }) => html`<div class="lane" key=${limb} data-g=${limb}>
     <div class="lb"><span class="gd"></span><span class="ell">${limbName(limb)}</span></div>
-    <div class="bd">${together(ids).slice(0, MOST_BARS).map((each) => html`<div class=${each.isFast ? "mv fast" : "mv"} style=${place(each)}>${isWide(each) ? each.count : ""}</div>`)}</div>
-  </div>`);
+    <div class="bd">${together(ids)
+      .slice(0, MOST_BARS)
+      .map(
+        (each) =>
+          html`<div class=${each.isFast ? "mv fast" : "mv"} style=${place(each)}>${isWide(each) ? each.count : ""}</div>`,
+      )}</div>
+  </div>`,
+  );
 }
 
 /** @param {Turn} turn */
@@ -61,7 +71,12 @@ function together(ids) {
   const found = new Map();
   for (const turn of ids.flatMap((id) => turns.value.get(id) ?? [])) {
     const { until = 0, count = 0, isFast = false } = found.get(turn.from) ?? {};
-    found.set(turn.from, { from: turn.from, until: Math.max(until, turn.until), count: count + 1, isFast: isFast || speedOf(turn) > capOf(turn.servoId) });
+    found.set(turn.from, {
+      from: turn.from,
+      until: Math.max(until, turn.until),
+      count: count + 1,
+      isFast: isFast || speedOf(turn) > capOf(turn.servoId),
+    });
   }
   return [...found.values()].sort((a, b) => a.from - b.from);
 }

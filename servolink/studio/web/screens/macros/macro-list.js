@@ -10,7 +10,8 @@ import { addEmpty, chosenClip, macro, nameOfMacro, secondsOfMacro } from "./curr
 /** @typedef {import("../../state/records.js").Macro} Macro */
 
 export function MacroList() {
-  const macros = draft.value?.macros ?? [], list = useRef(/** @type {HTMLElement | null} */ (null));
+  const macros = draft.value?.macros ?? [],
+    list = useRef(/** @type {HTMLElement | null} */ (null));
   useEffect(() => {
     list.current?.querySelector("[aria-pressed=true]")?.scrollIntoView({ block: "nearest", inline: "nearest" });
   }, [macro.value?.macro_id]);
@@ -25,7 +26,8 @@ export function MacroList() {
 
 /** @param {Macro} one */
 function row(one) {
-  const takes = secondsOfMacro(one), time = takes === null ? t("macros.endless") : seconds(takes, 1);
+  const takes = secondsOfMacro(one),
+    time = takes === null ? t("macros.endless") : seconds(takes, 1);
   return html`<button key=${one.macro_id} class="mrow" aria-pressed=${String(one === macro.value)} onClick=${() => show(one.macro_id)}>
     <span class="sid">${one.macro_id}</span>
     <span class="grow"><b class="ell">${nameOfMacro(one)}</b><small class="num">${t("macros.facts", { time, count: one.commands.length })}</small></span>

@@ -69,9 +69,11 @@ export async function run(motion) {
   if (whole === null || whole.isCut || !(await motion.begin())) return;
   isPlaying.value = false;
   if (time.value >= whole.seconds) time.value = 0;
-  const from = time.value, { parts, lead } = partsFrom(whole, from);
+  const from = time.value,
+    { parts, lead } = partsFrom(whole, from);
   isRunning.value = true;
-  let sent = 0, sentAt = performance.now();
+  let sent = 0,
+    sentAt = performance.now();
   const tick = () => {
     if (!isRunning.value) return;
     time.value = Math.min(whole.seconds, from + Math.max(0, sent + (performance.now() - sentAt) / 1000 - lead));
@@ -89,17 +91,25 @@ export async function run(motion) {
  * @returns {{ parts: Part[], lead: number }}
  */
 export function partsFrom(whole, from) {
-  const here = actualPose(), there = poseAt(whole, start.value, from);
+  const here = actualPose(),
+    there = poseAt(whole, start.value, from);
   const moved = [...new Set(whole.turns.map((turn) => turn.servoId))];
   const away = moved.filter((id) => id in there && Math.abs((here[id] ?? there[id]) - there[id]) > NEAR);
   const lead = Math.max(0, ...away.map((id) => Math.max(SHORTEST, Math.abs((here[id] ?? 0) - there[id]) / pace.value)));
   /** @type {Map<string, Part>} */
   const parts = new Map();
-  if (lead > 0) parts.set("lead", { at: 0, duration: lead, targets: Object.fromEntries(away.map((id) => [id, Math.round(there[id])])) });
+  if (lead > 0)
+    parts.set("lead", {
+      at: 0,
+      duration: lead,
+      targets: Object.fromEntries(away.map((id) => [id, Math.round(there[id])])),
+    });
   for (const { servoId, from: begins, until, end } of whole.turns) {
     if (until <= from && begins < from) continue;
-    const at = lead + Math.max(0, begins - from), duration = Math.round((until - Math.max(begins, from)) * 100) / 100;
-    const key = `${at.toFixed(4)} ${duration.toFixed(4)}`, part = parts.get(key) ?? { at, duration, targets: {} };
+    const at = lead + Math.max(0, begins - from),
+      duration = Math.round((until - Math.max(begins, from)) * 100) / 100;
+    const key = `${at.toFixed(4)} ${duration.toFixed(4)}`,
+      part = parts.get(key) ?? { at, duration, targets: {} };
     part.targets[servoId] = end;
     parts.set(key, part);
   }

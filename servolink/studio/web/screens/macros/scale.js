@@ -27,4 +27,7 @@ export const share = (seconds) => `${((seconds / span.value) * 100).toFixed(3)}%
  * Return place and width of what lasts from one moment to another.
  * @param {{ from: number, until: number }} what
  */
-export const place = ({ from, until }) => ({ left: share(from), width: `max(3px, calc(${share(until - from)} - 2px))` });
+export const place = ({ from, until }) => ({
+  left: share(from),
+  width: `max(3px, calc(${share(until - from)} - 2px))`,
+});

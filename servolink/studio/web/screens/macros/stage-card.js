@@ -17,15 +17,20 @@ const view = signal(/** @type {import("../../parts/stage.js").ViewName} */ ("fre
 
 /** @param {Tools} tools */
 export function StageCard({ motion }) {
-  const scene = useMemo(() => ({ pose, chosen: () => chosen.value, onPick: (/** @type {number} */ id) => (chosen.value = id) }), []);
+  const scene = useMemo(
+    () => ({ pose, chosen: () => chosen.value, onPick: (/** @type {number} */ id) => (chosen.value = id) }),
+    [],
+  );
   const isEmpty = course.value === null || course.value.isCut || course.value.turns.length === 0;
   return html`<section class="stage" aria-label=${t("macros.preview")}>
     ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${scene} label=${t("macros.preview")} view=${view.value} />`}
     <div class="tl col"><${ViewChoice} view=${view} /></div>
     <div class="tr">
-      ${isRunning.value
-        ? html`<span class="chip warn" role="status"><${Icon} name="live" />${t("macros.running")}</span>`
-        : html`<span class="chip acc"><${Icon} name="eye" />${t("macros.preview_only")}</span>`}
+      ${
+        isRunning.value
+          ? html`<span class="chip warn" role="status"><${Icon} name="live" />${t("macros.running")}</span>`
+          : html`<span class="chip acc"><${Icon} name="eye" />${t("macros.preview_only")}</span>`
+      }
     </div>
     <div class="br"><${HoldButton} label=${t("macros.hold_to_run")} disabled=${isEmpty} onBegin=${() => run(motion)} onEnd=${() => motion.end()} /></div>
   </section>`;

@@ -10,7 +10,9 @@ import { isLooping, isPlaying, seek, time, togglePlay } from "./preview.js";
 import { lanes, zoom } from "./scale.js";
 
 const PAUSE = 500; // milliseconds of a new pause
-const NEAREST = 8, FARTHEST = 1, BY = 2;
+const NEAREST = 8,
+  FARTHEST = 1,
+  BY = 2;
 
 export function TimelineBar() {
   const adding = useSignal(/** @type {"action" | "macro" | null} */ (null));
@@ -26,7 +28,10 @@ export function TimelineBar() {
     <button class="btn s" aria-label=${t("macros.add_macro")} onClick=${() => (adding.value = "macro")}><${Icon} name="plus" />${t("macros.macro")}</button>
     <span class="rule hide-n"></span>
     <div class="hide-t hide-n"><${Segments} label=${t("macros.lanes")} small value=${lanes.value} onChoose=${(/** @type {typeof lanes.value} */ name) => (lanes.value = name)}
-      choices=${[{ value: "servos", label: t("macros.servos") }, { value: "limbs", label: t("macros.limbs") }]} /></div>
+      choices=${[
+        { value: "servos", label: t("macros.servos") },
+        { value: "limbs", label: t("macros.limbs") },
+      ]} /></div>
     <button class="btn s ic hide-n" aria-label=${t("macros.zoom_out")} title=${t("macros.zoom_out")} disabled=${zoom.value <= FARTHEST} onClick=${() => (zoom.value /= BY)}><${Icon} name="zoom-out" /></button>
     <button class="btn s ic hide-n" aria-label=${t("macros.zoom_in")} title=${t("macros.zoom_in")} disabled=${zoom.value >= NEAREST} onClick=${() => (zoom.value *= BY)}><${Icon} name="zoom" /></button>
     ${adding.value && html`<${AddDialog} type=${adding.value} onClose=${() => (adding.value = null)} />`}

@@ -30,7 +30,11 @@ export function Backups({ link, mayWrite }) {
       const { project } = await link.call("studio.backup", { number: backup.number });
       setCompared({ backup, changes: changesTo(project) });
     } catch (error) {
-      toast({ kind: "bad", title: t("project.no_backup"), detail: safeText(error instanceof Error ? error.message : "") });
+      toast({
+        kind: "bad",
+        title: t("project.no_backup"),
+        detail: safeText(error instanceof Error ? error.message : ""),
+      });
     }
   };
   return html`<section class="card">
@@ -38,10 +42,12 @@ export function Backups({ link, mayWrite }) {
     <div class="pad0">
       ${here.length === 0 && html`<p class="mut">${t("project.no_backups")}</p>`}
       <ul class="bk">
-        ${shown.map((backup) => html`<li key=${backup.number}>
+        ${shown.map(
+          (backup) => html`<li key=${backup.number}>
           <span><b>${timeOf(backup)}</b><small class="num">${t("project.backup", { number: backup.number })}</small></span>
           <button class="btn s" onClick=${() => compare(backup)}>${t("project.roll_back_to")}</button>
-        </li>`)}
+        </li>`,
+        )}
       </ul>
       ${here.length > shown.length && html`<button class="btn s" onClick=${() => setShowsAll(true)}>${t("project.all_backups", { count: here.length })}</button>`}
     </div>
@@ -75,14 +81,26 @@ function Compared({ backup, changes, link, mayWrite, onClose }) {
 const changesTo = (project) =>
   stored.value === null
     ? []
-    : differencesOf(stored.value, project).map(({ kind, id, before, after }) => ({ what: `${kind} ${id}`, old: before ?? null, new: after ?? null }));
+    : differencesOf(stored.value, project).map(({ kind, id, before, after }) => ({
+        what: `${kind} ${id}`,
+        old: before ?? null,
+        new: after ?? null,
+      }));
 
 /** @param {Backup} backup */
-const timeOf = ({ time }) => new Date(time).toLocaleString(language.value === "zh" ? "zh-CN" : "en-GB", { dateStyle: "medium", timeStyle: "short" });
+const timeOf = ({ time }) =>
+  new Date(time).toLocaleString(language.value === "zh" ? "zh-CN" : "en-GB", {
+    dateStyle: "medium",
+    timeStyle: "short",
+  });
 
 /**
  * Return an address as it is written in the names of backups (`servolink/project/transfer/backups.py`).
  * @param {string} url
  */
 const slug = (url) =>
-  url.split("?")[0].replace(/[^A-Za-z0-9.]+/g, "_").slice(-60).replace(/^[_.]+|[_.]+$/g, "") || "board";
+  url
+    .split("?")[0]
+    .replace(/[^A-Za-z0-9.]+/g, "_")
+    .slice(-60)
+    .replace(/^[_.]+|[_.]+$/g, "") || "board";

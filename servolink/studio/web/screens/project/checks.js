@@ -12,7 +12,8 @@ const MOST = 8;
 
 /** @param {{ plan: Plan, found: Found[] }} props */
 export function Checks({ plan, found }) {
-  const errors = found.filter(({ severity }) => severity === "error"), others = found.filter(({ severity }) => severity !== "error");
+  const errors = found.filter(({ severity }) => severity === "error"),
+    others = found.filter(({ severity }) => severity !== "error");
   const warning = plan.memory?.warning;
   return html`<section class="card">
     <header><h2>${t("project.checks")}</h2></header>
@@ -35,7 +36,9 @@ const List = ({ found }) => html`<ul class="found">
 /** @param {{ memory: import("../../state/plan.js").Memory | null }} props */
 export function MemoryCard({ memory }) {
   if (memory === null || memory.size_bytes === null || memory.size_bytes <= 0) return null;
-  const size = memory.size_bytes, used = size - memory.free_before_bytes, after = size - memory.free_after_bytes;
+  const size = memory.size_bytes,
+    used = size - memory.free_before_bytes,
+    after = size - memory.free_after_bytes;
   const share = (/** @type {number} */ bytes) => `${Math.max(0, Math.min(100, (bytes / size) * 100))}%`;
   return html`<section class="card">
     <header><h2>${t("project.memory")}</h2></header>

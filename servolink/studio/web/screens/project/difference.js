@@ -36,9 +36,11 @@ export function Difference({ change }) {
 
 /** @param {{ parts: Part[] }} props */
 function Parts({ parts }) {
-  const shown = parts.slice(0, MOST_PARTS), rest = parts.length - shown.length;
+  const shown = parts.slice(0, MOST_PARTS),
+    rest = parts.length - shown.length;
   return html`${shown.map(
-    ({ text, before, after }, at) => html`${at > 0 && " · "}${text} ${before !== undefined && html`<del>${before}</del>`} ${after !== undefined && html`<ins>${after}</ins>`}`,
+    ({ text, before, after }, at) =>
+      html`${at > 0 && " · "}${text} ${before !== undefined && html`<del>${before}</del>`} ${after !== undefined && html`<ins>${after}</ins>`}`,
   )}
   ${rest > 0 && html` · ${t("project.more", { count: rest })}`}`;
 }
@@ -59,7 +61,12 @@ function partsOf({ old, new: now }) {
   if (now?.commands) return macroParts(old, now);
   if (now?.buttons) return tableParts(old, now);
   if (now?.servo_id !== undefined) return parameterParts(old, now);
-  return [{ before: old === null ? t("buttons.nothing") : String(old), after: now === null ? t("buttons.nothing") : String(now) }];
+  return [
+    {
+      before: old === null ? t("buttons.nothing") : String(old),
+      after: now === null ? t("buttons.nothing") : String(now),
+    },
+  ];
 }
 
 /**
@@ -69,7 +76,10 @@ function partsOf({ old, new: now }) {
  */
 function parameterParts(old, now) {
   const trim = { text: t("project.trim"), before: degrees(old.adjusted_degree), after: degrees(now.adjusted_degree) };
-  return [...captionParts(old.servo_caption, now.servo_caption), ...(old.adjusted_degree === now.adjusted_degree ? [] : [trim])];
+  return [
+    ...captionParts(old.servo_caption, now.servo_caption),
+    ...(old.adjusted_degree === now.adjusted_degree ? [] : [trim]),
+  ];
 }
 
 /**
@@ -89,5 +99,9 @@ function kindOf({ what, old, new: now }) {
   if (record?.macro_id !== undefined) return t("project.macro", { id: record.macro_id });
   if (record?.table_id !== undefined) return t("project.table", { id: record.table_id });
   if (record?.servo_id !== undefined) return t("project.servo", { id: record.servo_id });
-  return what === "project id" ? t("project.id") : what.startsWith("active") ? t("project.active_table") : safeText(what);
+  return what === "project id"
+    ? t("project.id")
+    : what.startsWith("active")
+      ? t("project.active_table")
+      : safeText(what);
 }

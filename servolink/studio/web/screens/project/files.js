@@ -24,7 +24,8 @@ export async function openFile(link, file) {
     if (file.size > MOST_BYTES) throw new RangeError(t("project.too_large"));
     const text = await file.text();
     if (JSON.stringify(text).length > MOST_BYTES) throw new RangeError(t("project.too_large"));
-    const answer = await link.call("studio.file.read", { text }), { figure, ...project } = answer.project;
+    const answer = await link.call("studio.file.read", { text }),
+      { figure, ...project } = answer.project;
     if (figure) await takeFigure(link, figure);
     edit(["project.opened", { name }], (before) => ({ ...before, ...project }));
     toast({ kind: "ok", title: t("project.opened", { name }), detail: t("project.opened_detail") });
@@ -42,7 +43,11 @@ async function takeFigure(link, figure) {
   if (JSON.stringify(figure) === JSON.stringify(ownFigure.value)) return;
   const take = () => saveFigure(link, figure).catch((error) => toast({ kind: "bad", title: messageOf(error) }));
   if (ownFigure.value === null) return take();
-  toast({ title: t("figure.in_file"), detail: t("figure.in_file_detail"), action: { label: t("figure.take"), run: take } });
+  toast({
+    title: t("figure.in_file"),
+    detail: t("figure.in_file_detail"),
+    action: { label: t("figure.take"), run: take },
+  });
 }
 
 /**
@@ -51,7 +56,9 @@ async function takeFigure(link, figure) {
  */
 export async function saveFile(link) {
   try {
-    const { text } = await link.call("studio.file.write", { project: { ...draft.value, figure: ownFigure.value ?? undefined } });
+    const { text } = await link.call("studio.file.write", {
+      project: { ...draft.value, figure: ownFigure.value ?? undefined },
+    });
     saveBytes(`${(welcome.value?.name ?? "robot").replace(/[^\w-]/g, "_")}.servolink.json`, "application/json", [text]);
   } catch (error) {
     toast({ kind: "bad", title: t("project.not_saved"), detail: messageOf(error) });
@@ -59,4 +66,5 @@ export async function saveFile(link) {
 }
 
 /** @param {unknown} error */
-const messageOf = (error) => safeText(error instanceof RequestError || error instanceof RangeError ? error.message : t("project.not_readable"));
+const messageOf = (error) =>
+  safeText(error instanceof RequestError || error instanceof RangeError ? error.message : t("project.not_readable"));

@@ -5,7 +5,17 @@ import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { Reading } from "../../parts/reading.js";
 import { safeText } from "../../parts/safe-text.js";
-import { NO_OUTCOME, apply, isPlanning, makePlan, outcome, plan, planError, progress, readBackups } from "../../state/plan.js";
+import {
+  NO_OUTCOME,
+  apply,
+  isPlanning,
+  makePlan,
+  outcome,
+  plan,
+  planError,
+  progress,
+  readBackups,
+} from "../../state/plan.js";
 import { differences, draft, reread } from "../../state/project.js";
 import { isLive, isOthers, welcome } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
@@ -23,7 +33,9 @@ const PAUSE = 400; // milliseconds from an edit to the plan for it
 
 /** @param {Tools} tools */
 export function ProjectScreen({ link }) {
-  const project = draft.value, isFree = progress.value === null, mayWrite = welcome.value?.role === "edit";
+  const project = draft.value,
+    isFree = progress.value === null,
+    mayWrite = welcome.value?.role === "edit";
   useEffect(() => {
     if (project === null || !isFree || !isLive.value || !mayWrite) return undefined;
     const timer = setTimeout(() => makePlan(link), PAUSE);
@@ -56,11 +68,13 @@ export function ProjectScreen({ link }) {
 /** @param {{ link: Link, mayWrite: boolean, isCurrent: boolean, made: typeof plan.value }} props */
 function Head({ link, mayWrite, isCurrent, made }) {
   const input = useRef(/** @type {HTMLInputElement | null} */ (null));
-  const count = made?.plan.changes.length ?? differences.value.length, isBusy = progress.value !== null;
+  const count = made?.plan.changes.length ?? differences.value.length,
+    isBusy = progress.value !== null;
   const isRefused = made?.found.some(({ severity }) => severity === "error") ?? false;
   const mayBegin = mayWrite && isLive.value && !isBusy && !isOthers.value && isCurrent && count > 0 && !isRefused;
   const choose = () => {
-    const element = /** @type {HTMLInputElement} */ (input.current), file = element.files?.[0];
+    const element = /** @type {HTMLInputElement} */ (input.current),
+      file = element.files?.[0];
     if (file) openFile(link, file);
     element.value = ""; // so that the same file can be chosen again
   };

@@ -48,6 +48,9 @@ export function Outcome({ link, isUnfinished }) {
   if (state === "none" || (of !== null && of !== draft.value)) return null; // or edited since
   const title = t(state === "written" ? "project.written" : "project.rolled_back");
   const number = /(\d{6,})-\d{8}T/.exec(text)?.[1];
-  const detail = number === undefined ? t("project.written_detail") : `${t("project.written_detail")} ${t("project.kept_as", { number: Number(number) })}`;
+  const detail =
+    number === undefined
+      ? t("project.written_detail")
+      : `${t("project.written_detail")} ${t("project.kept_as", { number: Number(number) })}`;
   return html`<div class="pad0"><${Note} kind="ok" title=${title} detail=${detail} /></div>`;
 }

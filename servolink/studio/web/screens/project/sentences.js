@@ -30,7 +30,11 @@ export function actionParts(before, after) {
     if (one?.degree !== other?.degree) {
       parts.push({ text: nameOf(id), before: one && degrees(one.degree), after: other && degrees(other.degree) });
     } else if (one && other && one.interval_ms !== other.interval_ms) {
-      parts.push({ text: nameOf(id), before: seconds(one.interval_ms / 1000), after: seconds(other.interval_ms / 1000) });
+      parts.push({
+        text: nameOf(id),
+        before: seconds(one.interval_ms / 1000),
+        after: seconds(other.interval_ms / 1000),
+      });
     }
   }
   return parts.length > 0 ? parts : [{ text: t("project.order") }];
@@ -44,7 +48,8 @@ export function actionParts(before, after) {
  */
 export function macroParts(before, after) {
   const [old, now] = [before.commands.map(commandText), after.commands.map(commandText)];
-  const start = old.findIndex((each, at) => each !== now[at]), from = start < 0 ? old.length : start;
+  const start = old.findIndex((each, at) => each !== now[at]),
+    from = start < 0 ? old.length : start;
   let end = 0;
   while (end < Math.min(old.length, now.length) - from && old.at(-1 - end) === now.at(-1 - end)) end++;
   const parts = captionParts(before.macro_caption, after.macro_caption);
@@ -79,7 +84,9 @@ export function tableParts(before, after) {
  */
 function buttonParts(before, after) {
   const slots = /** @type {const} */ ([
-    ["buttons.press", "button_press_macro"], ["buttons.long_press", "button_long_press_macro"], ["buttons.up", "button_up_macro"],
+    ["buttons.press", "button_press_macro"],
+    ["buttons.long_press", "button_long_press_macro"],
+    ["buttons.up", "button_up_macro"],
   ]);
   const name = (/** @type {number} */ id) => macroName(draft.value, id) || t("buttons.nothing");
   const old = (/** @type {number} */ id) => macroName(stored.value, id) || t("buttons.nothing");
@@ -99,7 +106,15 @@ function buttonParts(before, after) {
  * @returns {Part[]}
  */
 export const captionParts = (before, after) =>
-  before === after ? [] : [{ text: t("project.name"), before: safeText(before) || t("project.unnamed"), after: safeText(after) || t("project.unnamed") }];
+  before === after
+    ? []
+    : [
+        {
+          text: t("project.name"),
+          before: safeText(before) || t("project.unnamed"),
+          after: safeText(after) || t("project.unnamed"),
+        },
+      ];
 
 /**
  * Return what a record is made of.
@@ -107,7 +122,8 @@ export const captionParts = (before, after) =>
  */
 export function summary(record) {
   if (record?.steps) return t("project.servos_in", { count: record.steps.length, seconds: seconds(secondsOf(record)) });
-  if (record?.commands) return t("project.parts_in", { count: record.commands.length, seconds: seconds(totalOf(record), 1) });
+  if (record?.commands)
+    return t("project.parts_in", { count: record.commands.length, seconds: seconds(totalOf(record), 1) });
   if (record?.adjusted_degree) return `${t("project.trim")} ${degrees(record.adjusted_degree)}`;
   return record?.buttons ? t("project.buttons_in", { count: record.buttons.length }) : "";
 }
@@ -117,10 +133,16 @@ const totalOf = (macro) => macro.commands.reduce((sum, command) => sum + command
 
 /** @param {Command} command */
 function commandText(command) {
-  const repeats = command.loop === 1 ? "" : ` × ${command.loop}`, ratio = command.ratio_percent === 100 ? "" : ` ${command.ratio_percent} %`;
-  if (command.type === "delay") return `${t("project.pause", { seconds: seconds((command.delay_ms ?? 0) / 1000) })}${ratio}${repeats}`;
-  const id = targetOf(command), project = draft.value;
+  const repeats = command.loop === 1 ? "" : ` × ${command.loop}`,
+    ratio = command.ratio_percent === 100 ? "" : ` ${command.ratio_percent} %`;
+  if (command.type === "delay")
+    return `${t("project.pause", { seconds: seconds((command.delay_ms ?? 0) / 1000) })}${ratio}${repeats}`;
+  const id = targetOf(command),
+    project = draft.value;
   const action = command.type === "action" ? project?.actions.find((each) => each.action_id === id) : undefined;
-  const name = command.type === "macro" ? macroName(project, id) : safeText(action?.action_caption ?? "") || t("project.action", { id });
+  const name =
+    command.type === "macro"
+      ? macroName(project, id)
+      : safeText(action?.action_caption ?? "") || t("project.action", { id });
   return `${name}${ratio}${repeats}`;
 }

@@ -77,4 +77,9 @@ export async function mark(link) {
 }
 
 /** @param {unknown} error */
-export const say = (error) => toast({ kind: "bad", title: t("record.failed"), detail: error instanceof RequestError ? safeText(error.message) : t("record.lost") });
+export const say = (error) =>
+  toast({
+    kind: "bad",
+    title: t("record.failed"),
+    detail: error instanceof RequestError ? safeText(error.message) : t("record.lost"),
+  });

@@ -6,8 +6,9 @@ import { t } from "../../texts/text.js";
 import { makeActions, saveRecording, saveTable } from "./export.js";
 
 /** @param {{ link: import("../../link/link.js").Link }} props */
-export const Export = ({ link }) => html`<${Menu} label=${t("record.export")} items=${[
-  { label: t("record.export_recording"), run: () => saveRecording(link) },
-  { label: t("record.export_table"), run: saveTable },
-  { label: t("record.export_actions"), run: makeActions },
-]} />`;
+export const Export = ({ link }) =>
+  html`<${Menu} label=${t("record.export")} items=${[
+    { label: t("record.export_recording"), run: () => saveRecording(link) },
+    { label: t("record.export_table"), run: saveTable },
+    { label: t("record.export_actions"), run: makeActions },
+  ]} />`;

@@ -45,8 +45,10 @@ export const saveTable = () => saveBytes("servos.csv", "text/csv", [tableOf(froz
  * @param {readonly number[]} ids
  */
 export function tableOf(from, ids) {
-  const lines = ["seconds,servo_id,angle,current_raw,temperature_raw"], rings = ids.map((id) => from.of(id));
-  const first = Math.max(0, from.count - LENGTH), start = from.times[first % LENGTH];
+  const lines = ["seconds,servo_id,angle,current_raw,temperature_raw"],
+    rings = ids.map((id) => from.of(id));
+  const first = Math.max(0, from.count - LENGTH),
+    start = from.times[first % LENGTH];
   for (let number = first; number < from.count; number++) {
     const at = number % LENGTH;
     ids.forEach((id, one) => {
@@ -65,7 +67,8 @@ export function makeActions() {
     seconds: at === 0 ? FIRST : Math.max(SHORTEST, Math.ceil((time - marks.value[at - 1].time) * 100) / 100),
     at: time,
   }));
-  if (film.length === 0 || draft.value === null) return toast({ title: t("record.no_marks"), detail: t("record.no_marks_detail") });
+  if (film.length === 0 || draft.value === null)
+    return toast({ title: t("record.no_marks"), detail: t("record.no_marks_detail") });
   const name = freeName(film.length);
   edit(["teach.did_save", { name }], (project) => withLesson(project, name, film).project);
   editToast({ title: t("teach.saved", { name }), detail: t("record.actions_made", { count: film.length }) });
@@ -74,6 +77,8 @@ export function makeActions() {
 
 /** @param {number} count */
 function freeName(count) {
-  const names = Array.from({ length: 99 }, (_, at) => (at === 0 ? t("record.action") : `${t("record.action")} ${at + 1}`));
+  const names = Array.from({ length: 99 }, (_, at) =>
+    at === 0 ? t("record.action") : `${t("record.action")} ${at + 1}`,
+  );
   return names.find((name) => draft.value !== null && whyNot(draft.value, name, count) === "") ?? names[0];
 }

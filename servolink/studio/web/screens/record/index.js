@@ -34,16 +34,22 @@ export function RecordScreen({ link }) {
     const timer = setInterval(() => status.value?.is_recording && !document.hidden && refresh(link), LOOK_EVERY);
     return () => clearInterval(timer);
   }, [isLive.value]);
-  useKeys({ f: (event) => event.repeat || freeze(), k: (event) => event.repeat || mark(link), r: (event) => event.repeat || !mayRecord.value || startOrStop(link) });
+  useKeys({
+    f: (event) => event.repeat || freeze(),
+    k: (event) => event.repeat || mark(link),
+    r: (event) => event.repeat || !mayRecord.value || startOrStop(link),
+  });
   const shown = frozen.value ?? history;
   return html`<div class=${isLive.value ? "rec" : "rec stale"}>
     <section class="card plots">
       <${Head} link=${link} />
-      ${PLOTS.map(({ quantity, title, unit }) => html`<div class="p" key=${quantity}>
+      ${PLOTS.map(
+        ({ quantity, title, unit }) => html`<div class="p" key=${quantity}>
         <h2>${t(title)}</h2>
         <${Plot} history=${shown} ids=${plotted.value} quantity=${quantity} seconds=${SECONDS} chosen=${plotted.value.includes(chosen.value ?? -1) ? chosen.value : null}
           limbOf=${limbOf} unit=${unit} label=${t(title)} nowLabel=${frozen.value ? "0 s" : t("live.now")} look=${`${theme.value} ${frozen.value !== null}`} marks=${marks} />
-      </div>`)}
+      </div>`,
+      )}
     </section>
     <${ServoList} />
   </div>`;
@@ -51,7 +57,8 @@ export function RecordScreen({ link }) {
 
 /** @param {{ link: import("../../link/link.js").Link }} props */
 function Head({ link }) {
-  const now = status.value, isRecording = now?.is_recording ?? false;
+  const now = status.value,
+    isRecording = now?.is_recording ?? false;
   const label = isRecording ? t("record.stop") : t("record.start");
   return html`<header class="wrap">
     <button class="recbtn" aria-pressed=${String(isRecording)} aria-label=${label} title=${label} disabled=${!mayRecord.value} onClick=${() => startOrStop(link)}><i></i></button>
@@ -67,7 +74,10 @@ function Head({ link }) {
 
 /** @param {import("./current.js").Status | null} now */
 function factsOf(now) {
-  const facts = [t("record.servos", { count: servoIds.value.length }), t("record.marks", { count: marks.value.length })];
+  const facts = [
+    t("record.servos", { count: servoIds.value.length }),
+    t("record.marks", { count: marks.value.length }),
+  ];
   if (now !== null && now.name !== "") {
     facts.push(t("record.size", { megabytes: (now.size_bytes / 1e6).toFixed(2) }));
     facts.push(now.problem || (now.dropped ? t("record.dropped", { count: now.dropped }) : t("record.nothing_lost")));

@@ -11,10 +11,12 @@ export function ServoList() {
   return html`<section class="card ser">
     <header><h2>${t("record.plotted")}</h2><button class="btn s" onClick=${() => plotServos(servoIds.value, !isAll)}>${isAll ? t("record.none") : t("record.all")}</button></header>
     <div class="pad0">
-      ${limbs.value.map(({ limb, ids }) => html`<fieldset key=${limb} data-g=${limb}>
+      ${limbs.value.map(
+        ({ limb, ids }) => html`<fieldset key=${limb} data-g=${limb}>
         <legend>${limbName(limb)}</legend>
         ${ids.map((id) => html`<${Servo} key=${id} id=${id} />`)}
-      </fieldset>`)}
+      </fieldset>`,
+      )}
     </div>
   </section>`;
 }
@@ -30,4 +32,5 @@ function Servo({ id }) {
 }
 
 /** @param {{ id: number }} props */
-const Angle = ({ id }) => html`<span class="num mut">${String(servos.value.get(id)?.angle ?? "").replace("-", "\u2212")}°</span>`;
+const Angle = ({ id }) =>
+  html`<span class="num mut">${String(servos.value.get(id)?.angle ?? "").replace("-", "\u2212")}°</span>`;

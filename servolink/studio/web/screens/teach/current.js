@@ -29,13 +29,19 @@ export const film = signal(read());
 export const chosenPose = signal(/** @type {number | null} */ (null));
 export const name = signal("");
 
-export const chosenIds = computed(() => limbs.value.filter(({ limb }) => chosenLimbs.value.has(limb)).flatMap(({ ids }) => ids));
+export const chosenIds = computed(() =>
+  limbs.value.filter(({ limb }) => chosenLimbs.value.has(limb)).flatMap(({ ids }) => ids),
+);
 export const isLimp = computed(() => released.value.size > 0);
 /** Whether limbs may be let go from this page now. */
 export const mayLetGo = computed(() => isLive.value && mayMove.value && !isOthers.value);
 /** Why it cannot be saved under this name. */
-export const problem = computed(() => (draft.value === null || name.value.trim() === "" ? "" : whyNot(draft.value, name.value.trim(), film.value.length)));
-export const maySave = computed(() => draft.value !== null && film.value.length > 0 && name.value.trim() !== "" && problem.value === "");
+export const problem = computed(() =>
+  draft.value === null || name.value.trim() === "" ? "" : whyNot(draft.value, name.value.trim(), film.value.length),
+);
+export const maySave = computed(
+  () => draft.value !== null && film.value.length > 0 && name.value.trim() !== "" && problem.value === "",
+);
 
 let start = NOWHERE;
 /** @type {Limp | null} */
@@ -121,7 +127,8 @@ export function setSeconds(at, seconds) {
 /** Hold the limbs, then add the poses to the draft. */
 export async function save() {
   await holdAgain();
-  const caption = name.value.trim(), poses = film.value;
+  const caption = name.value.trim(),
+    poses = film.value;
   if (!maySave.value || isLimp.value) return;
   edit(["teach.did_save", { name: safeText(caption) }], (project) => {
     const made = withLesson(project, caption, poses);

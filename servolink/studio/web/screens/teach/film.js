@@ -13,7 +13,8 @@ const STEP = 0.1; // seconds
 const FEW = 2; // angles below a picture
 
 export function Film() {
-  const list = useRef(/** @type {HTMLElement | null} */ (null)), count = film.value.length;
+  const list = useRef(/** @type {HTMLElement | null} */ (null)),
+    count = film.value.length;
   useEffect(() => {
     list.current?.scrollTo({ left: list.current.scrollWidth });
   }, [count]);
@@ -40,13 +41,17 @@ function Gap({ at }) {
 
 /** @param {{ at: number }} props */
 function Pose({ at }) {
-  const { pose, ids } = film.value[at], isChosen = chosenPose.value === at;
+  const { pose, ids } = film.value[at],
+    isChosen = chosenPose.value === at;
   return html`<li>
     <button class="pose" aria-pressed=${String(isChosen)} onClick=${() => (chosenPose.value = isChosen ? null : at)}>
       <${PosePicture} pose=${pose} />
       <div>
         <b>${t("teach.pose", { number: at + 1 })}</b>
-        <small class="num">${ids.slice(0, FEW).map((id) => `${id}: ${degrees(pose[id])}`).join(" · ")}</small>
+        <small class="num">${ids
+          .slice(0, FEW)
+          .map((id) => `${id}: ${degrees(pose[id])}`)
+          .join(" · ")}</small>
       </div>
     </button>
   </li>`;

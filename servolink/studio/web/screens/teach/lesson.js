@@ -17,7 +17,8 @@ import { fitCaption, freeId, withRecord } from "../../state/records.js";
 /** @typedef {{ pose: Pose, at: number }} Start */
 /** Highest speeds of servos, degrees per second. @typedef {Record<number, number>} Caps */
 
-export const SHORTEST = 0.1, LONGEST = 327.67; // seconds
+export const SHORTEST = 0.1,
+  LONGEST = 327.67; // seconds
 const HUNDREDTHS = 100;
 
 /**
@@ -69,7 +70,8 @@ export const totalOf = (film) => film.reduce((sum, taken) => sum + taken.seconds
  * @returns {Pose}
  */
 export function poseAt(film, start, time) {
-  let before = start, left = time;
+  let before = start,
+    left = time;
   for (const { pose, seconds } of film) {
     if (left < seconds) return between(before, pose, left / seconds);
     left -= seconds;
@@ -87,8 +89,10 @@ export function poseAt(film, start, time) {
  */
 export function whyNot(project, name, count) {
   if (fitCaption(captionOf(name, count, count)) !== captionOf(name, count, count)) return "teach.name_long";
-  const actions = project.actions.map((one) => one.action_caption), macros = project.macros.map((one) => one.macro_caption);
-  const isPart = (/** @type {string} */ caption) => caption.startsWith(`${name} `) && /^\d+$/.test(caption.slice(name.length + 1));
+  const actions = project.actions.map((one) => one.action_caption),
+    macros = project.macros.map((one) => one.macro_caption);
+  const isPart = (/** @type {string} */ caption) =>
+    caption.startsWith(`${name} `) && /^\d+$/.test(caption.slice(name.length + 1));
   return [...actions, ...macros].includes(name) || actions.some(isPart) ? "teach.name_taken" : "";
 }
 
@@ -104,13 +108,15 @@ export function withLesson(project, name, film) {
   const actionIds = [];
   let after = project;
   film.forEach(({ pose, ids, seconds }, at) => {
-    const action_id = freeId("actions", after), interval_ms = Math.round(seconds * 1000);
+    const action_id = freeId("actions", after),
+      interval_ms = Math.round(seconds * 1000);
     const steps = ids.map((servo_id) => ({ servo_id, degree: pose[servo_id], interval_ms }));
     actionIds.push(action_id);
     after = withRecord(after, "actions", { action_id, action_caption: captionOf(name, at + 1, film.length), steps });
   });
   if (film.length < 2) return { project: after, actionId: actionIds[0], macroId: null };
-  const macroId = freeId("macros", after), commands = actionIds.map((id) => commandOf("action", id));
+  const macroId = freeId("macros", after),
+    commands = actionIds.map((id) => commandOf("action", id));
   after = withRecord(after, "macros", { macro_id: macroId, macro_caption: name, commands });
   return { project: after, actionId: actionIds[0], macroId };
 }
@@ -126,7 +132,8 @@ const captionOf = (name, number, count) => (count > 1 ? `${name} ${number}` : na
  * Return a time as the board counts it, rounded up; rounded first, so that 0.07 does not become 0.08.
  * @param {number} seconds
  */
-const kept = (seconds) => Math.min(LONGEST, Math.ceil(Number((Math.max(SHORTEST, seconds) * HUNDREDTHS).toFixed(6))) / HUNDREDTHS);
+const kept = (seconds) =>
+  Math.min(LONGEST, Math.ceil(Number((Math.max(SHORTEST, seconds) * HUNDREDTHS).toFixed(6))) / HUNDREDTHS);
 
 /**
  * @param {Pose} from
@@ -135,7 +142,9 @@ const kept = (seconds) => Math.min(LONGEST, Math.ceil(Number((Math.max(SHORTEST,
  * @returns {Pose}
  */
 const between = (from, to, share) =>
-  Object.fromEntries(Object.entries(to).map(([id, angle]) => {
-    const start = from[Number(id)] ?? angle;
-    return [id, start + (angle - start) * share];
-  }));
+  Object.fromEntries(
+    Object.entries(to).map(([id, angle]) => {
+      const start = from[Number(id)] ?? angle;
+      return [id, start + (angle - start) * share];
+    }),
+  );

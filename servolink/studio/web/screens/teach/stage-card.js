@@ -18,7 +18,9 @@ const LIMP = /** @type {Vector} */ ([0.82, 0.41, 0.12]);
 const view = signal(/** @type {import("../../parts/stage.js").ViewName} */ ("free"));
 
 export function StageCard() {
-  const names = limbs.value.filter(({ ids }) => ids.some((id) => released.value.has(id))).map(({ limb }) => limbName(limb));
+  const names = limbs.value
+    .filter(({ ids }) => ids.some((id) => released.value.has(id)))
+    .map(({ limb }) => limbName(limb));
   return html`<section class="stage" aria-label=${t("teach.stage")}>
     ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${SCENE} label=${t("teach.stage_aria")} view=${view.value} />`}
     <div class="tl col">
@@ -26,9 +28,11 @@ export function StageCard() {
       ${names.length > 0 && html`<span class="chip limp"><${Icon} name="feather" />${t("teach.limp", { limbs: names.join(", ") })}</span>`}
     </div>
     <div class="tr">
-      ${time.value !== null
-        ? html`<span class="chip acc"><${Icon} name="eye" />${t("teach.preview_only")}</span>`
-        : html`<span class="chip">${isLimp.value ? t("teach.rest_held") : t("teach.all_held")}</span>`}
+      ${
+        time.value !== null
+          ? html`<span class="chip acc"><${Icon} name="eye" />${t("teach.preview_only")}</span>`
+          : html`<span class="chip">${isLimp.value ? t("teach.rest_held") : t("teach.all_held")}</span>`
+      }
     </div>
   </section>`;
 }

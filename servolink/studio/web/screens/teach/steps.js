@@ -9,7 +9,20 @@ import { reading } from "../../state/project.js";
 import { isOthers, mayMove } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
 import {
-  chosenIds, chosenLimbs, film, forgetLast, holdAgain, isLimp, letGo, mayLetGo, maySave, name, problem, save, take, toggleLimb,
+  chosenIds,
+  chosenLimbs,
+  film,
+  forgetLast,
+  holdAgain,
+  isLimp,
+  letGo,
+  mayLetGo,
+  maySave,
+  name,
+  problem,
+  save,
+  take,
+  toggleLimb,
 } from "./current.js";
 import { failure } from "./limp.js";
 
@@ -43,22 +56,27 @@ function Step({ number, now, title, children }) {
 function Choose({ link }) {
   const reason = !mayMove.value ? t("note.watching") : isOthers.value ? t("live.no_control") : "";
   return html`<div class="limbpick" role="group" aria-label=${t("teach.choose")}>
-      ${limbs.value.map(({ limb, ids }) => html`<button key=${limb} data-g=${limb} disabled=${isLimp.value}
+      ${limbs.value.map(
+        ({ limb, ids }) => html`<button key=${limb} data-g=${limb} disabled=${isLimp.value}
         aria-pressed=${String(chosenLimbs.value.has(limb))} onClick=${() => toggleLimb(limb)}>
         <b><span class="gd" data-g=${limb}></span>${limbName(limb)}</b><small class="num">${span(ids)}</small>
-      </button>`)}
+      </button>`,
+      )}
     </div>
     <${Note} kind="warn" title=${t("teach.they_fall")} detail=${t("teach.they_fall_detail")} />
-    ${isLimp.value
-      ? html`<button class="btn" onClick=${holdAgain}><${Icon} name="lock" />${t("teach.hold")}</button>`
-      : html`<button class="btn letgo" disabled=${!mayLetGo.value || chosenIds.value.length === 0} onClick=${() => letGo(link)}>
+    ${
+      isLimp.value
+        ? html`<button class="btn" onClick=${holdAgain}><${Icon} name="lock" />${t("teach.hold")}</button>`
+        : html`<button class="btn letgo" disabled=${!mayLetGo.value || chosenIds.value.length === 0} onClick=${() => letGo(link)}>
           <${Icon} name="feather" />${reason || t("teach.let_go")}
-        </button>`}
+        </button>`
+    }
     ${failure.value && html`<${Note} kind="bad" urgent title=${t("teach.not_held")} detail=${safeText(failure.value)} />`}`;
 }
 
 function Take() {
-  const button = useRef(/** @type {HTMLButtonElement | null} */ (null)), isReady = isLimp.value;
+  const button = useRef(/** @type {HTMLButtonElement | null} */ (null)),
+    isReady = isLimp.value;
   useEffect(() => {
     if (isReady) button.current?.focus(); // Space takes a pose now, and does not press what was pressed before
   }, [isReady]);
@@ -74,7 +92,8 @@ function Take() {
 }
 
 function Keep() {
-  const count = film.value.length, { state } = reading.value;
+  const count = film.value.length,
+    { state } = reading.value;
   /** @param {Event} event */
   const submit = (event) => {
     event.preventDefault();
@@ -98,6 +117,7 @@ function Keep() {
  * @param {number[]} ids
  */
 function span(ids) {
-  const last = ids.at(-1) ?? 0, isRow = ids.length > 2 && last - ids[0] === ids.length - 1;
+  const last = ids.at(-1) ?? 0,
+    isRow = ids.length > 2 && last - ids[0] === ids.length - 1;
   return isRow ? `${ids[0]}\u2013${last}` : ids.join(", ");
 }
