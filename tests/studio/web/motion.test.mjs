@@ -1,0 +1,177 @@
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, mock, test } from "node:test";
+import { document, FakeLink, tick, turns, window } from "./page.mjs";
+
+const web = "../../../servolink/studio/web/";
+const { Motion, pace, refusal, running, targets } = await import(`${web}state/motion.js`);
+const { lease, linkState, servos, welcome } = await import(`${web}state/robot.js`);
+const { RequestError } = await import(`${web}link/link.js`);
+
+let link, motion;
+
+beforeEach(() => {
+  mock.timers.enable({ apis: ["setTimeout"] });
+  link = new FakeLink();
+  welcome.value = { session: "mine", role: "edit" };
+  linkState.value = "open";
+  lease.value = null;
+  pace.value = 100;
+  servos.value = new Map([1, 2].map((id) => [id, { servo_id: id, angle: 0, is_start: true, is_hold: true }]));
+  motion = new Motion(link);
+});
+
+afterEach(() => {
+  motion.leave();
+  mock.timers.reset();
+});
+
+/** Hold, as a person does who presses a control and gets the lease. */
+async function hold() {
+  const held = motion.begin();
+  await turns();
+  lease.value = { session: "mine", who: "a page", since: 0, dead_man: 0.35 };
+  link.taken("lease.take").resolve({});
+  assert.equal(await held, true);
+}
+
+test("nothing is sent before the hub has given the lease", async () => {
+  motion.towards({ 1: 30 });
+  await turns();
+  assert.deepEqual(link.asked, []);
+});
+
+test("a movement takes the way at the chosen pace", async () => {
+  await hold();
+  motion.towards({ 1: 50 });
+  await turns();
+  assert.deepEqual(link.taken("move").params, {
+    targets: { 1: 50 },
+    duration: 0.5,
+  });
+});
+
+test("while a movement is under way only the latest wish is kept", async () => {
+  await hold();
+  motion.towards({ 1: 10 });
+  await turns();
+  const first = link.taken("move");
+  for (const angle of [20, 30, 40]) motion.towards({ 1: angle });
+  await turns();
+  assert.equal(link.taken("move"), null);
+  first.resolve({ seconds: 0.1 });
+  await turns();
+  mock.timers.tick(1000);
+  await turns();
+  assert.deepEqual(link.taken("move").params.targets, { 1: 40 });
+});
+
+test("servos that still turn are stopped when the control is released, and nothing follows", async () => {
+  await hold();
+  motion.towards({ 1: 90 });
+  await turns();
+  motion.towards({ 1: 120 });
+  motion.end();
+  await turns();
+  assert.deepEqual(link.taken("move.end").params, { servos: [1] });
+  link.taken("move").resolve({ seconds: 1 });
+  mock.timers.tick(1000);
+  await turns();
+  assert.equal(link.taken("move"), null);
+  assert.deepEqual(targets.value, {});
+});
+
+test("a stop by another page drops what was not sent yet", async () => {
+  await hold();
+  motion.towards({ 1: 10 });
+  await turns();
+  motion.towards({ 1: 20 });
+  link.listeners.get("stopped")({});
+  link.taken("move").resolve({ seconds: 0.1 });
+  mock.timers.tick(1000);
+  await turns();
+  assert.equal(link.taken("move"), null);
+});
+
+test("a lost lease ends the hold without a further request", async () => {
+  await hold();
+  lease.value = {
+    session: "another",
+    who: "another page",
+    since: 0,
+    dead_man: null,
+  };
+  motion.towards({ 1: 10 });
+  await turns();
+  assert.deepEqual(link.asked, []);
+});
+
+test("a refusal is shown, and ends what was moved", async () => {
+  await hold();
+  motion.towards({ 1: 10, 2: 10 });
+  await turns();
+  link.taken("move").reject(new RequestError({ code: 202, message: "beyond the limits" }));
+  await turns();
+  assert.equal(refusal.value, "beyond the limits");
+  motion.towards({ 1: 20 });
+  await turns();
+  assert.equal(link.taken("move"), null);
+});
+
+test("beats go out while the page is visible and the lease is taken, and end with it", async () => {
+  const beats = () => link.told.filter((method) => method === "lease.beat").length;
+  tick();
+  assert.equal(beats(), 0);
+  await hold();
+  tick();
+  assert.equal(beats(), 2); // one with the lease itself
+  document.hidden = true;
+  tick();
+  assert.equal(beats(), 2);
+  document.hidden = false;
+  motion.leave();
+  tick();
+  assert.equal(beats(), 2);
+});
+
+for (const [target, name] of [
+  [window, "blur"],
+  [window, "pagehide"],
+]) {
+  test(`the lease is given back on ${name}`, async () => {
+    await hold();
+    target.dispatchEvent(new Event(name));
+    assert.ok(link.told.includes("lease.give"));
+  });
+}
+
+test("a sequence plays step by step, and ends with the hold", async () => {
+  await hold();
+  const times = [];
+  const part = (at, angle) => ({ at, duration: 0.2, targets: { 1: angle } });
+  const played = motion.play([part(0, 10), part(0.5, 20)], 1, (time) => times.push(time));
+  mock.timers.tick(0);
+  await turns();
+  const step = link.taken("move");
+  assert.deepEqual(step.params, { targets: { 1: 10 }, duration: 0.2 });
+  motion.end();
+  step.resolve({ seconds: 0.2 });
+  await turns();
+  mock.timers.tick(1000);
+  assert.equal(await played, false);
+  assert.deepEqual(times, [0]);
+});
+
+test("a stored motion is stopped when the page is left", async () => {
+  const begun = motion.run("macro", 3, 2);
+  await turns();
+  lease.value = { session: "mine", who: "a page", since: 0, dead_man: 0.35 };
+  link.taken("lease.take").resolve({});
+  await turns();
+  link.taken("run").resolve({});
+  assert.equal(await begun, true);
+  assert.deepEqual(running.value, { type: "macro", id: 3 });
+  motion.leave();
+  await turns();
+  assert.ok(link.taken("stop"));
+  assert.equal(running.value, null);
+});

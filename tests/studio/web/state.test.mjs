@@ -1,0 +1,68 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import "./page.mjs";
+
+const web = "../../../servolink/studio/web/";
+const { UndoList } = await import(`${web}state/undo.js`);
+const { History, LENGTH } = await import(`${web}state/history.js`);
+const { stoppedCount, isAllStopped } = await import(`${web}state/stopped.js`);
+const { readAt, servos } = await import(`${web}state/robot.js`);
+
+test("a drag is one step to undo, and the next drag another", () => {
+  const steps = new UndoList();
+  steps.add(["turn"], 0, 1, "servo 1");
+  steps.add(["turn"], 1, 2, "servo 1");
+  steps.settle();
+  steps.add(["turn"], 2, 3, "servo 1");
+  assert.deepEqual(steps.undo(), {
+    label: ["turn"],
+    merge: "servo 1",
+    before: 2,
+    after: 3,
+  });
+  assert.equal(steps.undo()?.before, 0);
+  assert.equal(steps.undo(), null);
+  assert.equal(steps.redo()?.after, 2);
+  steps.add(["other"], 2, 9, "");
+  assert.equal(steps.redo(), null);
+});
+
+test("at most 300 steps are kept", () => {
+  const steps = new UndoList();
+  for (let step = 0; step < 400; step++) steps.add(["step"], step, step + 1, "");
+  let count = 0;
+  while (steps.undo() !== null) count++;
+  assert.equal(count, 300);
+});
+
+test("rings keep the last minute, and a servo that is missing leaves a gap", () => {
+  const history = new History();
+  const servo = (servo_id, angle) => ({
+    servo_id,
+    angle,
+    current_raw: 1,
+    temperature_raw: 2,
+  });
+  history.add(0, [servo(1, 10), servo(2, 20)]);
+  history.add(1, [servo(1, 11)]);
+  assert.deepEqual([...history.of(1).angle.slice(0, 2)], [10, 11]);
+  assert.ok(Number.isNaN(history.of(2).angle[1]));
+  const frozen = history.copy();
+  for (let at = 2; at < LENGTH + 1; at++) history.add(at, [servo(1, at)]);
+  assert.equal(history.of(1).angle[0], LENGTH);
+  assert.equal(frozen.of(1).angle[0], 10);
+});
+
+test("servos count as stopped only when they stay so", () => {
+  const read = (at, states) => {
+    readAt.value = at;
+    servos.value = new Map(states.map(([is_start, is_hold], at) => [at, { servo_id: at, is_start, is_hold }]));
+  };
+  read(0, [[true, true], [false, true]]); // prettier-ignore
+  assert.equal(stoppedCount.value, 0);
+  read(500, [[false, true], [false, true]]); // prettier-ignore
+  assert.equal(stoppedCount.value, 2);
+  assert.ok(isAllStopped.value);
+  read(600, [[true, true], [false, false]]); // prettier-ignore
+  assert.equal(stoppedCount.value, 0);
+});
