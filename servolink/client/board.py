@@ -17,6 +17,7 @@ from servolink.escaping import escape
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT, Speed
+from servolink.motion.units import ServoUnits
 from servolink.numeric import as_number
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
 from servolink.protocol.codec import Codec
@@ -62,7 +63,7 @@ class Board:
       `took_effect`, `close`
     - 3.1 settings: `set_transmission_mode`, `clear_all_data`, `memory`, `battery`, `send_dummy_data`
     - 3.2 servos: `servo_ids`, `servos`, `watch`, `servo`, `set_servo`, `release`, `stop`, `set_angle_unit`, `unit_of`,
-      `move`, `follow`, `run_action`, `play`
+      `units`, `move`, `follow`, `run_action`, `play`
     - 3.3 stored records: `actions`, `action`, `add_action`, `delete_action`, `macros`, `macro`, `add_macro`,
       `delete_macro`, `run_macro`, `servo_parameters`, `add_servo_parameters`, `write_project_id`, `project_id`
     - 3.4 joystick: `joystick_tables`, `joystick_table`, `add_joystick_table`, `delete_joystick_table`,
@@ -316,6 +317,11 @@ class Board:
     def unit_of(self, servo_id: int) -> AngleUnit | None:
         """Return the unit of a servo's angles, None if it is unknown. Does not ask the board: takes no caption."""
         return self._servos.units.of(servo_id)
+
+    @property
+    def units(self) -> ServoUnits:
+        """The units that are known to be set on the board. Change them with `set_angle_unit` only."""
+        return self._servos.units.known
 
     async def move(
         self,

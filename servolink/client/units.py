@@ -12,6 +12,7 @@ from servolink.connection.options import check_seconds
 from servolink.errors import EncodeError, Rejected
 from servolink.escaping import quote
 from servolink.motion.angles import AngleUnit
+from servolink.motion.units import ServoUnits, is_accepted, unit_request
 from servolink.protocol.servos import ALL_SERVOS, SetAngleUnitRequest, SetAngleUnitResponse
 
 
@@ -25,10 +26,10 @@ class AngleUnits:
 
     def __init__(self, session: Session, angle_unit: AngleUnit | None) -> None:
         """Set all servos to `angle_unit` before the first command with an angle; None leaves them as they are."""
+        self.known = ServoUnits()
+        """Units that are set on the board, also after a reconnect."""
         self._session = session
-        self._unit: AngleUnit | None = angle_unit
-        self._units: dict[int, AngleUnit] = {}  # of servos that were set to one of their own
-        self._is_set = angle_unit is None
+        self._wanted: AngleUnit | None = angle_unit  # for all servos, whenever their common unit is not known
         self._setting = asyncio.Lock()
         session.restore_with(self._restore)
 
@@ -39,7 +40,11 @@ class AngleUnits:
 
     def of(self, servo_id: int) -> AngleUnit | None:
         """Return the unit of a servo, None if it is unknown."""
-        return self._units.get(servo_id) or self._unit
+        return self.known.of(servo_id) or self._wanted
+
+    @property
+    def _is_set(self) -> bool:
+        return self._wanted is None or self.known.common is not None
 
     async def set(self, unit: AngleUnit, servo: int | str = ALL_SERVOS) -> None:
         """Set the unit of a servo (255: all). Raise Rejected if the board refuses."""
@@ -49,7 +54,7 @@ class AngleUnits:
         async with self._setting:
             if servo_id != ALL_SERVOS:
                 await self._set_first()  # or a later command would set all servos over this one
-            await self._set(unit, servo_id)
+            await self._set(unit_request(servo_id, unit))
 
     async def ensure(self) -> None:
         """Wait until units are known: for a change under way, and for the first one of this session."""
@@ -60,14 +65,12 @@ class AngleUnits:
 
     async def _set_first(self) -> None:
         """Set the unit of all servos unless it is known to be set. The caller holds the lock."""
-        if not self._is_set and self._unit is not None:
-            await self._set(self._unit, ALL_SERVOS)
+        if not self._is_set and self._wanted is not None:
+            await self._set(unit_request(ALL_SERVOS, self._wanted))
 
-    async def _set(self, unit: AngleUnit, servo_id: int) -> None:
+    async def _set(self, request: SetAngleUnitRequest) -> None:
         """Set a unit. The caller holds the lock."""
-        request = _request(unit, servo_id)
         _check_response(request, await self._sent(request))
-        self._learn(request)
 
     async def request(
         self, packet: SetAngleUnitRequest, *, timeout: float | None = None, unchecked: bool = False
@@ -75,10 +78,7 @@ class AngleUnits:
         """Send a packet that sets a unit, and return the response, whatever it says (see `Board.request`)."""
         begun_at = await self._acquire(packet, timeout)
         try:
-            response = await self._sent(packet, timeout=timeout, unchecked=unchecked, begun_at=begun_at)
-            if _is_accepted(packet, response):
-                self._learn(packet)
-            return response
+            return await self._sent(packet, timeout=timeout, unchecked=unchecked, begun_at=begun_at)
         finally:
             self._setting.release()
 
@@ -107,45 +107,27 @@ class AngleUnits:
         connection = self._session.connection
         sent = connection.units_sent
         try:
-            return await connection.request(packet, timeout=timeout, unchecked=unchecked, begun_at=begun_at)
+            response = await connection.request(packet, timeout=timeout, unchecked=unchecked, begun_at=begun_at)
         except BaseException:
             # Sent, and the response is missing: the board may be in either unit. Forget what is known, so that all
             # servos are set again before the next angle.
             if connection.units_sent != sent:
-                self._units.clear()
-                self._is_set = self._unit is None
+                self.known.forget()
             raise
-
-    def _learn(self, accepted: SetAngleUnitRequest) -> None:
-        unit: AngleUnit = "adc" if accepted.unit_type else "degree"
-        if accepted.servo_id == ALL_SERVOS:
-            self._units.clear()
-            self._unit, self._is_set = unit, True
-        else:
-            self._units[accepted.servo_id] = unit
+        if is_accepted(packet, response):
+            self.known.set(packet)
+            self._wanted = self.known.common or self._wanted
+        return response
 
     async def _restore(self, connection: Connection) -> None:
         """Set the same units on a new connection: the board may have been switched off and on."""
-        if not self._is_set:
-            return
-        units: dict[int, AngleUnit] = {} if self._unit is None else {ALL_SERVOS: self._unit}
-        units |= self._units
-        for servo_id, unit in units.items():
-            request = _request(unit, servo_id)
+        for request in ServoUnits().needed(self.known):
             _check_response(request, await connection.request(request))
-
-
-def _request(unit: AngleUnit, servo_id: int) -> SetAngleUnitRequest:
-    return SetAngleUnitRequest(servo_id, int(unit == "adc"))
-
-
-def _is_accepted(request: SetAngleUnitRequest, response: SetAngleUnitResponse) -> bool:
-    return (response.servo_id, response.unit_type) == (request.servo_id, request.unit_type)
 
 
 def _check_response(request: SetAngleUnitRequest, response: SetAngleUnitResponse) -> None:
     """Raise Rejected if the board reports another servo or unit than it was asked for."""
-    if not _is_accepted(request, response):
+    if not is_accepted(request, response):
         raise Rejected(
             f"servo {request.servo_id} was asked for angle unit {request.unit_type}; the board answered "
             f"servo {response.servo_id}, unit {response.unit_type}",

@@ -44,6 +44,10 @@ class QueryAsker:
         if sender.may_need_mark:
             self._tasks.begin(sender.mark(call))
 
+    async def close(self) -> None:
+        """Wait until no query is under way, after all calls were ended."""
+        await self._tasks.close(linger=1.0)
+
     def _woken(self, packet: Query[Any], frame: bytes, done: Done, call: Call) -> None:
         call.on_wake = None
         if call.response is None:

@@ -198,6 +198,7 @@ class Connection:
             self.lifecycle.end(error)
         else:
             self.answers.end(error)
+            await self._asker.close()
         await self.transport.close()
         self._sender.end()
         if self.hub is not None:

@@ -27,7 +27,7 @@ class Role(IntEnum):
 
 
 _ROLES: dict[type[Packet], RoleName] = {
-    # The mode, the unit and the subscription belong to one program (`SessionState`): others do not notice them.
+    # The mode, the unit and the subscription belong to one program: others do not notice them.
     settings.TransmissionModeSettingRequest: "watch",
     servos.SetAngleUnitRequest: "watch",
     joystick.SubscribeButtonEventRequest: "watch",

@@ -242,7 +242,7 @@ class Hub:
 
     def _deliver(self, event: ButtonEvent) -> None:
         for program in list(self.programs.values()):
-            if program.state.is_subscribed:
+            if program.is_subscribed:
                 program.push(event)
         self.tell(ButtonPressed(event.button_id, event.event))
 

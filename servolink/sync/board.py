@@ -15,6 +15,7 @@ from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import MotionLimits
+from servolink.motion.units import ServoUnits
 from servolink.profiles.profile import ProfileInUse
 from servolink.protocol.codec import Codec
 from servolink.sync.iterator import BlockingIterator, ButtonEvents, ServoReadings
@@ -160,6 +161,11 @@ class Board:
     def unit_of(self, servo_id: int) -> AngleUnit | None:
         """Return the unit of a servo's angles, None if it is unknown. Does not ask the board: takes no caption."""
         return self._board.unit_of(servo_id)
+
+    @property
+    def units(self) -> ServoUnits:
+        """The units that are known to be set on the board. Change them with `set_angle_unit` only."""
+        return self._board.units
 
     move = _blocking(client.Board.move)
     follow = _iterating(client.Board.follow)

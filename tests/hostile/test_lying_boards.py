@@ -24,7 +24,7 @@ from tests.hostile.lying_board import LyingBoard
 from tests.project.pulled import contents_of
 from tests.virtual_time import run
 
-_NO_CALLS = {"close", "states", "unit_of", "codec", "connection", "limits", "profile", "stats", "url"}
+_NO_CALLS = {"close", "states", "unit_of", "codec", "connection", "limits", "profile", "stats", "units", "url"}
 _MOST_SECONDS = 600.0
 """Of virtual time, which the longest of them takes, whatever the board does."""
 _LONGEST_OPENING = 13.0

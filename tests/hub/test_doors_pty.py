@@ -114,7 +114,7 @@ def test_the_next_program_finds_nothing_of_its_predecessor() -> None:
                 await port.send(LIST)
                 assert await port.until(len(ANSWER)) == ANSWER
                 (program,) = hub.programs.values()
-                assert program.state.unit_of(1) == "degree"
+                assert program.units.of(1) == "degree"
 
     on_hub(use)
 

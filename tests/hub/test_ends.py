@@ -156,7 +156,7 @@ def test_what_the_board_refuses_is_refused_to_the_program() -> None:
         fake.plan(SubscribeButtonEventRequest, lie(SubscribeButtonEventResponse(0)))
         assert await program.ask(SubscribeButtonEventRequest(1)) == SubscribeButtonEventResponse(0)
         assert await program.ask(SubscribeButtonEventRequest(7)) == SubscribeButtonEventResponse(0)
-        assert not program.session.state.is_subscribed
+        assert not program.session.is_subscribed
         assert await program.ask(SubscribeButtonEventRequest(1)) == SubscribeButtonEventResponse(1)
 
     on_hub(use)

@@ -15,8 +15,9 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from servolink.client import connect as connecting
 from servolink.client.connect import connect
 from servolink.hub.hub import Hub, share
-from servolink.hub.rules.units import BoardUnits
+from servolink.hub.rules.units import UnitReservation
 from servolink.motion.angles import AngleUnit
+from servolink.motion.units import ServoUnits
 from servolink.project.model import Project
 from servolink.protocol.editing import ExecuteMacroRequest, QueryActionRequest, WriteProjectIDRequest
 from servolink.protocol.joystick import (
@@ -305,15 +306,15 @@ TestEvents = Events.TestCase
 TestEvents.settings = settings(max_examples=40, stateful_step_count=25, deadline=None)
 
 
-@pytest.mark.parametrize("mutation", ["needed", "may_set"])
+@pytest.mark.parametrize("mutation", ["needed", "allows"])
 def test_the_check_notices_a_hub_that_mixes_units(mutation: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if mutation == "needed":
-        monkeypatch.setattr(BoardUnits, "needed", lambda *_: ())
+        monkeypatch.setattr(ServoUnits, "needed", lambda *_: ())
     else:
-        monkeypatch.setattr(BoardUnits, "may_set", lambda *_: True)
+        monkeypatch.setattr(UnitReservation, "allows", lambda *_: True)
     machine = Units()
     machine.join(["degree", "adc"], depth=1)
-    machine.run(0, macro=mutation == "may_set")
+    machine.run(0, macro=mutation == "allows")
     machine.wait(0.1)
     machine.read(1, ALL_SERVOS)
     machine.read(0, ALL_SERVOS)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from servolink.control.roles import Role
 from servolink.hub.rules.exchanges import Bounds, Exchange, ProgramCounters, ProgramQueue, RoundRobin
-from servolink.hub.rules.session_state import SessionState
+from servolink.motion.units import ServoUnits
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionRequest, WriteProjectIDRequest
 from servolink.protocol.packet import Packet, Query
@@ -24,7 +24,8 @@ class Asking:
     role: Role = Role.EDIT
     has_left: bool = False
     codec: Codec = field(default_factory=Codec)
-    state: SessionState = field(default_factory=SessionState)
+    units: ServoUnits = field(default_factory=lambda: ServoUnits("degree"))
+    is_subscribed: bool = False
     counters: ProgramCounters = field(default_factory=ProgramCounters)
     queue: ProgramQueue = field(default_factory=ProgramQueue)
     bounds: Bounds | None = None

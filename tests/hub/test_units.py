@@ -8,9 +8,9 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule
 
-from servolink.hub.rules.session_state import SessionState
-from servolink.hub.rules.units import BoardUnits
+from servolink.hub.rules.units import UnitReservation, servos_concerned
 from servolink.motion.angles import AngleUnit
+from servolink.motion.units import ServoUnits, is_accepted, unit_request
 from servolink.protocol.editing import ExecuteMacroRequest, QueryActionRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.records import Step
@@ -44,14 +44,14 @@ class Units(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.units = BoardUnits()
-        self.states = {"ann": SessionState("degree"), "bob": SessionState("adc"), "cid": SessionState("degree")}
+        self.units = ServoUnits()
+        self.programs = {"ann": ServoUnits("degree"), "bob": ServoUnits("adc"), "cid": ServoUnits("degree")}
         self.board: dict[int, AngleUnit] = {1: "degree", 2: "adc", 3: "adc"}
 
     def ask(self, request: SetAngleUnitRequest, fate: str) -> bool:
         """Do what the hub does with a request; return whether it was accepted."""
-        self.units.asking(request)
         if fate == "lost before":
+            self.units.forget()
             return False
         addressed = SERVOS if request.servo_id == ALL_SERVOS else [request.servo_id]
         response = SetAngleUnitResponse(request.servo_id, request.unit_type)
@@ -59,24 +59,31 @@ class Units(RuleBasedStateMachine):
             response = SetAngleUnitResponse(0, 1 - request.unit_type)
         else:
             self.board |= dict.fromkeys(addressed, "adc" if request.unit_type else "degree")
-        return fate == "answered" and self.units.answered(request, response)
+        if fate == "lost after":
+            self.units.forget()
+            return False
+        if is_accepted(request, response):
+            self.units.set(request)
+            return True
+        self.units.forget(request.servo_id)
+        return False
 
     @rule(program=programs, servo_id=servo_ids, unit_type=st.integers(0, 1), fate=fates)
     def set_unit(self, program: str, servo_id: int, unit_type: int, fate: str) -> None:
         request = SetAngleUnitRequest(servo_id, unit_type)
         if self.ask(request, fate):
-            self.states[program].set_unit(request)
+            self.programs[program].set(request)
 
     @rule(program=programs, packet=packets, fate=fates)
     def send(self, program: str, packet: Packet, fate: str) -> None:
-        state = self.states[program]
-        for request in self.units.needed(packet, state):
+        wanted, servo_ids = self.programs[program], servos_concerned(packet)
+        for request in self.units.needed(wanted, servo_ids):
             if not self.ask(request, fate):
                 assert fate != "answered", "a board rejects units of servos that it does not have"
                 return  # the packet is not sent
-        assert self.units.needed(packet, state) == ()
+        assert self.units.needed(wanted, servo_ids) == ()
         for servo_id in concerned(packet):
-            assert self.board[servo_id] == state.unit_of(servo_id)
+            assert self.board[servo_id] == wanted.of(servo_id)
 
     @rule()
     def reconnect(self) -> None:
@@ -101,39 +108,42 @@ def concerned(packet: Packet) -> set[int]:
 TestUnits = Units.TestCase
 
 
-def known(*accepted: SetAngleUnitRequest) -> BoardUnits:
-    units = BoardUnits()
+def known(*accepted: SetAngleUnitRequest) -> ServoUnits:
+    units = ServoUnits()
     for request in accepted:
-        units.asking(request)
-        assert units.answered(request, SetAngleUnitResponse(request.servo_id, request.unit_type))
+        units.set(request)
     return units
 
 
-def program(unit: AngleUnit = "degree", **units: AngleUnit) -> SessionState:
-    state = SessionState(unit)
-    state.units = {int(name.removeprefix("servo_")): unit for name, unit in units.items()}
-    return state
+def program(unit: AngleUnit = "degree", **units: AngleUnit) -> ServoUnits:
+    return known(
+        unit_request(ALL_SERVOS, unit),
+        *(unit_request(int(name.removeprefix("servo_")), own) for name, own in units.items()),
+    )
+
+
+def needed(units: ServoUnits, packet: Packet, wanted: ServoUnits) -> tuple[SetAngleUnitRequest, ...]:
+    return units.needed(wanted, servos_concerned(packet))
 
 
 def test_programs_with_the_same_unit_cost_one_request() -> None:
-    units = BoardUnits()
-    assert units.needed(QueryServoRequest(1), program()) == (ALL_DEGREE,)
+    assert needed(ServoUnits(), QueryServoRequest(1), program()) == (ALL_DEGREE,)
     units = known(ALL_DEGREE)
-    assert units.needed(QueryServoRequest(1), program()) == ()
-    assert units.needed(QueryServoRequest(1), program("adc")) == (ALL_ADC,)
+    assert needed(units, QueryServoRequest(1), program()) == ()
+    assert needed(units, QueryServoRequest(1), program("adc")) == (ALL_ADC,)
 
 
-def test_a_servo_with_its_own_unit_is_set_alone() -> None:
+def test_a_servo_with_its_own_unit_is_set_by_a_request_of_its_own() -> None:
     units = known(ALL_DEGREE)
-    assert units.needed(QueryServoRequest(2), program(servo_2="adc")) == (SetAngleUnitRequest(2, 1),)
+    assert needed(units, QueryServoRequest(2), program(servo_2="adc")) == (SetAngleUnitRequest(2, 1),)
     units = known(ALL_DEGREE, SetAngleUnitRequest(2, 1))
-    assert units.needed(QueryServoRequest(ALL_SERVOS), program()) == (SetAngleUnitRequest(2, 0),)
-    assert units.needed(QueryServoRequest(1), program()) == ()
+    assert needed(units, QueryServoRequest(ALL_SERVOS), program()) == (SetAngleUnitRequest(2, 0),)
+    assert needed(units, QueryServoRequest(1), program()) == ()
 
 
 def test_packets_without_angles_need_no_unit() -> None:
-    assert BoardUnits().needed(QueryActionRequest(1), program()) == ()
-    assert BoardUnits().needed(ExecuteActionRequest(()), program()) == ()
+    assert needed(ServoUnits(), QueryActionRequest(1), program()) == ()
+    assert needed(ServoUnits(), ExecuteActionRequest(()), program()) == ()
 
 
 @pytest.mark.parametrize(
@@ -147,23 +157,23 @@ def test_packets_without_angles_need_no_unit() -> None:
     ],
 )
 def test_units_stay_while_the_macro_of_another_program_runs(
-    request_: SetAngleUnitRequest, holder: SessionState, *, may_set: bool
+    request_: SetAngleUnitRequest, holder: ServoUnits, *, may_set: bool
 ) -> None:
-    units, other = known(ALL_DEGREE), program("adc")
+    units, other = UnitReservation(), program("adc")
     units.keep_for(holder, 10.0)
-    assert units.may_set(request_, other, 9.9) == may_set
-    assert units.may_set(request_, holder, 9.9)
-    assert units.may_set(request_, other, 10.0)
+    assert units.allows(request_, other, 9.9) == may_set
+    assert units.allows(request_, holder, 9.9)
+    assert units.allows(request_, other, 10.0)
     units.release()
-    assert units.may_set(request_, other, 9.9)
+    assert units.allows(request_, other, 9.9)
 
 
 def test_a_macro_of_unknown_end_is_over_when_the_servos_rest() -> None:
-    units, holder, other = known(ALL_DEGREE), program(), program("adc")
+    units, holder, other = UnitReservation(), program(), program("adc")
     units.keep_for(holder, math.inf)
-    assert not units.may_set(ALL_ADC, other, 1e9)
+    assert not units.allows(ALL_ADC, other, 1e9)
     units.rested()
-    assert units.may_set(ALL_ADC, other, 0.0)
+    assert units.allows(ALL_ADC, other, 0.0)
     units.keep_for(holder, 10.0)
     units.rested()  # in a pause of the macro
-    assert not units.may_set(ALL_ADC, other, 9.0)
+    assert not units.allows(ALL_ADC, other, 9.0)

@@ -13,7 +13,7 @@ from servolink.connection.connection import Connection
 from servolink.hub.engine.program import Program
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.rules.exchanges import Exchange, RoundRobin
-from servolink.hub.rules.units import BoardUnits
+from servolink.motion.units import ServoUnits
 from servolink.protocol.packet import Packet
 from tests import processes
 
@@ -50,7 +50,7 @@ def moving_after_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def sharing_one_unit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(BoardUnits, "needed", lambda self, packet, state: ())
+    monkeypatch.setattr(ServoUnits, "needed", lambda *_: ())
 
 
 def answering_out_of_order(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,9 +10,56 @@ from servolink.client.board import Board
 from servolink.client.events import ButtonEvent, ButtonEvents
 from servolink.errors import ConnectionLost, Rejected, ServolinkError
 from servolink.hub.rules.exchanges import Asker
-from servolink.hub.rules.session_state import Subscribers
 from servolink.protocol.codec import in_range
 from servolink.protocol.joystick import SubscribeButtonEventRequest, SubscribeButtonEventResponse
+
+
+class Subscribers:
+    """Counts the programs with button events: the first one subscribes the board, the last one ends that (3.4.7).
+
+    Requests of 40070 must be sent one after the other, since a repeated one would undo a later one.
+    """
+
+    def __init__(self) -> None:
+        """Start without subscribers, on a board whose subscription is unknown."""
+        self._programs: set[str] = set()
+        self._is_on: bool | None = None
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether a program wants button events, so that a new connection must subscribe again."""
+        return bool(self._programs)
+
+    def __contains__(self, session_id: str) -> bool:
+        """Return whether button events are sent to a program."""
+        return session_id in self._programs
+
+    def must_ask(self, session_id: str, *, subscribe: bool) -> bool:
+        """Return whether the board must be asked before a program is answered; if not, the answer is success."""
+        if subscribe:
+            return self._is_on is not True
+        return self._is_on is not False and not self._programs - {session_id}
+
+    def asking(self) -> None:
+        """Count the subscription of the board as unknown: it is asked to change it, or was connected again."""
+        self._is_on = None
+
+    def answered(self, *, subscribe: bool) -> None:
+        """Count a change that the board has carried out."""
+        self._is_on = subscribe
+
+    def change(self, session_id: str, *, subscribe: bool) -> None:
+        """Add or remove a program, once the board has carried out what `must_ask` wanted of it."""
+        if subscribe:
+            self._programs.add(session_id)
+        else:
+            self._programs.discard(session_id)
+
+    def left(self, session_id: str) -> bool:
+        """Remove a program that is gone. Return whether the board must be asked to end its subscription."""
+        was_subscribed = session_id in self._programs
+        self._programs.discard(session_id)
+        return was_subscribed and not self._programs and self._is_on is not False
 
 
 class ButtonRelay:
@@ -39,7 +86,7 @@ class ButtonRelay:
                 except Rejected:
                     return SubscribeButtonEventResponse(0)
             self.subscribers.change(program.session_id, subscribe=subscribe)
-            program.state.is_subscribed = subscribe
+            program.is_subscribed = subscribe
         if program.has_left:  # while the board was asked: there was no subscription yet that could be ended
             await self.left(program.session_id)
         return SubscribeButtonEventResponse(1)

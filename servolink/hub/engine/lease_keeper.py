@@ -85,7 +85,7 @@ class LeaseKeeper:
             self._count_run(exchange, sent_at + exchange.seconds)
             return
         if isinstance(packet, ExecuteMacroRequest):  # whose end is known a little later
-            self._units.keep_for(exchange.program.state, math.inf)
+            self._units.keep_for(exchange.program.units, math.inf)
         self._tasks.begin(self._count_later(exchange, sent_at))
 
     def stopped(self) -> None:
@@ -135,7 +135,7 @@ class LeaseKeeper:
     def _count_run(self, exchange: Exchange, ends_at: float) -> None:
         """Count a stored record that runs until `ends_at`."""
         if isinstance(exchange.packet, ExecuteMacroRequest):
-            self._units.keep_for(exchange.program.state, ends_at)
+            self._units.keep_for(exchange.program.units, ends_at)
         self._count(exchange.program.session_id, ends_at)
 
     def _count(self, session: str, ends_at: float | None) -> None:

@@ -14,8 +14,8 @@ from servolink.control.status import ProgramStatus
 from servolink.errors import DecodeError
 from servolink.escaping import escape
 from servolink.hub.rules.exchanges import Bounds, Exchange, ProgramCounters, ProgramQueue
-from servolink.hub.rules.session_state import SessionState
 from servolink.motion.angles import AngleUnit
+from servolink.motion.units import ServoUnits
 from servolink.protocol.codec import Codec, in_range
 from servolink.protocol.packet import Effect, Packet, Response
 from servolink.protocol.parser import PADDING, FrameParser
@@ -71,7 +71,12 @@ class Program:
         self.door = door
         self.role = role
         self.codec = codec
-        self.state = SessionState(unit)
+        self.units = ServoUnits(unit)
+        """Units in which it sends and reads angles."""
+        self.mode = 1
+        """The transmission mode (3.1.1): in mode 0 it is sent nothing but the response that sets mode 1."""
+        self.is_subscribed = False
+        """Whether button events are sent to it (3.4.7)."""
         self.counters = ProgramCounters()
         self.queue = ProgramQueue()
         """Its unsent requests."""
@@ -163,7 +168,7 @@ class Program:
             self.counters.ignored += 1
             return
         size = REQUEST_BYTES + len(content)
-        exchange = Exchange(self, packet, asked_at=self._received_at, is_silent=self.state.mode != 1, size=size)
+        exchange = Exchange(self, packet, asked_at=self._received_at, is_silent=self.mode != 1, size=size)
         self._open.append(exchange)
         self._held += size
         if isinstance(packet, TransmissionModeSettingRequest):
@@ -181,15 +186,15 @@ class Program:
             return None
         if isinstance(packet, Response):
             return None
-        if self.state.mode == 1 or packet.effect is Effect.STOPS or isinstance(packet, TransmissionModeSettingRequest):
+        if self.mode == 1 or packet.effect is Effect.STOPS or isinstance(packet, TransmissionModeSettingRequest):
             return packet
         return None
 
     def _set_mode(self, exchange: Exchange, packet: TransmissionModeSettingRequest) -> None:
         if in_range(packet):
-            self.state.mode = packet.mode
+            self.mode = packet.mode
         exchange.is_silent = False
-        self.finish(exchange, TransmissionModeSettingResponse(self.state.mode))
+        self.finish(exchange, TransmissionModeSettingResponse(self.mode))
 
     def pause(self) -> None:
         """Ask the board for nothing more, stops excepted: the program does not read the responses that it has."""
@@ -233,7 +238,7 @@ class Program:
 
     def push(self, event: Packet) -> None:
         """Send a button event, if the program hears this protocol at all."""
-        if not self.has_left and self.state.mode == 1:
+        if not self.has_left and self.mode == 1:
             self._send((self.codec.encode(event, unchecked=True),))
 
     def _send(self, frames: Iterable[bytes]) -> None:

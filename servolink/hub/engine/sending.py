@@ -72,7 +72,7 @@ class PacketSender:
         heard: Callable[[Packet | ServolinkError, bytes | None], None] = partial(done, exchange)
         has_angles = isinstance(packet, QueryServoRequest)
         if has_angles:
-            if not units.enter_at_once(packet, exchange.program.state):
+            if not units.enter_at_once(packet, exchange.program.units):
                 return False
             heard = partial(self._heard_angles, heard)
         try:
@@ -97,7 +97,7 @@ class PacketSender:
         packet = exchange.packet
         if isinstance(packet, SetAngleUnitRequest) or (is_motion(packet) and self._board.limits):
             return True
-        return carries_angles(packet) and not self._units.is_set_for(packet, exchange.program.state)
+        return carries_angles(packet) and not self._units.is_set_for(packet, exchange.program.units)
 
     async def send(self, exchange: Exchange, on_free: Callable[[], None]) -> Packet | None:
         """Send a packet and return the response for its program, None if there is none.
@@ -105,17 +105,17 @@ class PacketSender:
         The queue of the program is blocked by it until it is with the connection, which keeps the order; then `on_free`
         is called.
         """
-        packet, state = exchange.packet, exchange.program.state
+        packet, angle_units = exchange.packet, exchange.program.units
         is_inside = False
         try:
             if isinstance(packet, SetAngleUnitRequest):
-                return await self._units.set(packet, state)
+                return await self._units.set(packet, angle_units)
             if isinstance(packet, SubscribeButtonEventRequest):
                 return await self._buttons.set(exchange.program, packet)
             if reason := await self._why_not(exchange):
                 return await self.refused(exchange, reason)
             if carries_angles(packet):
-                await self._units.enter(packet, state)
+                await self._units.enter(packet, angle_units)
                 is_inside = True
             if not exchange.is_wanted:
                 return None
@@ -206,7 +206,7 @@ class PacketSender:
             def keep_units() -> None:
                 exchange.until = math.inf  # it has begun
                 # For seconds, in which nobody should wait for other units, nor behind somebody who does.
-                self._units.keep_for(exchange.program.state, math.inf)
+                self._units.keep_for(exchange.program.units, math.inf)
                 stack.callback(self._units.release)
 
             return await self._motions.send(exchange.packet, why_not, keep_units)

@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 from msgspec import Struct
 
 from servolink.control.roles import Role
-from servolink.hub.rules.session_state import SessionState
+from servolink.motion.units import ServoUnits
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet, Query
 
@@ -49,7 +49,8 @@ class Asker(Protocol):
     session_id: str
     who: str
     role: Role
-    state: SessionState
+    units: ServoUnits
+    is_subscribed: bool
     counters: ProgramCounters
     codec: Codec
     queue: ProgramQueue

@@ -1,34 +1,13 @@
-"""What belongs to one program: its units as a board would keep them, and its subscription among those of others."""
+"""Button events: the subscription of each program among those of others."""
 
 from __future__ import annotations
 
-from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from servolink.hub.rules.session_state import SessionState, Subscribers
-from servolink.motion.angles import AngleUnit
-from servolink.protocol.servos import ALL_SERVOS, SetAngleUnitRequest
+from servolink.hub.engine.events import Subscribers
 
-servo_ids = st.sampled_from([1, 2, 3, ALL_SERVOS])
 programs = st.sampled_from(["ann", "bob", "cid"])
-
-
-@given(st.sampled_from(["degree", "adc"]), st.lists(st.builds(SetAngleUnitRequest, servo_ids, st.integers(0, 1))))
-def test_units_are_those_that_a_board_of_its_own_would_have(
-    unit: AngleUnit, accepted: list[SetAngleUnitRequest]
-) -> None:
-    state, board = SessionState(unit), dict.fromkeys([1, 2, 3], unit)
-    for request in accepted:
-        state.set_unit(request)
-        for servo_id in board if request.servo_id == ALL_SERVOS else [request.servo_id]:
-            board[servo_id] = "adc" if request.unit_type else "degree"
-    assert {servo_id: state.unit_of(servo_id) for servo_id in board} == board
-
-
-def test_a_program_begins_in_mode_1_without_events() -> None:
-    state = SessionState()
-    assert (state.unit_of(7), state.mode, state.is_subscribed) == ("degree", 1, False)
 
 
 class Subscriptions(RuleBasedStateMachine):

@@ -1,0 +1,89 @@
+"""ServoUnits: in which unit the angles of each servo are sent and reported (3.2.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Set as AbstractSet
+
+from msgspec import Struct, field
+
+from servolink.motion.angles import AngleUnit
+from servolink.protocol.servos import ALL_SERVOS, SetAngleUnitRequest, SetAngleUnitResponse
+
+
+class ServoUnits(Struct):
+    """Unit of each servo, as set on a board or as a program means it.
+
+    Angles are never converted: the document does not say how degrees and ADC relate.
+    """
+
+    common: AngleUnit | None = None
+    """Unit of all servos without one of their own; None if it is unknown."""
+    own: dict[int, AngleUnit | None] = field(default_factory=dict)
+    """By servo id, the unit of those that may differ from `common`; None if it is unknown."""
+
+    def of(self, servo_id: int) -> AngleUnit | None:
+        """Return the unit of a servo, None if it is unknown."""
+        return self.own.get(servo_id, self.common)
+
+    def has(self, request: SetAngleUnitRequest) -> bool:
+        """Return whether `request` would change nothing."""
+        if request.servo_id == ALL_SERVOS:
+            return not self.own and self.common == _unit_in(request)
+        return self.of(request.servo_id) == _unit_in(request)
+
+    def set(self, accepted: SetAngleUnitRequest) -> None:
+        """Store the unit that a board accepted for a servo or for all."""
+        unit = _unit_in(accepted)
+        if accepted.servo_id == ALL_SERVOS:
+            self.own.clear()
+            self.common = unit
+        elif unit == self.common:
+            self.own.pop(accepted.servo_id, None)
+        else:
+            self.own[accepted.servo_id] = unit
+
+    def forget(self, servo_id: int = ALL_SERVOS) -> None:
+        """Count the unit of a servo, or of all, as unknown: a lost response proves nothing."""
+        if servo_id == ALL_SERVOS:
+            self.own.clear()
+            self.common = None
+        else:
+            self.own[servo_id] = None
+
+    def needed(self, wanted: ServoUnits, servo_ids: AbstractSet[int] | None = None) -> tuple[SetAngleUnitRequest, ...]:
+        """Return the requests, in their order, after which a board with these units has those `wanted`.
+
+        Only `servo_ids` matter, None for all servos. Each request must be accepted, and no packet that depends on units
+        may be under way meanwhile.
+        """
+        # A servo with a unit of its own, here or there, exists: the board has accepted it. Others may not, and a board
+        # rejects a unit for a servo that it does not have. So those are set together with all.
+        existing = wanted.own.keys() | {servo_id for servo_id, unit in self.own.items() if unit is not None}
+        others = (self.own.keys() if servo_ids is None else servo_ids) - existing
+        if wanted.common is not None and (
+            (servo_ids is None and self.common != wanted.common)
+            or any(self.of(servo_id) != wanted.common for servo_id in others)
+        ):
+            after = sorted(wanted.own if servo_ids is None else wanted.own.keys() & servo_ids)
+            return (unit_request(ALL_SERVOS, wanted.common), *_requests(wanted, after))
+        concerned = sorted(existing if servo_ids is None else existing & servo_ids)
+        return _requests(wanted, [servo_id for servo_id in concerned if self.of(servo_id) != wanted.of(servo_id)])
+
+
+def unit_request(servo_id: int, unit: AngleUnit) -> SetAngleUnitRequest:
+    """Return the request that sets the unit of a servo (255: all)."""
+    return SetAngleUnitRequest(servo_id, int(unit == "adc"))
+
+
+def is_accepted(request: SetAngleUnitRequest, response: SetAngleUnitResponse) -> bool:
+    """Return whether the board has set what `request` asks for."""
+    return (response.servo_id, response.unit_type) == (request.servo_id, request.unit_type)
+
+
+def _unit_in(request: SetAngleUnitRequest) -> AngleUnit:
+    return "adc" if request.unit_type else "degree"
+
+
+def _requests(units: ServoUnits, servo_ids: list[int]) -> tuple[SetAngleUnitRequest, ...]:
+    pairs = ((servo_id, units.of(servo_id)) for servo_id in servo_ids)
+    return tuple(unit_request(servo_id, unit) for servo_id, unit in pairs if unit is not None)
